@@ -1,0 +1,30 @@
+# Four doors: demo, test, check, bench. Each sets up what it needs.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test check bench clean
+
+demo: $(STAMP)
+	$(BIN)/caesura demo $(ARGS)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python scripts/write_schema.py --check
+
+bench: $(STAMP)
+	$(BIN)/python -m pytest tests/bench -q -s $(ARGS)
+
+$(STAMP): pyproject.toml constraints.txt
+	PYTHON="$(PYTHON)" scripts/setup.sh $(VENV)
+	touch $@
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache dist

@@ -1,0 +1,1 @@
+"""What connects to the segmenter: bridges, readers and the command line."""

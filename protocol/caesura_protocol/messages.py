@@ -1,0 +1,301 @@
+"""Everything that goes over the wire, as frozen models. Shape and unit stand at each field.
+
+Samples travel as one binary matrix behind a small header: validating the header costs microseconds,
+validating a thousand floats one by one would cost milliseconds. Times are seconds on the session's own
+clock, positions metres in the base frame, forces newtons as the environment acts on the robot, in the
+base frame. Readers ignore header fields that they do not know.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from caesura_protocol.errors import ErrorCode
+from caesura_protocol.keys import NAME_PATTERN
+
+MAX_MESSAGE_BYTES = 1 << 20
+MAX_BATCH_SAMPLES = 1000
+MAX_COLUMNS = 64
+
+LengthUnit = Literal["m", "cm", "mm"]
+ForceFrame = Literal["base", "flange"]
+WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
+Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding"]
+Motion = Literal["motion", "steady"]
+Contact = Literal["free", "contact", "transport"]
+Certainty = Literal["provisional", "final"]
+AppKind = Literal[
+    "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
+]
+
+LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
+FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
+WRENCH_SOURCES: tuple[WrenchSource, ...] = get_args(WrenchSource)
+
+# The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.
+COLUMNS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
+    "pos": ("px", "py", "pz"),
+    "quat": ("qx", "qy", "qz", "qw"),
+    "q": tuple(f"q{i}" for i in range(1, 8)),
+    "force": ("fx", "fy", "fz"),
+    "torque": ("mx", "my", "mz"),
+    "tau": tuple(f"tau{i}" for i in range(1, 8)),
+    "gripper": ("gripper",),
+}
+
+Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+Seconds = Annotated[float, Field(allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Joints = tuple[float, float, float, float, float, float, float]
+
+
+class Message(BaseModel):
+    """A payload: frozen, compared by value, tolerant of fields that a newer peer adds."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+# --- bridge to service ----------------------------------------------------------------------------------
+
+
+class SampleBatch(Message):
+    """Some consecutive samples of one robot.
+
+    samples: little-endian float32 or float64 (the size tells which), matrix (n, columns), row major;
+    its first column is the time offset from `t0` [s].
+    """
+
+    session: Name
+    epoch: Count  # how often the bridge has (re)started this session
+    seq: Count  # counts batches of the session from 0, without holes
+    n: Annotated[int, Field(ge=1, le=MAX_BATCH_SAMPLES)]
+    columns: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_COLUMNS)]
+    t0: Seconds  # [s] session clock
+    samples: bytes
+
+
+class Heartbeat(Message):
+    """Sent while nothing else is: its sequence number exposes a lost tail."""
+
+    session: Name
+    epoch: Count
+    seq: Annotated[int, Field(ge=-1)]  # the last batch that was put; -1 before the first
+
+
+class Open(Message):
+    """Command: begin a session, or say again what it is (opening twice alike is no error)."""
+
+    type: Literal["open"] = "open"
+    session: Name
+    epoch: Count = 0
+    columns: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_COLUMNS)]
+    wrench_source: WrenchSource = "flange_sensor"
+    force_frame: ForceFrame = "base"
+    length_unit: LengthUnit = "m"
+    preset: Name | None = None  # None: the service's own choice
+
+
+class Close(Message):
+    """Command: the demonstration is over; everything up to batch `last_seq` belongs to it."""
+
+    type: Literal["close"] = "close"
+    session: Name
+    last_seq: Annotated[int, Field(ge=-1)]
+
+
+Command = Annotated[Open | Close, Field(discriminator="type")]
+
+
+class Control(Message):
+    """What a bridge or an operator asks of a station's session; payload of a `control` query."""
+
+    command: Command
+
+
+class Ack(Message):
+    """A command was carried out."""
+
+    session: Name
+    next_seq: Count  # the batch that the service waits for
+    state: Literal["open", "closed"]
+
+
+# --- results --------------------------------------------------------------------------------------------
+
+
+class Changepoint(Message):
+    """A time at which one segment ends and the next begins."""
+
+    t: Seconds  # [s]
+    probability: Probability  # smoothed, given everything up to now
+    certainty: Certainty  # a final one is never revised
+
+
+class Segment(Message):
+    """A stretch of the demonstration under one model. Consecutive ones share their boundary."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: Kind
+    motion: Motion
+    contact: Contact
+    probability: Probability  # of this kind, given the boundaries
+    runner_up: Kind | None  # the second most probable kind
+    log_odds: float  # of the kind over the runner-up
+    certainty: Certainty  # final once its end is final
+    position_start: Vector  # [m] base frame
+    position_end: Vector  # [m]
+    force_start: Vector  # [N] base frame, on the robot, tared
+    force_end: Vector  # [N]
+    load_kg: float | None  # transport and hold: what is carried
+    load_sd_kg: float | None
+
+
+class Gap(Message):
+    """Samples that never came: nothing is known between the two times."""
+
+    t0: Seconds
+    tn: Seconds
+    reason: Literal["source", "evicted"]  # the source paused, or the bridge's ring no longer has them
+
+
+class Result(Message):
+    """What every result carries, so that a reader can tell old from new and lost from late."""
+
+    station: Name
+    session: Name
+    instance: Name
+    epoch: Count  # of the session's owner; readers keep the highest
+    seq: Count  # counts the messages of this stream from 0
+    t: Seconds  # [s] the last observation that it speaks of
+
+
+class Changepoints(Result):
+    """All changepoints from the `first` on; those before it stay as they were."""
+
+    first: Count
+    changepoints: tuple[Changepoint, ...]
+
+
+class Segments(Result):
+    """All segments from the `first` on; those before it stay as they were."""
+
+    first: Count
+    segments: tuple[Segment, ...]
+
+
+class Posterior(Result):
+    """Probability of each possible start of the current segment."""
+
+    starts: tuple[float, ...]  # [s]
+    probabilities: tuple[float, ...]
+
+
+class WrenchReport(Message):
+    """What the wrench is worth in this session."""
+
+    source: WrenchSource
+    contact_models: bool  # are contact and free space told apart?
+    transport_models: bool  # is a load weighed?
+    tare: Vector | None  # [N] bias taken off; None while there has been no rest to take it from
+    note: str
+
+
+class Refusal(Message):
+    """The last message that was refused, as its sender would have been told."""
+
+    code: ErrorCode
+    message: str
+
+
+class SessionStatus(Result):
+    """How the session is doing."""
+
+    state: Literal["open", "closed"]
+    preset: Name
+    wrench: WrenchReport
+    delay_s: float  # [s] what conditioning adds before a sample is looked at
+    batches: Count
+    samples: Count
+    observations: Count
+    duplicates: Count  # batches that came again
+    repeats: Count  # samples whose time did not advance
+    waiting_for: Count | None  # the batch that is missing, where one is
+    gaps: tuple[Gap, ...]
+    refused: dict[ErrorCode, Count]
+    last_refusal: Refusal | None
+    hypotheses: Count
+    capped: Count  # steps on which the limit on hypotheses bit
+
+
+class App(Message):
+    """One step of a task program."""
+
+    kind: AppKind
+    t0: Seconds
+    tn: Seconds
+    target: Vector | None  # [m] base frame
+    orientation: Quaternion | None  # x y z w
+    joints: Joints | None  # [rad]
+    force: Vector | None  # [N] what the robot exerts, after the limit
+    force_taught: Vector | None  # [N] what was taught, before the limit
+    load_kg: float | None
+    load_sd_kg: float | None
+    gripper_width: float | None  # [m]
+    confidence: Probability
+    segments: tuple[Count, ...]  # indices of the segments that it came from
+
+
+class Program(Message):
+    """The task program as far as it has been taught."""
+
+    station: Name
+    session: Name
+    instance: Name
+    epoch: Count
+    version: Count
+    t: Seconds
+    complete: bool  # the session is closed
+    apps: tuple[App, ...]
+    notes: tuple[str, ...] = ()  # what a reader must know, e.g. that the wrench carries no contact
+
+
+class Snapshot(Message):
+    """Everything so far, with the last sequence number of each stream: where a late or lossy reader starts."""
+
+    status: SessionStatus
+    changepoints: Changepoints
+    segments: Segments
+    posterior: Posterior | None
+    program: Program
+
+
+class ServiceStatus(Message):
+    """How an instance of the service is doing."""
+
+    instance: Name
+    epoch: Count
+    version: str
+    sessions_open: Count
+    sessions_closed: Count
+    messages: Count
+    refused: dict[ErrorCode, Count]
+    last_refusal: Refusal | None
+    queue: Count
+    queue_capacity: Count
+    dropped: Count
+
+
+class Error(Message):
+    """A refusal, as it goes over the wire (`reply_err`)."""
+
+    code: ErrorCode
+    message: str
+    value: Any = None
+    limit: Any = None
+    expected: Any = None

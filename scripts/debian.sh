@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# What the project needs from Debian, where it is missing: the venv module and make.
+set -euo pipefail
+missing=()
+python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
+command -v make >/dev/null || missing+=(make)
+[ ${#missing[@]} -eq 0 ] && exit 0
+command -v apt-get >/dev/null || { echo "please install: ${missing[*]}" >&2; exit 1; }
+apt-get update -q
+DEBIAN_FRONTEND=noninteractive apt-get install -q -y "${missing[@]}"

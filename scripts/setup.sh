@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Makes the virtual environment that the Makefile's doors use. Usage: scripts/setup.sh VENV
+set -euo pipefail
+venv=${1:?usage: scripts/setup.sh VENV}
+python=${PYTHON:-python3}
+
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
+  { echo "Caesura needs Python 3.11 or newer; $python is $("$python" --version). Set PYTHON=..." >&2; exit 1; }
+if ! "$python" -c 'import ensurepip' 2>/dev/null; then
+  scripts/debian.sh
+fi
+[ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+"$venv/bin/pip" install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'

@@ -1,0 +1,1 @@
+"""The segmenter: signals in, segments and task programs out."""

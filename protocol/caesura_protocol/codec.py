@@ -1,0 +1,206 @@
+"""Messages to bytes and back. A payload is a msgpack map; its encoding names the type and major version.
+
+>>> encode(Close(session="s1", last_seq=7)).encoding
+'application/msgpack;caesura.Close.v1'
+
+Reading checks size, version and type before it unpacks, and every refusal is a ProtocolError that names
+what was found and what the limit is. Nothing here can execute what it reads.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from caesura_protocol import messages
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    MAX_COLUMNS,
+    MAX_MESSAGE_BYTES,
+    Close,
+    Error,
+    Message,
+    SampleBatch,
+)
+
+MAJOR_VERSION = 1
+_ENCODING = re.compile(r"application/msgpack;caesura\.([A-Za-z]+)\.v([0-9]{1,4})")
+
+#: Every type that may stand in an encoding.
+MESSAGE_TYPES: Mapping[str, type[Message]] = {
+    name: model
+    for name, model in vars(messages).items()
+    if isinstance(model, type) and issubclass(model, Message) and model not in {Message, messages.Result}
+}
+
+M = TypeVar("M", bound=Message)
+
+
+class Encoded(NamedTuple):
+    """A payload with the encoding that describes it."""
+
+    payload: bytes
+    encoding: str
+
+
+def encode(message: Message) -> Encoded:
+    """The wire form of a message. Raises ProtocolError `too_large` over MAX_MESSAGE_BYTES."""
+    payload: bytes = msgpack.packb(message.model_dump())
+    _check_size(payload)
+    return Encoded(payload, encoding_of(type(message)))
+
+
+def encoding_of(model: type[Message]) -> str:
+    """`application/msgpack;caesura.{Type}.v1`."""
+    return f"application/msgpack;caesura.{model.__name__}.v{MAJOR_VERSION}"
+
+
+def decode(payload: bytes, encoding: str, *expected: type[M]) -> M:
+    """The message in a payload, which must be one of the expected types.
+
+    Raises ProtocolError: `too_large`, `unsupported_version` (names both versions) or `malformed` (names
+    the field and its value).
+    """
+    _check_size(payload)
+    model = _model_of(encoding, expected)
+    try:
+        fields = msgpack.unpackb(payload, strict_map_key=True, max_ext_len=0)
+    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+        raise ProtocolError("malformed", f"not msgpack: {error}", value=payload[:16].hex()) from error
+    if not isinstance(fields, dict):
+        raise ProtocolError("malformed", "not a map", value=type(fields).__name__, expected="map")
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or model.__name__
+        raise ProtocolError(
+            "malformed", f"{model.__name__}.{where}: {first['msg']}", value=_shown(first["input"])
+        ) from error
+
+
+def encode_error(error: ProtocolError) -> Encoded:
+    """The wire form of a refusal."""
+    return encode(
+        Error(
+            code=error.code,
+            message=error.message,
+            value=_shown(error.value),
+            limit=_shown(error.limit),
+            expected=_shown(error.expected),
+        )
+    )
+
+
+def decode_error(payload: bytes, encoding: str) -> ProtocolError:
+    """The refusal in a `reply_err` payload, to be raised or shown."""
+    error = decode(payload, encoding, Error)
+    return ProtocolError(
+        error.code, error.message, value=error.value, limit=error.limit, expected=error.expected
+    )
+
+
+def pack_samples(
+    matrix: NDArray[np.floating[Any]], columns: tuple[str, ...], *, session: str, epoch: int, seq: int
+) -> SampleBatch:
+    """A batch from a matrix (n, columns), session time [s] in its first column. Precision is kept."""
+    t0 = float(matrix[0, 0])
+    shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)
+    shifted[:, 0] = matrix[:, 0].astype(np.float64) - t0
+    little = shifted.astype(shifted.dtype.newbyteorder("<"), copy=False)
+    return SampleBatch(
+        session=session,
+        epoch=epoch,
+        seq=seq,
+        n=matrix.shape[0],
+        columns=columns,
+        t0=t0,
+        samples=little.tobytes(),
+    )
+
+
+def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
+    """The matrix (n, columns) of a batch, session time [s] in its first column.
+
+    Raises ProtocolError `malformed` where the size does not fit, the first column is not `t`, or a value
+    is not finite (named with its row and column).
+    """
+    if batch.columns[0] != "t":
+        raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")
+    cells = batch.n * len(batch.columns)
+    dtype = {4 * cells: "<f4", 8 * cells: "<f8"}.get(len(batch.samples))
+    if dtype is None:
+        raise ProtocolError(
+            "malformed",
+            f"samples do not fit {batch.n} rows of {len(batch.columns)} columns",
+            value=len(batch.samples),
+            expected=[4 * cells, 8 * cells],
+        )
+    matrix = np.frombuffer(batch.samples, dtype=dtype).reshape(batch.n, -1).astype(np.float64)
+    if not np.isfinite(matrix).all():
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        raise ProtocolError(
+            "malformed",
+            f"sample {row} of batch {batch.seq}: {batch.columns[column]} is not finite",
+            value=str(matrix[row, column]),
+            expected="finite numbers",
+        )
+    matrix[:, 0] += batch.t0
+    return matrix
+
+
+def _check_size(payload: bytes) -> None:
+    if len(payload) > MAX_MESSAGE_BYTES:
+        raise ProtocolError(
+            "too_large", "message over the size limit", value=len(payload), limit=MAX_MESSAGE_BYTES
+        )
+
+
+def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
+    names = [model.__name__ for model in expected]
+    match = _ENCODING.fullmatch(encoding)
+    if match is None:
+        raise ProtocolError(
+            "unsupported_version", "unknown encoding", value=encoding[:100], expected=encoding_of(expected[0])
+        )
+    if int(match[2]) != MAJOR_VERSION:
+        raise ProtocolError(
+            "unsupported_version",
+            f"{match[1]} has version {match[2]}, this peer speaks version {MAJOR_VERSION}",
+            value=int(match[2]),
+            expected=MAJOR_VERSION,
+        )
+    for model in expected:
+        if model.__name__ == match[1]:
+            return model
+    raise ProtocolError("malformed", "not a type that is expected here", value=match[1], expected=names)
+
+
+def _shown(value: Any) -> Any:
+    """A value cut down to what an error may carry."""
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, list | tuple):
+        return [_shown(item) for item in value[:MAX_COLUMNS]]
+    return value[:32].hex() if isinstance(value, bytes) else str(value)[:200]
+
+
+__all__ = [
+    "MAJOR_VERSION",
+    "MESSAGE_TYPES",
+    "Close",
+    "Encoded",
+    "decode",
+    "decode_error",
+    "encode",
+    "encode_error",
+    "encoding_of",
+    "pack_samples",
+    "unpack_samples",
+]

@@ -1,0 +1,52 @@
+"""The seam between a session and the mathematics behind it.
+
+A pipeline takes samples in order and can say at any time what it makes of them. Signals, changepoints
+and the program lie behind it; ordering, numbering and the wire lie before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from caesura_protocol.messages import App, Changepoint, Gap, Segment, WrenchReport
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class View:
+    """What is known now. Tuples are replaced, never changed, so a view may be handed to another thread."""
+
+    t: float  # [s] the last observation; -inf before the first
+    samples: int
+    repeats: int  # samples whose time did not advance
+    observations: int
+    changepoints: tuple[Changepoint, ...]
+    segments: tuple[Segment, ...]
+    posterior_starts: tuple[float, ...]  # [s] living hypotheses
+    posterior_probabilities: tuple[float, ...]
+    apps: tuple[App, ...]
+    notes: tuple[str, ...]
+    gaps: tuple[Gap, ...]
+    wrench: WrenchReport
+    delay_s: float
+    hypotheses: int
+    capped: int
+
+
+class Pipeline(Protocol):
+    """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+
+    def push(self, samples: NDArray[np.float64]) -> None:
+        """Take the next samples, (n, columns) as declared when the session was opened, time first."""
+
+    def declare_gap(self) -> None:
+        """Say that samples between the last push and the next are lost for good."""
+
+    def finish(self) -> None:
+        """The demonstration is over: decide what is still open."""

@@ -11,7 +11,7 @@ A station, session or instance name is `[a-z0-9][a-z0-9_-]{0,63}`.
 from __future__ import annotations
 
 import re
-from typing import Literal, TypeVar, get_args
+from typing import Literal, NamedTuple, TypeVar, get_args
 
 from caesura_protocol.errors import ProtocolError
 
@@ -19,6 +19,7 @@ ROOT = "caesura/v1"
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
+_COUNT = re.compile(r"[0-9]{1,15}")
 
 StationPart = Literal["samples", "replay", "alive", "control", "program"]
 SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapshot"]
@@ -68,6 +69,42 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
     """(instance, part) of a service key. Raises ProtocolError `malformed`."""
     instance, part = _split(key, "service", 2)
     return check_name(instance, "instance"), _part(part, get_args(ServicePart))
+
+
+class ReplayRange(NamedTuple):
+    """Which batches a `replay` query asks for: `first` to `last`, both included, at most `limit` of them."""
+
+    first: int
+    last: int
+    limit: int
+
+
+def replay_parameters(wanted: ReplayRange) -> str:
+    """What follows the `?` of a `replay` query. Zenoh separates parameters by semicolons.
+
+    >>> replay_parameters(ReplayRange(first=3, last=9, limit=100))
+    'from=3;to=9;max=100'
+    """
+    return f"from={wanted.first};to={wanted.last};max={wanted.limit}"
+
+
+def parse_replay_parameters(parameters: str) -> ReplayRange:
+    """The range that `replay` parameters ask for; unknown ones are ignored. Raises ProtocolError `malformed`.
+
+    >>> parse_replay_parameters("from=3;to=9;max=100")
+    ReplayRange(first=3, last=9, limit=100)
+    """
+    fields = dict(part.partition("=")[::2] for part in parameters.split(";"))
+    wanted = ReplayRange(*(_count(fields.get(name), name) for name in ("from", "to", "max")))
+    if wanted.last < wanted.first:
+        raise ProtocolError("malformed", "replay ends before it begins", value=wanted.last, limit=wanted.first)
+    return wanted
+
+
+def _count(text: str | None, name: str) -> int:
+    if text is None or not _COUNT.fullmatch(text):
+        raise ProtocolError("malformed", f"replay: {name} is not a count", value=text, expected=_COUNT.pattern)
+    return int(text)
 
 
 def _split(key: str, kind: str, count: int) -> list[str]:

@@ -70,13 +70,13 @@ def decode(payload: bytes, encoding: str, *expected: type[M]) -> M:
     _check_size(payload)
     model = _model_of(encoding, expected)
     try:
-        fields = msgpack.unpackb(payload, strict_map_key=True, max_ext_len=0)
+        fields = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_ext_len=0)
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise ProtocolError("malformed", f"not msgpack: {error}", value=payload[:16].hex()) from error
     if not isinstance(fields, dict):
         raise ProtocolError("malformed", "not a map", value=type(fields).__name__, expected="map")
     try:
-        return model.model_validate(fields)
+        return model.model_validate(fields, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or model.__name__

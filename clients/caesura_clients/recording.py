@@ -23,6 +23,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
+
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -32,7 +34,6 @@ from caesura_protocol.messages import (
     LengthUnit,
     WrenchSource,
 )
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -61,16 +62,22 @@ class Recording:
         if self.t.ndim != 1 or self.t.size == 0:
             raise RecordingError(f"{self.name}: t has shape {self.t.shape}, expected (n,) with n >= 1")
         if not {"pos", "q"} & set(self.signals):
-            raise RecordingError(f"{self.name}: has {sorted(self.signals)}, expected at least one of pos and q")
+            raise RecordingError(
+                f"{self.name}: has {sorted(self.signals)}, expected at least one of pos and q"
+            )
         for signal, values in self.signals.items():
             if signal not in COLUMNS_OF_SIGNAL:
-                raise RecordingError(f"{self.name}: unknown signal {signal!r}, known: {list(COLUMNS_OF_SIGNAL)}")
+                raise RecordingError(
+                    f"{self.name}: unknown signal {signal!r}, known: {list(COLUMNS_OF_SIGNAL)}"
+                )
             expected = (self.t.size, len(COLUMNS_OF_SIGNAL[signal]))
             if values.shape != expected:
                 raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
         for key, known in _OPTIONS.items():
             if getattr(self, key) not in known:
-                raise RecordingError(f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}")
+                raise RecordingError(
+                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
+                )
 
     @property
     def columns(self) -> tuple[str, ...]:

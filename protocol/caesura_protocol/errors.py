@@ -20,7 +20,7 @@ ERROR_CODES: tuple[ErrorCode, ...] = get_args(ErrorCode)
 class ProtocolError(Exception):
     """A peer's message was refused; names the offending value and the limit.
 
-    `value` is what was found, `limit` the bound it broke, `expected` the valid alternatives; each may be None.
+    value: what was found; limit: the bound it broke; expected: the valid alternatives; each may be None.
     """
 
     def __init__(

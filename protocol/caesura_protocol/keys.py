@@ -97,13 +97,17 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
     fields = dict(part.partition("=")[::2] for part in parameters.split(";"))
     wanted = ReplayRange(*(_count(fields.get(name), name) for name in ("from", "to", "max")))
     if wanted.last < wanted.first:
-        raise ProtocolError("malformed", "replay ends before it begins", value=wanted.last, limit=wanted.first)
+        raise ProtocolError(
+            "malformed", "replay ends before it begins", value=wanted.last, limit=wanted.first
+        )
     return wanted
 
 
 def _count(text: str | None, name: str) -> int:
     if text is None or not _COUNT.fullmatch(text):
-        raise ProtocolError("malformed", f"replay: {name} is not a count", value=text, expected=_COUNT.pattern)
+        raise ProtocolError(
+            "malformed", f"replay: {name} is not a count", value=text, expected=_COUNT.pattern
+        )
     return int(text)
 
 

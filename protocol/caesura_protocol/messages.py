@@ -266,7 +266,7 @@ class Program(Message):
 
 
 class Snapshot(Message):
-    """Everything so far, with the last sequence number of each stream: where a late or lossy reader starts."""
+    """Everything so far, with the last number of each stream: where a late or lossy reader starts."""
 
     status: SessionStatus
     changepoints: Changepoints

@@ -1,0 +1,259 @@
+"""A bridge between one robot and the service: samples go out numbered, and are kept for a while.
+
+Three threads, none of which holds up another:
+  the caller's  takes chunks from the source and sends them;
+  replay        answers the service's questions for batches that it missed;
+  keeper        opens the session, again whenever a service comes or goes; sends late batches and heartbeats.
+
+How nothing is lost: `put` drops silently, so the service finds a hole by its number and asks `replay`. A
+lost tail shows no hole, so an idle bridge repeats its last number. `Close` is acknowledged only when the
+service has everything; until then the missing batches are sent again.
+
+How a source that can wait does not overrun the service: puts are not acknowledged, but `Open` is, and may be
+asked again. When `window_batches` are under way the bridge asks until the service has come half-way. The ring
+keeps at least a window, so it never evicts what such a service has not seen.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from types import TracebackType
+from typing import Self
+
+from caesura_clients.bridge.control import ControlLine
+from caesura_clients.bridge.replay import ReplayServer
+from caesura_clients.bridge.ring import ReplayRing
+from caesura_clients.bridge.sender import Sender
+from caesura_clients.bridge.sources import Chunk, Source
+from caesura_clients.errors import Unreachable
+from caesura_clients.inbox import Inbox
+from caesura_clients.transport import Transport
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import check_name, service_key, station_key
+from caesura_protocol.messages import Ack, Close, Open
+
+
+def new_session_name(now: datetime | None = None) -> str:
+    """A name that sorts by time and does not repeat: `s{yyyymmdd}-{hhmmss}-{4 hex}`."""
+    return f"s{now or datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+
+
+@dataclass(frozen=True)
+class BridgeSettings:
+    """How a bridge batches, waits and remembers."""
+
+    batch_samples: int = 20
+    max_latency_s: float = 0.1  # a batch that does not fill goes after this time
+    heartbeat_s: float = 0.5  # silence after which the last number is repeated
+    ring_span_s: float = 30.0  # [s] session clock
+    ring_samples: int = 200_000
+    window_batches: int = 64  # under way at most, where the source can wait
+    tick_s: float = 0.02  # how often the keeper looks
+    retry_s: float = 0.2  # between attempts to open or to close
+    stall_s: float = 0.5  # without progress, missing batches are sent again
+    close_timeout_s: float = 10.0
+
+
+class Bridge:
+    """One session of one station, from its first sample to its acknowledged end.
+
+    >>> with Bridge(transport, "cell-1", source) as bridge:  # doctest: +SKIP
+    ...     bridge.run()
+
+    Raises ProtocolError where the service refuses, Unreachable where it does not acknowledge the end.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        station: str,
+        source: Source,
+        *,
+        session: str | None = None,
+        epoch: int = 0,
+        preset: str | None = None,
+        settings: BridgeSettings | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.station = check_name(station, "station")
+        self.session = check_name(session or new_session_name(), "session")
+        self.settings = settings or BridgeSettings()
+        self.acknowledged = 0  # batches that the service is known to have
+        self._source = source
+        self._open = _opening(source, self.session, epoch, preset)
+        self._ring = ReplayRing(
+            span_s=self.settings.ring_span_s,
+            max_samples=self.settings.ring_samples,
+            min_batches=self.settings.window_batches,
+        )
+        self._transport = transport
+        self._control = ControlLine(transport, self.station)
+        self._sender = Sender(
+            transport,
+            self.station,
+            self._open,
+            self._ring,
+            batch_samples=self.settings.batch_samples,
+            clock=clock,
+        )
+        self._clock = clock
+        self._answered = threading.Event()  # the first Open was: acknowledged or refused
+        self._over = threading.Event()
+        self._failure: Exception | None = None
+        self._services = Inbox()
+        self._stack = ExitStack()
+
+    @property
+    def sent(self) -> int:
+        """Batches that were put."""
+        return self._sender.last_seq + 1
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(ReplayServer(self._transport, self.station, self._ring))
+            stack.enter_context(self._transport.watch(service_key("*", "alive"), self._services))
+            stack.enter_context(self._transport.token(station_key(self.station, "alive")))
+            keeper = threading.Thread(target=self._keep, name=f"keeper {self.station}", daemon=True)
+            keeper.start()
+            stack.callback(keeper.join)
+            stack.callback(self._over.set)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def run(self) -> Ack:
+        """Send everything that the source has and close the session; returns the service's last word."""
+        if self._source.can_wait:
+            self.wait_open()
+        for chunk in self._source.chunks():
+            self.send(chunk)
+        return self.finish()
+
+    def wait_open(self, timeout_s: float | None = None) -> None:
+        """Wait until a service has the session. Raises Unreachable, or ProtocolError where it refuses."""
+        if not self._answered.wait(timeout_s):
+            raise Unreachable(f"no service has opened {self.station}/{self.session} for {timeout_s:g} s")
+        self._check()
+
+    def send(self, chunk: Chunk) -> None:
+        """Send samples (k, columns). Never waits for the network, unless the source can.
+
+        Raises BadSource for a wrong shape or a value that is not finite, ProtocolError once the service
+        has refused the session.
+        """
+        self._check()
+        step = self.settings.batch_samples
+        for start in range(0, len(chunk), step):
+            self._sender.push(chunk[start : start + step])
+            if self._source.can_wait:
+                self._wait_for_room()
+
+    def finish(self) -> Ack:
+        """Send what is pending and close the session.
+
+        Raises Unreachable where the service does not acknowledge everything in `close_timeout_s`, or
+        ProtocolError where it refuses to.
+        """
+        self._sender.flush()
+        close = Close(session=self.session, last_seq=self._sender.last_seq)
+        deadline = self._clock() + self.settings.close_timeout_s
+        while True:
+            ack, refusal = self._try_to_close(close)
+            if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
+                self._over.set()
+                return ack
+            if self._clock() >= deadline:
+                raise refusal or self._unacknowledged()
+            self._sender.resend(self.acknowledged, self.settings.window_batches)
+            self._over.wait(self.settings.retry_s)
+
+    def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None]:
+        """Ask once. A service that has lost the session, or waits for more, is told the session again."""
+        try:
+            ack = self._control.ask(close)
+        except ProtocolError as refusal:
+            if refusal.code not in {"conflict", "unknown_session"}:
+                raise
+            self._ask_to_open()
+            return None, refusal
+        if ack is not None:
+            self.acknowledged = ack.next_seq
+        return ack, None
+
+    def _unacknowledged(self) -> Unreachable:
+        return Unreachable(
+            f"{self.station}/{self.session}: the service is known to have {self.acknowledged} of {self.sent} "
+            f"batches {self.settings.close_timeout_s:g} s after the end"
+        )
+
+    def _wait_for_room(self) -> None:
+        """Hold the source up while a whole window is under way."""
+        if self.sent - self.acknowledged < self.settings.window_batches:
+            return
+        before, since = self.acknowledged, self._clock()
+        while self.sent - self.acknowledged > self.settings.window_batches // 2:
+            self._ask_to_open()
+            self._check()
+            if self.acknowledged > before:
+                before, since = self.acknowledged, self._clock()
+            elif self._clock() - since > self.settings.stall_s:
+                self._sender.resend(self.acknowledged, self.settings.window_batches)
+                since = self._clock()
+            self._over.wait(self.settings.tick_s)
+
+    def _ask_to_open(self) -> bool:
+        """Tell a service the session; True where one answered."""
+        ack = self._control.ask(self._open)
+        if ack is not None:
+            self.acknowledged = ack.next_seq
+        return ack is not None
+
+    def _keep(self) -> None:
+        """The keeper's loop; what goes wrong in it is raised to the caller by the next send."""
+        try:
+            untold, due = True, self._clock()
+            while not self._over.is_set():
+                untold |= self._services.get(self.settings.tick_s) is not None
+                if untold and self._clock() >= due:
+                    untold, due = not self._tell(), self._clock() + self.settings.retry_s
+                self._sender.flush(older_than_s=self.settings.max_latency_s)
+                self._sender.heartbeat(idle_s=self.settings.heartbeat_s)
+        except Exception as error:
+            self._failure = error
+        finally:
+            self._answered.set()
+
+    def _tell(self) -> bool:
+        """Open the session; a service that knew nothing of it learns its last number at once."""
+        if not self._ask_to_open():
+            return False
+        if self.sent:
+            self._sender.heartbeat()
+        self._answered.set()
+        return True
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+
+def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
+    return Open(
+        session=session,
+        epoch=epoch,
+        columns=source.columns,
+        wrench_source=source.wrench_source,
+        force_frame=source.force_frame,
+        length_unit=source.length_unit,
+        preset=preset,
+    )

@@ -1,0 +1,32 @@
+"""What a bridge asks of the service: to open a session, and to close it.
+
+Both are idempotent and may be asked again whenever an answer got lost. An Ack carries the batch that the
+service waits for, so asking again is also the way to learn how far it has come.
+"""
+
+from __future__ import annotations
+
+from caesura_clients.transport import QUERY_TIMEOUT_S, Transport
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, Close, Control, Open
+
+
+class ControlLine:
+    """The `control` key of one station."""
+
+    def __init__(self, transport: Transport, station: str) -> None:
+        self._transport = transport
+        self._key = station_key(station, "control")
+
+    def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
+        """The service's Ack, or None where nobody had time to answer. Raises ProtocolError where it refuses."""
+        content = encode(Control(command=command))
+        answers = self._transport.query(self._key, content, timeout_s=timeout_s)
+        if answers.replies:
+            reply = answers.replies[0]
+            return decode(reply.payload, reply.encoding, Ack)
+        refusals = [refusal for refusal in answers.refusals if refusal.code != "overloaded"]
+        if refusals:
+            raise refusals[0]
+        return None

@@ -1,0 +1,43 @@
+"""Where samples come from: one file per robot or file format, all of them a Source.
+
+A new robot is one module with a class that meets `Source`, and one line in `table.py` beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+
+Chunk = NDArray[np.floating]  # (k, columns), as declared; time [s] first
+
+
+class Source(Protocol):
+    """One robot, or something that plays one."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of every chunk, `t` first (see `COLUMNS_OF_SIGNAL`)."""
+
+    @property
+    def wrench_source(self) -> WrenchSource:
+        """Where the wrench comes from."""
+
+    @property
+    def force_frame(self) -> ForceFrame:
+        """The frame in which forces are given."""
+
+    @property
+    def length_unit(self) -> LengthUnit:
+        """The unit of positions."""
+
+    @property
+    def can_wait(self) -> bool:
+        """May the bridge hold it up while the service catches up? A live robot cannot wait."""
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Samples in the order of arrival, as they come; ends when the demonstration does."""

@@ -1,0 +1,19 @@
+"""What can go wrong for a client. A peer's refusal is a ProtocolError; these are everything else."""
+
+from __future__ import annotations
+
+
+class CaesuraError(Exception):
+    """Something a user can act on; the message is one line and names what was found and what would do."""
+
+
+class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better where it is caught
+    """Nobody answers: no router at the endpoint, or no service behind it."""
+
+
+class Absent(CaesuraError):  # noqa: N818
+    """A station or session that was asked for is not there; the message names those that are."""
+
+
+class BadSource(CaesuraError):  # noqa: N818
+    """A source delivered what cannot be sent: wrong shape, a value that is not finite, an unknown name."""

@@ -1,0 +1,64 @@
+"""Log marginal likelihoods: what a stretch of data is worth under a model once its parameters are integrated out.
+
+All of them broadcast, so that one call serves a whole batch of hypotheses.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
+
+Array = NDArray[np.float64]
+
+
+def known_mean_log_evidence(n: ArrayLike, ssr: ArrayLike, nu0: float, scale2: ArrayLike) -> Array:
+    """Log marginal likelihood of n values about a known mean, their variance integrated out.
+
+    n: values; ssr: their sum of squared residuals [unit²]; the variance has a scaled inverse chi-squared
+    prior with nu0 degrees of freedom and scale scale2 [unit²]. Shapes broadcast.
+    Thesis (3.31), (3.41) with their missing (2π)^(-n/2); Murphy 2007, section 5.
+    """
+    n, ssr, prior = np.asarray(n, float), np.asarray(ssr, float), nu0 * np.asarray(scale2, float)
+    nu_n = nu0 + n
+    gammas = gammaln(0.5 * nu_n) - gammaln(0.5 * nu0) - 0.5 * n * np.log(np.pi)
+    result: Array = gammas + 0.5 * nu0 * np.log(prior) - 0.5 * nu_n * np.log(prior + ssr)
+    return result
+
+
+def unknown_mean_ssr(n: ArrayLike, total: ArrayLike, squares: ArrayLike, kappa0: float) -> Array:
+    """Sum of squares left once a mean with prior N(0, σ²/kappa0) is integrated out.
+
+    n: values; total: their sum; squares: their sum of squares. Murphy 2007, section 3, prior mean 0.
+    The evidence is that of a known mean with this sum, plus `unknown_mean_log_factor` for each axis.
+    """
+    left: Array = np.asarray(squares, float) - np.asarray(total, float) ** 2 / (np.asarray(n, float) + kappa0)
+    return np.maximum(left, 0.0)
+
+
+def unknown_mean_log_factor(n: ArrayLike, kappa0: float) -> Array:
+    """Half the log ratio of prior to posterior precision of the mean: its Occam factor, per axis."""
+    factor: Array = 0.5 * np.log(kappa0 / (kappa0 + np.asarray(n, float)))
+    return factor
+
+
+def normal_log_density(value2: ArrayLike, dimensions: int, scale2: float) -> Array:
+    """Log density of a zero-mean isotropic normal; value2: squared length [unit²], scale2: variance an axis."""
+    density: Array = -0.5 * (np.asarray(value2, float) / scale2 + dimensions * np.log(2.0 * np.pi * scale2))
+    return density
+
+
+def log_mean_exp(values: Array, axis: int = -1) -> Array:
+    """Logarithm of the mean of exp(values) over one axis: an even mixture."""
+    count = values.shape[axis]
+    result: Array = log_sum_exp(values, axis) - np.log(count)
+    return result
+
+
+def log_sum_exp(values: Array, axis: int = -1) -> Array:
+    """Logarithm of the sum of exp(values) over one axis; -inf where every entry is."""
+    peak = np.max(values, axis=axis, keepdims=True)
+    peak = np.where(np.isfinite(peak), peak, 0.0)
+    with np.errstate(divide="ignore"):
+        result: Array = np.log(np.sum(np.exp(values - peak), axis=axis)) + np.squeeze(peak, axis=axis)
+    return result

@@ -1,0 +1,238 @@
+"""The run-length filter on starts: which hypothesis is the current segment, now that one more sample is in.
+
+With L(s,t) the evidence of samples s..t as one segment, S and g from the hazard:
+
+    joint(s,t) = A(s) + log S(t−s) + L(s,t)
+    A(t+1)     = logsumexp_s [A(s) + log g(t−s+1) + L(s,t)]
+
+the growth and changepoint steps of Adams & MacKay 2007 (thesis 2.1.5, steps 3–7) written on starts instead
+of run lengths. The same with maximum in place of the sum is the MAP path (Fearnhead & Liu 2007). A backward
+pass over the evidence kept for the last `window` samples gives the smoothed changepoint probability,
+exact inside the window:
+
+    B(τ) = logaddexp( log S(t−τ) + L(τ,t),  logsumexp_u [log g(u−τ) + L(τ,u−1) + B(u)] )
+    P(changepoint at τ | x) = exp(A(τ) + B(τ) − log Z)
+
+A constant hazard makes P(run length 0) equal 1/λ whatever the data say; only this delayed probability and
+the MAP path tell anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.lattice import Lattice, LatticeRows
+from caesura_service.changepoint.models import Observed
+
+Array = NDArray[np.float64]
+Starts = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FilterParameters:
+    """What bounds the work.
+
+    Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), the right way round),
+    but never the `keep_youngest`, which have not had time to show what they are worth; at most `cap` live.
+    `window`: samples behind now over which changepoints are smoothed.
+    """
+
+    prune_ratio: float = 1e-6
+    keep_youngest: int = 10
+    cap: int = 100
+    window: int = 40
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.keep_youngest < self.cap:
+            raise ValueError(f"keep_youngest is {self.keep_youngest}, expected 0 to cap − 1 = {self.cap - 1}")
+        if not 0.0 <= self.prune_ratio < 1.0:
+            raise ValueError(f"prune_ratio is {self.prune_ratio}, expected 0 ≤ ratio < 1")
+        if self.window < 1:
+            raise ValueError(f"window is {self.window} samples, expected at least 1")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A segment of the best segmentation up to some start: where it began, and what it was."""
+
+    start: int
+    kind_log_evidence: Array  # (kinds,)
+
+
+@dataclass
+class OnlineFilter:
+    """Takes observations one by one; the same observations give the same state, bit for bit."""
+
+    lattice: Lattice
+    hazard: Hazard
+    parameters: FilterParameters = field(default_factory=FilterParameters)
+
+    def __post_init__(self) -> None:
+        window = self.parameters.window
+        self.count = 0  # observations taken
+        self.starts: Starts = np.zeros(0, np.int64)  # (h,) ascending
+        self.log_prior: Array = np.zeros(0)  # (h,) A(s)
+        self.map_prior: Array = np.zeros(0)  # (h,) the same with maximum
+        self.rows: LatticeRows = self.lattice.empty()
+        self.kind_log_evidence: Array = np.zeros((0, len(self.lattice.kinds)))  # (h, kinds)
+        self.ended: dict[int, Ended] = {}  # by the start that follows; what living hypotheses descend from
+        self.root = 0  # the latest start that every living hypothesis descends from
+        self.final: list[Ended] = []  # the segments before the root, which no later sample can undo
+        self.capped = 0  # steps on which the cap bit
+        self._window_evidence = np.full((window, window), -np.inf)  # [start mod window, age]
+        self._window_prior = np.full(window, -np.inf)  # A(start) at [start mod window]
+        self._smoothed_past: list[float] = []
+        self._smoothed_window: Array = np.zeros(0)
+        self._next_prior = 0.0  # A and its maximum for the hypothesis that the next observation starts
+        self._next_map = 0.0
+
+    def step(self, observed: Observed, boundary: bool = False) -> None:
+        """Take one observation. `boundary` makes it the start of a segment for certain.
+
+        Raises ValueError where a value is not finite; nothing has changed then.
+        """
+        _check_finite(observed, self.count)
+        if boundary and self.count:
+            self._keep(np.zeros(self.starts.size, bool))
+        self._grow(observed)
+        log_evidence = self.lattice.combine(self.kind_log_evidence)
+        self._remember(log_evidence)
+        joint = self.log_prior + self.hazard.log_survival(self.count - 1 - self.starts) + log_evidence
+        self._prepare_next(log_evidence)
+        self._prune(joint)
+        self._settle()
+        self._smooth()
+
+    @property
+    def log_joint(self) -> Array:
+        """(h,) log joint of each hypothesis and everything so far."""
+        survived = self.hazard.log_survival(self.count - 1 - self.starts)
+        return self.log_prior + survived + self.lattice.combine(self.kind_log_evidence)
+
+    @property
+    def posterior(self) -> Array:
+        """(h,) probability of each hypothesis."""
+        joint = self.log_joint
+        result: Array = np.exp(joint - log_sum_exp(joint))
+        return result
+
+    def map_path(self) -> list[Ended]:
+        """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
+        survived = self.hazard.log_survival(self.count - 1 - self.starts)
+        best = int(np.argmax(self.map_prior + survived + self.lattice.combine(self.kind_log_evidence)))
+        path = [Ended(int(self.starts[best]), self.kind_log_evidence[best])]
+        while path[-1].start != self.root:
+            path.append(self.ended[path[-1].start])
+        return path[::-1]
+
+    def changepoint_probability(self, start: int) -> float:
+        """Smoothed probability that a segment starts at observation `start`.
+
+        Given everything so far while it is in the window, and as of its leaving the window after that.
+        """
+        past = len(self._smoothed_past)
+        return self._smoothed_past[start] if start < past else float(self._smoothed_window[start - past])
+
+    def _grow(self, observed: Observed) -> None:
+        self.rows = self.lattice.extend(self.rows, observed)
+        self.starts = np.append(self.starts, self.count)
+        self.log_prior = np.append(self.log_prior, self._next_prior)
+        self.map_prior = np.append(self.map_prior, self._next_map)
+        self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
+        self.count += 1
+
+    def _remember(self, log_evidence: Array) -> None:
+        window, now = self.parameters.window, self.count - 1
+        self._window_evidence[now % window] = -np.inf
+        self._window_prior[now % window] = self.log_prior[-1]
+        recent = self.starts > now - window
+        starts = self.starts[recent]
+        self._window_evidence[starts % window, now - starts] = log_evidence[recent]
+
+    def _prepare_next(self, log_evidence: Array) -> None:
+        mass = self.hazard.log_mass(self.count - self.starts) + log_evidence
+        self._next_prior = float(log_sum_exp(self.log_prior + mass))
+        scores = self.map_prior + mass
+        best = int(np.argmax(scores))
+        self._next_map = float(scores[best])
+        self.ended[self.count] = Ended(int(self.starts[best]), self.kind_log_evidence[best].copy())
+
+    def _prune(self, joint: Array) -> None:
+        p = self.parameters
+        with np.errstate(divide="ignore"):
+            keep = joint >= joint.max() + np.log(p.prune_ratio)
+        keep[max(keep.size - p.keep_youngest, 0) :] = True
+        if keep.sum() > p.cap:
+            self.capped += 1
+            ranked = np.argsort(joint[: keep.size - p.keep_youngest], kind="stable")
+            keep[ranked[: keep.size - p.cap]] = False
+        if not keep.all():
+            self._keep(keep)
+
+    def _keep(self, keep: NDArray[np.bool_]) -> None:
+        self.starts, self.log_prior = self.starts[keep], self.log_prior[keep]
+        self.map_prior, self.kind_log_evidence = self.map_prior[keep], self.kind_log_evidence[keep]
+        self.rows = self.lattice.select(self.rows, keep)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what no living hypothesis, nor the next one, descends from."""
+        wanted: dict[int, Ended] = {}
+        for start in (*map(int, self.starts), self.count):
+            while start != self.root and start not in wanted:
+                wanted[start] = self.ended[start]
+                start = wanted[start].start
+        self.ended = wanted
+
+    def _settle(self) -> None:
+        """Move the root to where the ancestries of all hypotheses, the next one included, first part."""
+        root = _common_ancestor({*map(int, self.starts), self.count}, self.ended)
+        settled: list[Ended] = []
+        start = root
+        while start != self.root:
+            settled.append(self.ended.pop(start))
+            start = settled[-1].start
+        self.final += settled[::-1]
+        self.root = root
+
+    def _smooth(self) -> None:
+        now, window = self.count - 1, self.parameters.window
+        first = max(0, now - window + 1)
+        size = self.count - first
+        total = log_sum_exp(self.log_joint)
+        ages = np.arange(size)
+        log_mass, log_survival = self.hazard.log_mass(ages + 1), self.hazard.log_survival(ages)
+        backward = np.empty(size)
+        for i in range(size - 1, -1, -1):
+            evidence = self._window_evidence[(first + i) % window, : size - i]
+            terms = log_mass[: size - i] + evidence
+            terms[:-1] += backward[i + 1 :]
+            terms[-1] = log_survival[size - 1 - i] + evidence[-1]
+            backward[i] = log_sum_exp(terms)
+        prior = self._window_prior[(first + ages) % window]
+        probability = np.exp(np.minimum(prior + backward - total, 0.0))
+        leaving = first - len(self._smoothed_past)
+        self._smoothed_past += self._smoothed_window[:leaving].tolist()
+        self._smoothed_window = probability
+
+
+def _common_ancestor(nodes: set[int], ended: dict[int, Ended]) -> int:
+    """The latest start shared by the ancestries of all nodes, themselves included."""
+    nodes = set(nodes)
+    while len(nodes) > 1:
+        latest = max(nodes)
+        nodes.remove(latest)
+        nodes.add(ended[latest].start)
+    return nodes.pop()
+
+
+def _check_finite(observed: Observed, count: int) -> None:
+    for name in ("position", "force"):
+        value = getattr(observed, name)
+        if not np.isfinite(value).all():
+            raise ValueError(f"observation {count}: {name} is {value.tolist()}, expected finite numbers")

@@ -1,1 +1,13 @@
-"""What connects to the segmenter: bridges, readers and the command line."""
+"""What connects to the segmenter: bridges, readers and the command line.
+
+>>> from caesura_clients import connect
+>>> with connect() as caesura:  # doctest: +SKIP
+...     for update in caesura.results("cell-1"):
+...         print(update.segments)
+"""
+
+from caesura_clients.client import Caesura, connect
+from caesura_clients.errors import Absent, BadSource, CaesuraError, Unreachable
+from caesura_clients.results import Update
+
+__all__ = ["Absent", "BadSource", "Caesura", "CaesuraError", "Unreachable", "Update", "connect"]

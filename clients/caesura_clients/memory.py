@@ -48,7 +48,7 @@ class MemoryNetwork:
 class MemoryTransport:
     """A session with a MemoryNetwork; meets the Transport contract."""
 
-    endpoint = "memory"
+    endpoint: str = "memory"
 
     def __init__(self, network: MemoryNetwork) -> None:
         self._network = network

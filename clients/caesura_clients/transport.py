@@ -56,6 +56,13 @@ class Answers(NamedTuple):
 class Transport(Protocol):
     """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
 
+    @property
+    def endpoint(self) -> str:
+        """Where it is connected, as errors name it."""
+
+    def close(self) -> None:
+        """Leave the network; everything declared through this session goes with it."""
+
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
         """Publish, without ever blocking; what a full queue drops is dropped silently."""
 
@@ -99,7 +106,7 @@ class ZenohTransport:
         config_file: Path | None = None,
         timeout_s: float | None = None,
     ) -> None:
-        self.endpoint = endpoint
+        self.endpoint: str = endpoint
         self._session = _open(_config(endpoint, config_file), endpoint, timeout_s)
 
     def __enter__(self) -> Self:

@@ -20,7 +20,7 @@ class ControlLine:
         self._key = station_key(station, "control")
 
     def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
-        """The service's Ack, or None where nobody had time to answer. Raises ProtocolError where it refuses."""
+        """The service's Ack; None where nobody had time to answer. Raises ProtocolError for a refusal."""
         content = encode(Control(command=command))
         answers = self._transport.query(self._key, content, timeout_s=timeout_s)
         if answers.replies:

@@ -1,0 +1,86 @@
+"""What a script or a dashboard holds: one connection, and everything that can be asked through it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from caesura_clients import query
+from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.query import SessionInfo
+from caesura_clients.results import Update, follow
+from caesura_clients.transport import DEFAULT_ENDPOINT, Transport, ZenohTransport
+from caesura_protocol.messages import Program, ServiceStatus, Snapshot
+
+
+class Caesura:
+    """A connection with the service; a context manager, because an open session hangs the interpreter."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the network."""
+        self.transport.close()
+
+    def results(
+        self, station: str = "*", session: str = "*", *, silence_s: float | None = None
+    ) -> Iterator[Update]:
+        """Updates of the sessions of a station as they happen, the state so far first (`results.follow`)."""
+        return follow(self.transport, station, session, silence_s=silence_s)
+
+    def program(self, station: str) -> Program:
+        """The current task program of a station."""
+        return query.program(self.transport, station)
+
+    def snapshot(self, station: str, session: str | None = None) -> Snapshot:
+        """Everything about one session; without a name the open one, or else the last by name."""
+        return query.snapshot(self.transport, station, session)
+
+    def sessions(self, station: str = "*") -> list[SessionInfo]:
+        """All sessions that the service knows."""
+        return query.sessions(self.transport, station)
+
+    def stations(self) -> list[str]:
+        """Stations whose bridge is connected now."""
+        return query.stations(self.transport)
+
+    def services(self) -> list[ServiceStatus]:
+        """How every instance of the service is doing."""
+        return query.service_status(self.transport)
+
+    def bridge(
+        self,
+        station: str,
+        source: Source,
+        *,
+        session: str | None = None,
+        settings: BridgeSettings | None = None,
+    ) -> Bridge:
+        """A bridge from a source to the service; enter it, then `run`."""
+        return Bridge(self.transport, station, source, session=session, settings=settings)
+
+
+def connect(
+    endpoint: str = DEFAULT_ENDPOINT, *, config_file: Path | None = None, timeout_s: float | None = 5.0
+) -> Caesura:
+    """Connect to the service.
+
+    >>> with connect() as caesura:  # doctest: +SKIP
+    ...     for update in caesura.results("cell-1"):
+    ...         print(update.segments)
+
+    config_file: zenoh json5 with certificates or a password; timeout_s: None tries for ever.
+    Raises Unreachable, or CaesuraError where the endpoint or the file makes no sense.
+    """
+    return Caesura(ZenohTransport(endpoint, config_file=config_file, timeout_s=timeout_s))

@@ -1,0 +1,122 @@
+"""Asking the service. No answer means absent or forbidden; liveliness then says what there is instead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+from caesura_clients.errors import Absent, Unreachable
+from caesura_clients.transport import Answers, Transport
+from caesura_protocol.codec import decode
+from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
+from caesura_protocol.messages import Message, Program, ServiceStatus, Snapshot
+
+M = TypeVar("M", bound=Message)
+
+
+@dataclass(frozen=True)
+class SessionInfo:
+    """A session, as a list shows it."""
+
+    station: str
+    session: str
+    state: Literal["open", "closed"]
+    t: float  # [s] its last observation
+    segments: int
+    instance: str
+
+
+def snapshots(transport: Transport, station: str = "*", session: str = "*") -> list[Snapshot]:
+    """Everything about every session that matches, one of the highest epoch each; none is no error."""
+    answers = transport.query(session_key(station, session, "snapshot"))
+    newest: dict[tuple[str, str], Snapshot] = {}
+    for snapshot in _decoded(answers, Snapshot):
+        key = (snapshot.status.station, snapshot.status.session)
+        if key not in newest or _rank(snapshot) > _rank(newest[key]):
+            newest[key] = snapshot
+    return [newest[key] for key in sorted(newest)]
+
+
+def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
+    """Everything about one session; without a name the open one, or else the last by name.
+
+    Raises Absent, which names what there is, or Unreachable.
+    """
+    found = snapshots(transport, station, session or "*")
+    if not found:
+        raise _nothing(transport, f"station {station!r} has no session {session or ''}".rstrip())
+    return max(found, key=lambda one: (one.status.state == "open", one.status.session))
+
+
+def program(transport: Transport, station: str) -> Program:
+    """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
+    found = _decoded(transport.query(station_key(station, "program")), Program)
+    if not found:
+        raise _nothing(transport, f"station {station!r} has no program")
+    return max(found, key=lambda one: (one.epoch, one.version))
+
+
+def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
+    """All sessions that the service knows, by station and name. Raises Unreachable."""
+    found = snapshots(transport, station)
+    if not found:
+        _require_service(transport)
+    return [
+        SessionInfo(
+            station=one.status.station,
+            session=one.status.session,
+            state=one.status.state,
+            t=one.status.t,
+            segments=len(one.segments.segments),
+            instance=one.status.instance,
+        )
+        for one in found
+    ]
+
+
+def stations(transport: Transport) -> list[str]:
+    """Stations whose bridge is connected now."""
+    return [parse_station_key(key)[0] for key in transport.alive(station_key("*", "alive"))]
+
+
+def services(transport: Transport) -> list[str]:
+    """Instances of the service that are alive now."""
+    return [parse_service_key(key)[0] for key in transport.alive(service_key("*", "alive"))]
+
+
+def service_status(transport: Transport) -> list[ServiceStatus]:
+    """How every instance is doing. Raises Unreachable where there is none."""
+    found = _decoded(transport.query(service_key("*", "status")), ServiceStatus)
+    if not found:
+        _require_service(transport)
+    return sorted(found, key=lambda one: one.instance)
+
+
+def _rank(snapshot: Snapshot) -> tuple[int, str]:
+    return snapshot.status.epoch, snapshot.status.instance
+
+
+def _decoded(answers: Answers, model: type[M]) -> list[M]:
+    """The answers; a refusal is raised only where nobody else answered."""
+    if answers.refusals and not answers.replies:
+        raise answers.refusals[0]
+    return [decode(reply.payload, reply.encoding, model) for reply in answers.replies]
+
+
+def _require_service(transport: Transport) -> None:
+    if not services(transport):
+        raise Unreachable(f"no service is alive at {transport.endpoint}")
+
+
+def _nothing(transport: Transport, what: str) -> Absent:
+    _require_service(transport)
+    known = {one.status.station for one in snapshots(transport)}
+    return Absent(
+        f"{what}, or it is forbidden; stations with sessions: {_listed(known)}; "
+        f"with a bridge: {_listed(stations(transport))}"
+    )
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "none"

@@ -1,0 +1,223 @@
+"""Following sessions: start from the snapshot, apply what is published, start again where something was lost.
+
+Results are published with DROP, so a reader must expect holes. Changepoints and segments come as `first` and
+a list that replaces everything from `first` on; a hole in their numbers is healed by the snapshot. Status,
+posterior and program are complete each time, and of them only the newest counts. A lost last message shows
+no hole, so after `refresh_s` of silence the snapshot is asked for once. Where two instances answer for a
+session (a network that was cut in two), the one with the highest epoch is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.query import snapshots
+from caesura_clients.transport import Transport
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
+from caesura_protocol.messages import (
+    Changepoint,
+    Changepoints,
+    Posterior,
+    Program,
+    Segment,
+    Segments,
+    SessionStatus,
+    Snapshot,
+)
+
+STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
+SNAPSHOT_ATTEMPTS = 3
+
+Published = Changepoints | Segments | Posterior | SessionStatus | Program
+PUBLISHED: tuple[type[Published], ...] = (Changepoints, Segments, Posterior, SessionStatus, Program)
+Outcome = Literal["changed", "unchanged", "hole"]
+
+
+@dataclass(frozen=True)
+class Update:
+    """Everything that is known of one session at one time."""
+
+    status: SessionStatus
+    changepoints: tuple[Changepoint, ...]
+    segments: tuple[Segment, ...]
+    posterior: Posterior | None
+    program: Program
+
+    @property
+    def station(self) -> str:
+        """Where it is taught."""
+        return self.status.station
+
+    @property
+    def session(self) -> str:
+        """Which demonstration it is."""
+        return self.status.session
+
+    @property
+    def t(self) -> float:
+        """The last observation that the status speaks of [s]."""
+        return self.status.t
+
+    @property
+    def closed(self) -> bool:
+        """Is the demonstration over?"""
+        return self.status.state == "closed"
+
+
+class SessionReader:
+    """One session as its results tell it: a fold over messages, without a network or a clock."""
+
+    def __init__(self) -> None:
+        self.update: Update | None = None
+        self._owner = (-1, "")  # epoch and instance; the higher is right
+        self._last: dict[type[Published], int] = {}
+
+    def restart(self, snapshot: Snapshot) -> Outcome:
+        """Start from a snapshot, unless its sender has been replaced."""
+        owner = (snapshot.status.epoch, snapshot.status.instance)
+        if owner < self._owner:
+            return "unchanged"
+        before, self._owner = self.update, owner
+        self._last = {
+            type(part): part.seq for part in (snapshot.status, snapshot.changepoints, snapshot.segments)
+        }
+        self._last[Posterior] = -1 if snapshot.posterior is None else snapshot.posterior.seq
+        self._last[Program] = snapshot.program.version
+        self.update = Update(
+            snapshot.status,
+            snapshot.changepoints.changepoints,
+            snapshot.segments.segments,
+            snapshot.posterior,
+            snapshot.program,
+        )
+        return "unchanged" if self.update == before else "changed"
+
+    def receive(self, message: Published) -> Outcome:
+        """Take a published message. A `hole` changes nothing and asks for a snapshot."""
+        owner = (message.epoch, message.instance)
+        if owner < self._owner:
+            return "unchanged"
+        if self.update is None or owner > self._owner:
+            return "hole"
+        number = message.version if isinstance(message, Program) else message.seq
+        last = self._last[type(message)]
+        if number < last:
+            return "unchanged"
+        after = _applied(self.update, message, next_one=number <= last + 1)
+        if after is None:
+            return "hole"
+        before, self.update = self.update, after
+        self._last[type(message)] = number
+        return "unchanged" if after == before else "changed"
+
+
+def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
+    """What is known after a message; None where a list cannot be continued. Applying one twice does no harm."""
+    match message:
+        case SessionStatus():
+            return replace(update, status=message)
+        case Posterior():
+            return replace(update, posterior=message)
+        case Program():
+            return replace(update, program=message)
+        case Changepoints(first=first, changepoints=tail):
+            changepoints = _spliced(update.changepoints, first, tail)
+            return (
+                replace(update, changepoints=changepoints) if next_one and changepoints is not None else None
+            )
+        case Segments(first=first, segments=tail_segments):
+            segments = _spliced(update.segments, first, tail_segments)
+            return replace(update, segments=segments) if next_one and segments is not None else None
+
+
+def _spliced(known: tuple[T, ...], first: int, tail: tuple[T, ...]) -> tuple[T, ...] | None:
+    return known[:first] + tail if first <= len(known) else None
+
+
+def follow(
+    transport: Transport,
+    station: str = "*",
+    session: str = "*",
+    *,
+    refresh_s: float = 2.0,
+    silence_s: float | None = None,
+) -> Iterator[Update]:
+    """Updates of all sessions that match, as they happen, beginning with what is known already.
+
+    refresh_s: silence after which snapshots are asked for again; silence_s: silence after which the
+    iteration ends, None for never. Raises ProtocolError `unsupported_version` where the service is newer.
+    """
+    with _listening(transport, station, session) as inbox:
+        follower = _Follower(transport)
+        yield from follower.refresh(station, session)
+        silent_s = 0.0
+        while silence_s is None or silent_s < silence_s:
+            wait_s = refresh_s if silence_s is None else min(refresh_s, silence_s)
+            item = inbox.get(wait_s)
+            if item is None:
+                silent_s += wait_s
+            if isinstance(item, Delivery):
+                silent_s = 0.0
+                yield from follower.receive(item)
+            elif (item is None and silent_s <= wait_s) or isinstance(item, Presence):
+                yield from follower.refresh(station, session)
+
+
+class _Follower:
+    """The readers of all sessions that were met, and the way to their snapshots."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._readers: dict[tuple[str, str], SessionReader] = {}
+
+    def refresh(self, station: str, session: str) -> Iterator[Update]:
+        """Ask for snapshots; yields the sessions in which something is new."""
+        for snapshot in snapshots(self._transport, station, session):
+            reader = self._reader(snapshot.status.station, snapshot.status.session)
+            if reader.restart(snapshot) == "changed" and reader.update is not None:
+                yield reader.update
+
+    def receive(self, delivery: Delivery) -> Iterator[Update]:
+        """Apply what was published; yields the session if something in it is new."""
+        message = _readable(delivery)
+        if message is None:
+            return
+        reader = self._reader(message.station, message.session)
+        before = reader.update
+        for _ in range(SNAPSHOT_ATTEMPTS):
+            if reader.receive(message) != "hole":
+                break
+            for snapshot in snapshots(self._transport, message.station, message.session):
+                reader.restart(snapshot)
+        if reader.update is not None and reader.update != before:
+            yield reader.update
+
+    def _reader(self, station: str, session: str) -> SessionReader:
+        return self._readers.setdefault((station, session), SessionReader())
+
+
+def _readable(delivery: Delivery) -> Published | None:
+    """The message, or None where it is rubbish: one bad sender must not end every reader."""
+    try:
+        return decode(delivery.payload, delivery.encoding, *PUBLISHED)
+    except ProtocolError as error:
+        if error.code == "unsupported_version":
+            raise
+        return None
+
+
+@contextmanager
+def _listening(transport: Transport, station: str, session: str) -> Iterator[Inbox]:
+    inbox = Inbox()
+    with ExitStack() as stack:
+        for stream in STREAMS:
+            stack.enter_context(transport.subscribe(session_key(station, session, stream), inbox))
+        stack.enter_context(transport.subscribe(station_key(station, "program"), inbox))
+        stack.enter_context(transport.watch(service_key("*", "alive"), inbox))
+        yield inbox

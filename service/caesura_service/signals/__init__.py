@@ -1,0 +1,22 @@
+"""Signals: from what a robot reports to what the segmentation sees. Pure: NumPy and SciPy only."""
+
+from caesura_service.signals.conditioning import Conditioned, Conditioner, ConditioningParameters
+from caesura_service.signals.gripper import GripperEvent, GripperParameters
+from caesura_service.signals.layout import Layout
+from caesura_service.signals.observation import Observation
+from caesura_service.signals.tare import Tare, baseline
+from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchSource
+
+__all__ = [
+    "WRENCH_SOURCES",
+    "Conditioned",
+    "Conditioner",
+    "ConditioningParameters",
+    "GripperEvent",
+    "GripperParameters",
+    "Layout",
+    "Observation",
+    "Tare",
+    "WrenchSource",
+    "baseline",
+]

@@ -1,0 +1,75 @@
+"""Causal Savitzky–Golay filter: a polynomial through the last rows, read off at their centre.
+
+Reading it off at the centre keeps the phase linear and costs a delay of half a window, which is declared.
+Each filtered row is stamped with the time that it describes, so boundaries are late but not shifted.
+Taps are added up one by one in a fixed order: a filtered row has the same bits in every batch.
+Savitzky & Golay 1964; coefficients from SciPy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SavitzkyGolay:
+    """A filter of `window` rows (odd) at rate_hz, exact for polynomials up to `order`.
+
+    Raises ValueError for a window or an order that makes no filter.
+    """
+
+    window: int
+    order: int
+    rate_hz: float
+
+    def __post_init__(self) -> None:
+        if self.window < 3 or self.window % 2 == 0:
+            raise ValueError(f"Savitzky-Golay window is {self.window}, expected an odd number from 3 on")
+        if not 1 <= self.order < self.window:
+            limit = f"1 to {self.window - 1} for a window of {self.window}"
+            raise ValueError(f"Savitzky-Golay order is {self.order}, expected {limit}")
+
+    @property
+    def half(self) -> int:
+        """Rows on either side of the centre."""
+        return self.window // 2
+
+    @property
+    def delay_s(self) -> float:
+        """How much earlier the described time is than the row that completes the window [s]."""
+        return self.half / self.rate_hz
+
+    def smooth(self, rows: Array) -> Array:
+        """Filter rows (n, c) to values (n - window + 1, c); the first describes row `half`."""
+        return self._apply(self._smoothing_taps, rows)
+
+    def slope(self, rows: Array) -> Array:
+        """Differentiate rows (n, c) to slopes (n - window + 1, c), in their unit per second."""
+        return self._apply(self._slope_taps, rows)
+
+    def tail(self, rows: Array) -> Array:
+        """Keep the rows that the next ones still need, at most window - 1."""
+        return rows[max(0, len(rows) - (self.window - 1)) :].copy()
+
+    @cached_property
+    def _smoothing_taps(self) -> tuple[float, ...]:
+        return tuple(savgol_coeffs(self.window, self.order, use="dot").tolist())
+
+    @cached_property
+    def _slope_taps(self) -> tuple[float, ...]:
+        taps = savgol_coeffs(self.window, self.order, deriv=1, delta=1.0 / self.rate_hz, use="dot")
+        return tuple(taps.tolist())
+
+    def _apply(self, taps: tuple[float, ...], rows: Array) -> Array:
+        n = max(0, len(rows) - self.window + 1)
+        total = np.zeros((n, rows.shape[1]))
+        for offset, tap in enumerate(taps):
+            total += tap * rows[offset : offset + n]
+        return total

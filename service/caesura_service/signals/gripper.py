@@ -1,0 +1,222 @@
+"""Gripper events from the opening between the fingers, or from a closed flag.
+
+Rules
+1. Fingers are still while their opening stays within `still_range_m` over `still_window_s`; otherwise they
+   move. Only rest decides a posture: open, grasped (they stopped short of closed), closed (on nothing).
+2. Every movement from one rest to the next is at most one event, looked up in `EVENTS`. A grasp or a close
+   happens when the fingers have settled, a release or an open when they begin to move; all are reported
+   once they have settled, with the width at which they did.
+3. The opening alone cannot tell an object from a commanded stop: fingers that close part of the way have
+   grasped. Nor can it tell what they hold at the start: posture is then open, or closed if nothing fits.
+4. A column that is 0 has not said yet whether it is a flag (open) or an opening (closed). The first other
+   value decides: 1 is a flag, which has no width; metres never reach 1.
+5. Movement slower than still_range_m / still_window_s (13 mm/s by default; a Panda's fingers travel 80 mm in
+   0.56 s) is not seen as movement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+EventKind = Literal["grasp", "release", "close", "open"]
+Posture = Literal["open", "grasped", "closed"]
+Signal = Literal["undecided", "opening", "flag"]
+
+#: (posture before, posture after) → event and whether it happens as the fingers begin or have settled.
+EVENTS: Mapping[tuple[Posture, Posture], tuple[EventKind, Literal["begun", "settled"]]] = {
+    ("open", "grasped"): ("grasp", "settled"),
+    ("open", "closed"): ("close", "settled"),
+    ("open", "open"): ("open", "begun"),
+    ("grasped", "grasped"): ("grasp", "settled"),
+    ("grasped", "closed"): ("close", "settled"),
+    ("grasped", "open"): ("release", "begun"),
+    ("closed", "open"): ("open", "begun"),
+    ("closed", "grasped"): ("grasp", "settled"),
+    ("closed", "closed"): ("close", "settled"),
+}
+
+
+@dataclass(frozen=True)
+class GripperParameters:
+    """Thresholds of the gripper's state machine."""
+
+    still_window_s: float = 0.15
+    still_range_m: float = 0.002  # wider than the noise of the opening, narrower than a step of a movement
+    travel_m: float = 0.003  # a rest this much off the last one is another rest
+    empty_m: float = 0.003  # fingers that settle at most this wide hold nothing
+    opening_max_m: float = 0.08  # Panda; stands for "open" where there is only a flag
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise ValueError(f"gripper parameter {name} is {value}, expected a number above 0")
+        if not self.travel_m > self.still_range_m:
+            limit = f"above still_range_m = {self.still_range_m}"
+            raise ValueError(f"gripper parameter travel_m is {self.travel_m}, expected a length {limit}")
+
+
+@dataclass(frozen=True)
+class GripperEvent:
+    """Something that the fingers did at t [s]; width: where they settled [m], None from a flag."""
+
+    t: float
+    kind: EventKind
+    width: float | None
+
+
+class GripperRows(NamedTuple):
+    """What is known on each grid row, nan where nothing is."""
+
+    events: tuple[GripperEvent, ...]
+    width: Array  # (n,) [m]
+    closed: Array  # (n,) 1 closed or grasped, 0 open
+
+
+@dataclass(frozen=True, eq=False)
+class GripperState:
+    """Where the fingers were last at rest, and the rows that the next verdict still needs."""
+
+    signal: Signal = "undecided"
+    tail: Array = field(default_factory=lambda: np.empty(0))  # (m,) [m], shorter than the window
+    still: bool = False
+    posture: Posture | None = None
+    level: float = 0.0  # [m] opening at the last rest
+    begun: float | None = None  # [s] the last time at which the fingers were seen still
+    latest: float = 0.0  # [m] opening on the last row
+    last_row: int = 0  # its grid index
+
+
+@dataclass(frozen=True)
+class GripperTracker:
+    """Immutable parameters of the machine; `advance` maps a state and rows to the next state and events.
+
+    Times are anchor + row / grid_hz [s], as everywhere on the grid.
+    """
+
+    grid_hz: float
+    parameters: GripperParameters = GripperParameters()
+
+    @property
+    def window(self) -> int:
+        """Rows over which fingers are judged still."""
+        return max(2, round(self.parameters.still_window_s * self.grid_hz))
+
+    def advance(
+        self, state: GripperState, anchor: float, first: int, values: Array
+    ) -> tuple[GripperState, GripperRows]:
+        """Take the gripper column (n,) of the grid rows first, first + 1, …"""
+        n = 0 if state.signal != "undecided" else _leading_zeros(values)
+        state, early = self._follow(state, anchor, first, values[:n])
+        if n == len(values) and state.signal == "undecided":
+            return state, early
+        if state.signal == "undecided":
+            state = self._decided(state, is_flag=bool(values[n] == 1.0))
+        state, late = self._follow(state, anchor, first + n, values[n:])
+        both = [np.concatenate(pair) for pair in ((early.width, late.width), (early.closed, late.closed))]
+        return state, GripperRows(early.events + late.events, *both)
+
+    def restarted(self, state: GripperState) -> GripperState:
+        """After a gap: what the fingers held they may still hold, but nobody has seen them rest."""
+        begun = state.last_row if state.still else state.begun
+        return replace(state, tail=np.empty(0), still=False, begun=begun)
+
+    def finish(self, state: GripperState, anchor: float) -> tuple[GripperEvent, ...]:
+        """Report an opening that began but never came to rest; its width is the last one seen."""
+        opened = state.latest > state.level + self.parameters.travel_m
+        if state.still or state.posture is None or not opened:
+            return ()
+        return self._event(state, "open", anchor, state.last_row, state.latest)
+
+    def _decided(self, state: GripperState, *, is_flag: bool) -> GripperState:
+        """Read the zeros so far as what they were."""
+        if not is_flag:
+            return replace(state, signal="opening")
+        opened = self.parameters.opening_max_m
+        posture: Posture | None = None if state.posture is None else "open"
+        tail = np.full_like(state.tail, opened)
+        return replace(state, signal="flag", tail=tail, posture=posture, level=opened, latest=opened)
+
+    def _follow(
+        self, state: GripperState, anchor: float, first: int, values: Array
+    ) -> tuple[GripperState, GripperRows]:
+        """Run the state machine from change to change between still and moving."""
+        openings = self.parameters.opening_max_m * (1.0 - values) if state.signal == "flag" else values
+        recent = np.concatenate([state.tail, openings])
+        still = self._still(recent)[len(state.tail) :]
+        ends = len(state.tail) + np.arange(len(openings)) + 1
+        closed = self._closed(state, openings)
+        events: tuple[GripperEvent, ...] = ()
+        for i in np.flatnonzero(still != np.concatenate([[state.still], still[:-1]])).tolist():
+            if still[i]:
+                level = float(np.median(recent[ends[i] - self.window : ends[i]]))
+                state, event = self._settled(state, anchor, first + i, level)
+                events += event
+            else:
+                state = replace(state, still=False, begun=first + i - 1)
+            closed[i:] = self._closed(state, openings[i:])
+        width = openings if state.signal == "opening" else np.full(len(openings), np.nan)
+        return self._remembered(state, recent, first, len(openings)), GripperRows(events, width, closed)
+
+    def _still(self, recent: Array) -> NDArray[np.bool_]:
+        """Whether the window that ends at each row is narrow; without a full window, no."""
+        still = np.zeros(len(recent), dtype=np.bool_)
+        if len(recent) >= self.window:
+            windows = sliding_window_view(recent, self.window)
+            spread = windows.max(axis=1) - windows.min(axis=1)
+            still[self.window - 1 :] = spread <= self.parameters.still_range_m
+        return still
+
+    def _closed(self, state: GripperState, openings: Array) -> Array:
+        if state.posture is None or state.signal == "undecided":
+            return np.full(len(openings), np.nan)
+        if state.posture == "open":
+            return np.zeros(len(openings))
+        return (openings <= state.level + self.parameters.travel_m).astype(np.float64)
+
+    def _settled(
+        self, state: GripperState, anchor: float, row: int, level: float
+    ) -> tuple[GripperState, tuple[GripperEvent, ...]]:
+        """Come to rest: the window that ends at this row is the first still one."""
+        rest = replace(state, still=True, begun=None)
+        if state.posture is not None and abs(level - state.level) < self.parameters.travel_m:
+            return rest, ()
+        posture = self._posture(state, level)
+        events: tuple[GripperEvent, ...] = ()
+        if state.posture is not None:
+            events = self._event(state, posture, anchor, row - self.window + 1, level)
+        return replace(rest, posture=posture, level=level), events
+
+    def _posture(self, state: GripperState, level: float) -> Posture:
+        if state.signal == "flag":
+            return "open" if level > self.parameters.opening_max_m / 2 else "grasped"
+        if level <= self.parameters.empty_m:
+            return "closed"
+        return "open" if state.posture is None or level > state.level else "grasped"
+
+    def _event(
+        self, state: GripperState, posture: Posture, anchor: float, settled: int, level: float
+    ) -> tuple[GripperEvent, ...]:
+        if state.posture is None:
+            return ()
+        kind, moment = EVENTS[state.posture, posture]
+        row = settled if moment == "settled" or state.begun is None else state.begun
+        width = None if state.signal == "flag" else level
+        return (GripperEvent(anchor + row / self.grid_hz, kind, width),)
+
+    def _remembered(self, state: GripperState, recent: Array, first: int, n: int) -> GripperState:
+        if n == 0:
+            return state
+        tail = recent[max(0, len(recent) - (self.window - 1)) :].copy()
+        return replace(state, tail=tail, latest=float(recent[-1]), last_row=first + n - 1)
+
+
+def _leading_zeros(values: Array) -> int:
+    other = np.flatnonzero(values)
+    return int(other[0]) if len(other) else len(values)

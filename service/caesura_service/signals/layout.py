@@ -1,0 +1,196 @@
+"""What the columns of a sample matrix mean, and the check that every push passes before it changes anything.
+
+Only the columns that the conditioning uses are taken on, in the order of `SIGNALS`; positions are scaled
+to metres on the way. A sample that cannot be right is refused whole, with its value and what was expected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES, WrenchSource
+
+Array = NDArray[np.float64]
+PoseOfJoints = Callable[[Array], tuple[Array, Array]]
+WrenchOfJointTorques = Callable[[Array, Array], Array]
+
+#: Columns of each signal. `gripper` comes last: it is held between samples, all others are interpolated.
+SIGNALS: Mapping[str, tuple[str, ...]] = {
+    "pos": ("px", "py", "pz"),
+    "quat": ("qx", "qy", "qz", "qw"),
+    "q": tuple(f"q{i}" for i in range(1, 8)),
+    "force": ("fx", "fy", "fz"),
+    "torque": ("mx", "my", "mz"),
+    "tau": tuple(f"tau{i}" for i in range(1, 8)),
+    "gripper": ("gripper",),
+}
+_KNOWN = {column: signal for signal, columns in SIGNALS.items() for column in columns}
+
+TIME_LIMIT_S = 1e10  # beyond it a double no longer tells samples at 1 kHz apart
+QUATERNION_NORM_TOLERANCE = 0.1  # a quaternion further from unit length is not a rounding error
+GRIPPER_LIMIT = 1.0  # an opening in metres stays below it, a closed flag reaches it
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of a session's samples and how to read them.
+
+    columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: a key of `WRENCH_SOURCES`.
+    force_frame: "base" or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001).
+    pose_of_joints: q (n, 7) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w, base frame.
+    wrench_of_joint_torques: q (n, 7), tau (n, 7) [Nm] → wrench on the flange (n, 6) [N, Nm], base axes.
+    Both are called with any number of rows; each row of the answer may depend on its own row only.
+    Raises ValueError for columns or options that cannot be segmented.
+    """
+
+    columns: tuple[str, ...]
+    wrench_source: str = "flange_sensor"
+    force_frame: str = "base"
+    metres_per_unit: float = 1.0
+    pose_of_joints: PoseOfJoints | None = None
+    wrench_of_joint_torques: WrenchOfJointTorques | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", tuple(self.columns))
+        self._check_options()
+        self._check_columns()
+        self._check_position()
+        self._check_wrench()
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self  # immutable, and its functions may hold a robot that is no state of ours
+
+    def has(self, signal: str) -> bool:
+        """Whether the signal's columns are there."""
+        return set(SIGNALS[signal]) <= set(self.columns)
+
+    @property
+    def source(self) -> WrenchSource:
+        """What the wrench is worth."""
+        return WRENCH_SOURCES[self.wrench_source]
+
+    @property
+    def has_orientation(self) -> bool:
+        """Whether the flange's orientation is measured or follows from the joints."""
+        return self.has("quat") or (self.has("q") and self.pose_of_joints is not None)
+
+    @cached_property
+    def slices(self) -> dict[str, slice]:
+        """Signal → its place among the columns that `read` returns."""
+        place, slices = 0, {}
+        for signal in self._used():
+            width = len(SIGNALS[signal])
+            slices[signal] = slice(place, place + width)
+            place += width
+        return slices
+
+    def read(self, samples: Array) -> tuple[Array, Array]:
+        """Split samples into times (n,) [s] and the columns in use (n, c), positions in metres.
+
+        samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.
+        """
+        samples = np.asarray(samples, dtype=np.float64)
+        if samples.ndim != 2 or samples.shape[1] != len(self.columns):
+            expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
+            raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
+        self._check_values(samples)
+        return samples[:, 0].copy(), samples[:, self._picked] * self._scale
+
+    @cached_property
+    def _picked(self) -> NDArray[np.intp]:
+        names = [column for signal in self._used() for column in SIGNALS[signal]]
+        return np.array([self.columns.index(name) for name in names], dtype=np.intp)
+
+    @cached_property
+    def _scale(self) -> Array:
+        scales = {"pos": self.metres_per_unit}
+        return np.array([scales.get(signal, 1.0) for signal in self._used() for _ in SIGNALS[signal]])
+
+    def _used(self) -> tuple[str, ...]:
+        unused = {"torque"} | ({"tau"} if self.has("force") else set())
+        if self.wrench_source == "none":
+            unused = {"torque", "force", "tau"}
+        return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
+
+    def _check_values(self, samples: Array) -> None:
+        if not np.isfinite(samples).all():
+            row, column = np.argwhere(~np.isfinite(samples))[0]
+            value = samples[row, column]
+            raise ValueError(f"sample {row}: {self.columns[column]} is {value}, expected a finite number")
+        _refuse_beyond(samples[:, 0], TIME_LIMIT_S, "t", "a time [s]")
+        if self.has("gripper"):
+            gripper = samples[:, self.columns.index("gripper")]
+            _refuse_beyond(gripper, GRIPPER_LIMIT, "gripper", "an opening [m] or a closed flag")
+        if self.has("quat"):
+            _check_quaternions(samples[:, [self.columns.index(name) for name in SIGNALS["quat"]]])
+
+    def _check_options(self) -> None:
+        if self.wrench_source not in WRENCH_SOURCES:
+            raise ValueError(
+                f"wrench_source is {self.wrench_source!r}, expected one of {list(WRENCH_SOURCES)}"
+            )
+        if self.force_frame not in FORCE_FRAMES:
+            raise ValueError(f"force_frame is {self.force_frame!r}, expected one of {list(FORCE_FRAMES)}")
+        if not (math.isfinite(self.metres_per_unit) and self.metres_per_unit > 0):
+            raise ValueError(f"metres_per_unit is {self.metres_per_unit}, expected a length above 0 m")
+
+    def _check_columns(self) -> None:
+        if self.columns[:1] != ("t",):
+            raise ValueError(f"first column is {self.columns[:1]}, expected t")
+        for column in self.columns[1:]:
+            if column not in _KNOWN:
+                raise ValueError(f"unknown column {column!r}, known: {['t', *_KNOWN]}")
+            missing = set(SIGNALS[_KNOWN[column]]) - set(self.columns)
+            if missing:
+                raise ValueError(
+                    f"column {column!r} is there but {sorted(missing)} of the same signal is not"
+                )
+        repeated = sorted(name for name in set(self.columns) if self.columns.count(name) > 1)
+        if repeated:
+            raise ValueError(f"columns {repeated} stand more than once, expected each name once")
+
+    def _check_position(self) -> None:
+        if not self.has("pos") and not self.has("q"):
+            expected = f"position {list(SIGNALS['pos'])} or joints {list(SIGNALS['q'])}"
+            raise ValueError(f"columns are {list(self.columns)}, expected {expected}")
+        if not self.has("pos") and self.pose_of_joints is None:
+            raise ValueError("columns have joints but no position, expected pose_of_joints to be given")
+
+    def _check_wrench(self) -> None:
+        source = self.wrench_source
+        if source == "none":
+            return
+        if self.has("force"):
+            if self.force_frame == "flange" and not self.has_orientation:
+                expected = f"orientation {list(SIGNALS['quat'])}, or joints and pose_of_joints"
+                raise ValueError(f"force_frame is 'flange' without orientation, expected {expected}")
+        elif source != "joint_torque_estimate":
+            raise ValueError(f"wrench_source is {source!r} without force, expected {list(SIGNALS['force'])}")
+        elif not (self.has("tau") and self.has("q") and self.wrench_of_joint_torques):
+            raise ValueError(
+                f"wrench_source is {source!r} in columns {list(self.columns)}, expected force "
+                f"{list(SIGNALS['force'])}, or tau1..tau7 with q1..q7 and wrench_of_joint_torques"
+            )
+
+
+def _refuse_beyond(values: Array, limit: float, name: str, meaning: str) -> None:
+    beyond = np.abs(values) > limit
+    if beyond.any():
+        row = int(beyond.argmax())
+        raise ValueError(f"sample {row}: {name} is {values[row]}, expected {meaning} within ±{limit:g}")
+
+
+def _check_quaternions(quaternions: Array) -> None:
+    norms = np.sqrt((quaternions * quaternions).sum(axis=1))
+    off = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
+    if off.any():
+        row = int(off.argmax())
+        limit = f"1 ± {QUATERNION_NORM_TOLERANCE:g}"
+        raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}")

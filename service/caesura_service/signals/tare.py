@@ -1,0 +1,95 @@
+"""Tare: the bias of the force, taken at the start of a demonstration and only at rest.
+
+Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
+would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
+window is taken for bias: a demonstration begins free. The bias is taken off in the base frame, where the
+weight of a tool is constant; what wanders with the pose afterwards is left to the segment models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RestCriterion:
+    """When the start of a demonstration counts as rest."""
+
+    speed_limit_m_per_s: float
+    scatter_limit_n: float  # standard deviation on the worst axis
+
+
+@dataclass(frozen=True)
+class Tare:
+    """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off."""
+
+    bias: tuple[float, float, float] | None
+    note: str
+
+    def off(self, forces: Array) -> Array:
+        """Take the bias off forces (n, 3) or (3,) [N]."""
+        return forces if self.bias is None else forces - np.array(self.bias)
+
+
+def baseline(forces: Array) -> tuple[Array, Array]:
+    """Mean force (3,) and standard deviation on each axis (3,) of forces (n, 3) [N], n >= 1.
+
+    The difference of two baselines at rest, one before and one after a grasp, weighs what was grasped.
+    """
+    if len(forces) == 0:
+        raise ValueError("no force to take a baseline from, expected at least one row")
+    return forces.mean(axis=0), forces.std(axis=0)
+
+
+def tare_of(forces: Array, speeds: Array, criterion: RestCriterion) -> Tare:
+    """Tare from a window at the start: its mean force if it is at rest, else nothing.
+
+    forces: (n, 3) [N] base frame; speeds: (n,) [m/s].
+    """
+    mean, scatter = baseline(forces)
+    fastest, worst = float(speeds.max()), float(scatter.max())
+    if fastest > criterion.speed_limit_m_per_s:
+        limit = f"limit {criterion.speed_limit_m_per_s:g} m/s"
+        return Tare(None, f"Not tared: the robot moved at {fastest:.3f} m/s at the start ({limit}).")
+    if worst > criterion.scatter_limit_n:
+        limit = f"limit {criterion.scatter_limit_n:g} N"
+        return Tare(None, f"Not tared: the force varied by {worst:.2f} N at the start ({limit}).")
+    x, y, z = mean.tolist()
+    return Tare((x, y, z), f"Tared at rest at the start: ({x:.2f}, {y:.2f}, {z:.2f}) N are taken off.")
+
+
+@dataclass(frozen=True, eq=False)
+class TareState:
+    """The window so far. Once the tare is known, the window is not needed any more."""
+
+    tare: Tare | None = None
+    forces: Array = field(default_factory=lambda: np.empty((0, 3)))
+    speeds: Array = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Taring:
+    """Collects the filtered grid rows up to last_row, then decides once and for all."""
+
+    last_row: int
+    criterion: RestCriterion
+
+    def advance(self, state: TareState, first: int, forces: Array, speeds: Array) -> TareState:
+        """Take rows first, first + 1, …: forces (n, 3) [N] base frame, speeds (n,) [m/s]."""
+        if state.tare is not None:
+            return state
+        n = max(0, self.last_row + 1 - first)
+        forces = np.concatenate([state.forces, forces[:n]])
+        speeds = np.concatenate([state.speeds, speeds[:n]])
+        if first + len(speeds) - len(state.speeds) <= self.last_row:
+            return TareState(None, forces, speeds)
+        return TareState(tare_of(forces, speeds, self.criterion))
+
+    def interrupted(self, state: TareState, why: str) -> TareState:
+        """Give up on a window that will not become complete: nothing is taken off."""
+        return state if state.tare is not None else TareState(Tare(None, f"Not tared: {why}."))

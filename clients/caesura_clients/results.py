@@ -84,9 +84,8 @@ class SessionReader:
         if owner < self._owner:
             return "unchanged"
         before, self._owner = self.update, owner
-        self._last = {
-            type(part): part.seq for part in (snapshot.status, snapshot.changepoints, snapshot.segments)
-        }
+        streams = (snapshot.status, snapshot.changepoints, snapshot.segments)
+        self._last = {type(stream): stream.seq for stream in streams}
         self._last[Posterior] = -1 if snapshot.posterior is None else snapshot.posterior.seq
         self._last[Program] = snapshot.program.version
         self.update = Update(
@@ -118,7 +117,7 @@ class SessionReader:
 
 
 def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
-    """What is known after a message; None where a list cannot be continued. Applying one twice does no harm."""
+    """What is known after a message, which may be applied twice; None where a list cannot be continued."""
     match message:
         case SessionStatus():
             return replace(update, status=message)
@@ -126,18 +125,11 @@ def _applied(update: Update, message: Published, *, next_one: bool) -> Update | 
             return replace(update, posterior=message)
         case Program():
             return replace(update, program=message)
-        case Changepoints(first=first, changepoints=tail):
-            changepoints = _spliced(update.changepoints, first, tail)
-            return (
-                replace(update, changepoints=changepoints) if next_one and changepoints is not None else None
-            )
-        case Segments(first=first, segments=tail_segments):
-            segments = _spliced(update.segments, first, tail_segments)
-            return replace(update, segments=segments) if next_one and segments is not None else None
-
-
-def _spliced(known: tuple[T, ...], first: int, tail: tuple[T, ...]) -> tuple[T, ...] | None:
-    return known[:first] + tail if first <= len(known) else None
+        case Changepoints() if next_one and message.first <= len(update.changepoints):
+            return replace(update, changepoints=update.changepoints[: message.first] + message.changepoints)
+        case Segments() if next_one and message.first <= len(update.segments):
+            return replace(update, segments=update.segments[: message.first] + message.segments)
+    return None
 
 
 def follow(
@@ -154,8 +146,8 @@ def follow(
     iteration ends, None for never. Raises ProtocolError `unsupported_version` where the service is newer.
     """
     with _listening(transport, station, session) as inbox:
-        follower = _Follower(transport)
-        yield from follower.refresh(station, session)
+        follower = _Follower(transport, station, session)
+        yield from follower.refresh()
         silent_s = 0.0
         while silence_s is None or silent_s < silence_s:
             wait_s = refresh_s if silence_s is None else min(refresh_s, silence_s)
@@ -166,19 +158,21 @@ def follow(
                 silent_s = 0.0
                 yield from follower.receive(item)
             elif (item is None and silent_s <= wait_s) or isinstance(item, Presence):
-                yield from follower.refresh(station, session)
+                yield from follower.refresh()
 
 
 class _Follower:
     """The readers of all sessions that were met, and the way to their snapshots."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, station: str, session: str) -> None:
         self._transport = transport
+        self._station = station
+        self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
 
-    def refresh(self, station: str, session: str) -> Iterator[Update]:
+    def refresh(self) -> Iterator[Update]:
         """Ask for snapshots; yields the sessions in which something is new."""
-        for snapshot in snapshots(self._transport, station, session):
+        for snapshot in snapshots(self._transport, self._station, self._session):
             reader = self._reader(snapshot.status.station, snapshot.status.session)
             if reader.restart(snapshot) == "changed" and reader.update is not None:
                 yield reader.update
@@ -186,8 +180,8 @@ class _Follower:
     def receive(self, delivery: Delivery) -> Iterator[Update]:
         """Apply what was published; yields the session if something in it is new."""
         message = _readable(delivery)
-        if message is None:
-            return
+        if message is None or self._session not in {"*", message.session}:
+            return  # a station's program may be that of another session
         reader = self._reader(message.station, message.session)
         before = reader.update
         for _ in range(SNAPSHOT_ATTEMPTS):

@@ -20,7 +20,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from types import TracebackType
@@ -168,13 +168,15 @@ class Bridge:
         close = Close(session=self.session, last_seq=self._sender.last_seq)
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
+            before = self.acknowledged
             ack, refusal = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
             if self._clock() >= deadline:
                 raise refusal or self._unacknowledged()
-            self._sender.resend(self.acknowledged, self.settings.window_batches)
+            if self.acknowledged <= before:
+                self._sender.resend(self.acknowledged, self.settings.window_batches)
             self._over.wait(self.settings.retry_s)
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None]:
@@ -184,7 +186,8 @@ class Bridge:
         except ProtocolError as refusal:
             if refusal.code not in {"conflict", "unknown_session"}:
                 raise
-            self._ask_to_open()
+            with suppress(ProtocolError):  # the first refusal says more
+                self._ask_to_open()
             return None, refusal
         if ack is not None:
             self.acknowledged = ack.next_seq

@@ -1,0 +1,137 @@
+"""The commands of a client install: bridge, watch, program and sessions."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+
+from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_clients.bridge.sources.file import parse_pace
+from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
+from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
+from caesura_clients.cli.show import program_view, segments_view, sessions_view
+from caesura_clients.client import Caesura
+from caesura_clients.errors import Absent
+from caesura_clients.query import snapshots
+from caesura_clients.transport import DEFAULT_ENDPOINT
+from caesura_protocol.messages import Ack
+
+DEFAULT_STATION = "cell-1"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of a client install."""
+    for command in (bridge, watch, program, sessions):
+        app.command(command.__name__)(command)
+
+
+def bridge(
+    station: Annotated[str, typer.Option(help="Teaching station.")] = DEFAULT_STATION,
+    source: Annotated[str, typer.Option(help=f"Where samples come from: {', '.join(SOURCES)}.")] = "file",
+    file: Annotated[Path | None, typer.Option(help="Recording to play, npz or csv.")] = None,
+    session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
+    pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
+    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
+    length_unit: Annotated[
+        str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
+    ] = None,
+    scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
+    batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Send one robot's samples to the service. Ctrl-C ends the demonstration."""
+    options = SourceOptions(file, _pace(pace), wrench_source, length_unit, scenario, seed)
+    with reported():
+        samples = open_source(source, options)
+        settings = BridgeSettings(batch_samples=batch)
+        with (
+            connected(endpoint, config, timeout_s=None) as caesura,
+            caesura.bridge(station, samples, session=session, settings=settings) as opened,
+        ):
+            typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
+            ack = _run(opened)
+    typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
+
+
+def watch(
+    station: Station = None,
+    once: Annotated[bool, typer.Option("--once", help="Show what there is, and end.")] = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Show segments as they are found; what is marked ~ may still change. All stations by default."""
+    with reported(), connected(endpoint, config) as caesura:
+        if once:
+            _show_once(caesura, station)
+        else:
+            _show_live(caesura, station)
+
+
+def program(
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Show the task program of a station."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.program(only_station(caesura, station))
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        Console().print(program_view(found))
+
+
+def sessions(
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """List the sessions that the service knows."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.sessions(station or "*")
+    if as_json:
+        typer.echo(json.dumps([asdict(info) for info in found], indent=2))
+    else:
+        Console().print(sessions_view(found))
+
+
+def _pace(text: str) -> float:
+    try:
+        return parse_pace(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--pace") from error
+
+
+def _run(opened: Bridge) -> Ack:
+    try:
+        return opened.run()
+    except KeyboardInterrupt:
+        return opened.finish()
+
+
+def _show_once(caesura: Caesura, station: str | None) -> None:
+    found = snapshots(caesura.transport, station or "*")
+    if not found:
+        known = [info.station for info in caesura.sessions()]
+        raise Absent(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
+    for one in found:
+        Console().print(segments_view(one.status, one.segments.segments))
+
+
+def _show_live(caesura: Caesura, station: str | None) -> None:
+    with Live(f"waiting for {station or 'any station'}", refresh_per_second=10) as live:
+        try:
+            for update in caesura.results(station or "*"):
+                live.update(segments_view(update.status, update.segments))
+        except KeyboardInterrupt:
+            return

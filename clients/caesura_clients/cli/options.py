@@ -1,0 +1,53 @@
+"""Options that commands share, and how errors are shown: one line and an exit code, never a traceback."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.client import Caesura, connect
+from caesura_clients.errors import Absent, CaesuraError
+from caesura_protocol.errors import ProtocolError
+
+Connect = Annotated[
+    str,
+    typer.Option(
+        "--connect", envvar="CAESURA_CONNECT", metavar="ENDPOINT", help="The service or its router."
+    ),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(help="Zenoh json5 file with certificates or a password.", exists=True, dir_okay=False),
+]
+Station = Annotated[str | None, typer.Option(help="Teaching station.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+CONNECT_TIMEOUT_S = 5.0
+
+
+def connected(endpoint: str, config: Path | None, timeout_s: float | None = CONNECT_TIMEOUT_S) -> Caesura:
+    """A connection as the options describe it; timeout_s: None tries for ever."""
+    return connect(endpoint, config_file=config, timeout_s=timeout_s)
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turn an error that a user can act on into one line on stderr and exit code 1."""
+    try:
+        yield
+    except (CaesuraError, ProtocolError) as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(1) from error
+
+
+def only_station(caesura: Caesura, station: str | None) -> str:
+    """The station that was named, or the only one that has a session. Raises Absent, which names all."""
+    if station is not None:
+        return station
+    known = sorted({info.station for info in caesura.sessions()})
+    if len(known) != 1:
+        raise Absent(f"name one with --station; stations with sessions: {', '.join(known) or 'none'}")
+    return known[0]

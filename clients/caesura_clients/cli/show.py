@@ -1,0 +1,98 @@
+"""Sessions, segments and programs as a terminal shows them. What is provisional can be told without colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from caesura_clients.query import SessionInfo
+from caesura_protocol.messages import App, Program, Segment, SessionStatus, Vector
+
+STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
+
+
+def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> RenderableType:
+    """The segments of one session, and a line on how it is doing."""
+    table = Table("#", "from [s]", "to [s]", "kind", "force, load", "p", "or else", title=_title(status))
+    for index, segment in enumerate(segments):
+        mark = MARK_OF_CERTAINTY[segment.certainty]
+        table.add_row(
+            str(index),
+            f"{segment.t0:.2f}",
+            f"{mark}{segment.tn:.2f}",
+            f"{mark}{segment.kind}",
+            _effort(segment.force_end, segment.load_kg, segment.load_sd_kg),
+            f"{segment.probability:.2f}",
+            segment.runner_up or "",
+            style=STYLE_OF_CERTAINTY[segment.certainty],
+        )
+    return Group(table, status_line(status))
+
+
+def status_line(status: SessionStatus) -> Text:
+    """One line: how far, what is missing, what the wrench is worth."""
+    parts = [
+        status.state,
+        f"t {status.t:.2f} s",
+        f"{status.samples} samples in {status.batches} batches",
+        f"wrench {status.wrench.source}" + (f" ({status.wrench.note})" if status.wrench.note else ""),
+    ]
+    if status.waiting_for is not None:
+        parts.append(f"waiting for batch {status.waiting_for}")
+    if status.gaps:
+        parts.append(f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s")
+    if status.last_refusal is not None:
+        parts.append(f"{sum(status.refused.values())} refused, last: {status.last_refusal.message}")
+    return Text(" · ".join(parts), style="dim")
+
+
+def program_view(program: Program) -> RenderableType:
+    """The apps of a task program, with its notes."""
+    state = "complete" if program.complete else "being taught"
+    title = f"{program.station} / {program.session}, version {program.version}, {state}"
+    table = Table("#", "app", "target [m]", "force, load", "from [s]", "to [s]", "confidence", title=title)
+    for index, app in enumerate(program.apps):
+        table.add_row(
+            str(index),
+            app.kind,
+            "" if app.target is None else "  ".join(f"{x:.3f}" for x in app.target),
+            _effort_of_app(app),
+            f"{app.t0:.2f}",
+            f"{app.tn:.2f}",
+            f"{app.confidence:.2f}",
+        )
+    return Group(table, *(Text(note, style="dim") for note in program.notes))
+
+
+def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
+    """All sessions, one a line."""
+    table = Table("station", "session", "state", "t [s]", "segments", "instance")
+    for info in infos:
+        table.add_row(
+            info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance
+        )
+    return table
+
+
+def _title(status: SessionStatus) -> str:
+    return f"{status.station} / {status.session} ({status.preset})"
+
+
+def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:
+    """A load where there is one, or else the magnitude of the force."""
+    if load_kg is not None:
+        return f"{load_kg:.2f} kg" + ("" if load_sd_kg is None else f" ± {load_sd_kg:.2f}")
+    return f"{np.linalg.norm(force):.1f} N"
+
+
+def _effort_of_app(app: App) -> str:
+    if app.gripper_width is not None and app.force is None:
+        return f"{1000 * app.gripper_width:.0f} mm"
+    if app.force is None and app.load_kg is None:
+        return ""
+    return _effort(app.force or (0.0, 0.0, 0.0), app.load_kg, app.load_sd_kg)

@@ -1,0 +1,53 @@
+"""What a batch must be to be processed: the columns that were declared, finite numbers, sane times."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Open, SampleBatch
+from caesura_service.session.limits import Limits
+
+
+def check_columns(opening: Open) -> None:
+    """Raises ProtocolError `malformed` unless the columns begin with time and differ."""
+    if opening.columns[0] != "t":
+        raise ProtocolError("malformed", "first column is not t", value=opening.columns[0], expected="t")
+    for index, column in enumerate(opening.columns):
+        if column in opening.columns[:index]:
+            raise ProtocolError("malformed", "a column comes twice", value=column)
+
+
+def samples_of(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> NDArray[np.float64]:
+    """The matrix (n, columns) of a batch, session time [s] first. Raises ProtocolError `malformed`."""
+    if batch.columns != columns:
+        raise ProtocolError(
+            "malformed", "columns differ from those of the opening", value=batch.columns, expected=columns
+        )
+    matrix = unpack_samples(batch)
+    _check_times(batch.seq, matrix[:, 0], limits)
+    return matrix
+
+
+def check_advance(t: float, previous: float, limits: Limits) -> None:
+    """Raises ProtocolError `malformed` if a batch lies absurdly far after the one before it."""
+    if t > previous + limits.advance_s:
+        raise ProtocolError(
+            "malformed",
+            "a batch leaps ahead of the one before it",
+            value=t,
+            limit=previous + limits.advance_s,
+        )
+
+
+def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
+    low, high = float(times.min()), float(times.max())
+    reach = max(-low, high)
+    if reach > limits.time_s:
+        raise ProtocolError("malformed", f"time in batch {seq} is absurd", value=reach, limit=limits.time_s)
+    if high - low > limits.batch_span_s:
+        raise ProtocolError(
+            "malformed", f"batch {seq} lasts too long", value=high - low, limit=limits.batch_span_s
+        )

@@ -1,0 +1,120 @@
+"""What has been taught so far: the pipeline, where it stands, and what there is to say about it.
+
+An error in the pipeline ends the demonstration with the reason in its status and its program; nothing
+is raised. Samples arrive here in order and once; ordering is the session's business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Open
+from caesura_service.session import results
+from caesura_service.session.content import check_advance
+from caesura_service.session.limits import Limits
+from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
+from caesura_service.session.standing import Standing
+from caesura_service.session.state import Move, State, after
+from caesura_service.session.view import Pipeline
+
+
+class Demonstration:
+    """A pipeline and its standing, which is replaced at every change."""
+
+    def __init__(
+        self, station: str, opening: Open, pipeline: Pipeline, *, owner: Owner, limits: Limits
+    ) -> None:
+        self._pipeline = pipeline
+        self._limits = limits
+        self._last_t: float | None = None  # [s] of the latest sample that was pushed
+        self._status_t = 0.0  # [s] session time of the last status
+        preset = opening.preset or ""
+        self.standing: Standing = results.beginning(station, opening.session, owner, preset, pipeline.view)
+
+    @property
+    def state(self) -> State:
+        """Where it is in the table of moves."""
+        return self.standing.state
+
+    def begin(self) -> list[Publish]:
+        """The first words."""
+        self.standing, said = results.first_words(self.standing)
+        return said
+
+    def push(self, samples: NDArray[np.float64]) -> list[Output]:
+        """Take a batch, (n, columns). One that leaps ahead in time is refused and leaves a gap."""
+        try:
+            if self._last_t is not None:
+                check_advance(float(samples[0, 0]), self._last_t, self._limits)
+        except ProtocolError as error:
+            return [Refused(error), *self.refuse(error), *self.gap()]
+        try:
+            self._pipeline.push(samples)
+        except Exception as error:
+            return self._fail(error)
+        self._last_t = float(samples[:, 0].max())
+        self._count(batches=1)
+        return self._look()
+
+    def gap(self) -> list[Output]:
+        """Nothing more will come between the last sample and the next."""
+        try:
+            self._pipeline.declare_gap()
+        except Exception as error:
+            return self._fail(error)
+        return [*self._look(), self.status()]
+
+    def finish(self) -> list[Output]:
+        """Decide what is still open; the state tells whether that went well."""
+        try:
+            self._pipeline.finish()
+        except Exception as error:
+            return self._fail(error)
+        self._move("close")
+        return [*self._look(), self.status()]
+
+    def refuse(self, error: ProtocolError) -> list[Output]:
+        """Count a refusal, and show it."""
+        self.standing = replace(self.standing, tally=self.standing.tally.with_refusal(error))
+        return [self.status()]
+
+    def duplicate(self) -> None:
+        """Count a batch that came again."""
+        self._count(duplicates=1)
+
+    def wait_for(self, seq: int | None) -> None:
+        """Remember which batch is missing."""
+        if seq != self.standing.waiting_for:
+            self.standing = replace(self.standing, waiting_for=seq)
+
+    def status(self) -> Publish:
+        """How it is doing."""
+        self._status_t = max(self._status_t, self.standing.view.t)
+        self.standing, said = results.with_status(self.standing)
+        return said
+
+    def _look(self) -> list[Output]:
+        """What the pipeline makes of it now, and a status where one is due."""
+        self.standing, changes = results.with_view(self.standing, self._pipeline.view)
+        self.standing, program = results.with_program(self.standing)
+        due = self.standing.view.t >= self._status_t + self._limits.status_interval_s
+        return [*changes, *program, *([self.status()] if due else [])]
+
+    def _fail(self, error: Exception) -> list[Output]:
+        self._move("fail")
+        reason = f"closed by an error in processing: {type(error).__name__}: {error}"
+        self.standing, program = results.with_program(self.standing, note=reason)
+        failed = Failed(self.standing.station, self.standing.session, error)
+        return [failed, *program, *self.refuse(ProtocolError("conflict", reason))]
+
+    def _move(self, move: Move) -> None:
+        self.standing = replace(self.standing, state=after(self.state, move))
+
+    def _count(self, *, batches: int = 0, duplicates: int = 0) -> None:
+        tally = self.standing.tally
+        tally = replace(tally, batches=tally.batches + batches, duplicates=tally.duplicates + duplicates)
+        self.standing = replace(self.standing, tally=tally)

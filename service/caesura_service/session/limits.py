@@ -1,0 +1,31 @@
+"""Every bound that a session or the registry keeps, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one peer may cost. Each limit is named in the refusal that it causes."""
+
+    # Ordering and replay
+    held_batches: int = 128  # that came before their turn; further ones are asked for again
+    batches_ahead: int = 1_000_000  # of the expected one; further ahead is not a sequence number
+    replay_batches: int = 256  # asked for at once
+    replay_retry_s: float = 0.5  # after an answer that brought nothing
+    replay_patience_s: float = 5.0  # for an answer that never ends
+    replay_misses: int = 3  # answers without the batch that was asked for, until it counts as lost
+
+    # Content of a batch
+    time_s: float = 1e10  # magnitude of a sample's time
+    batch_span_s: float = 60.0  # first to last sample of a batch
+    advance_s: float = 3600.0  # from one batch to the next
+
+    # Publishing
+    status_interval_s: float = 1.0  # session time between two statuses without an occasion
+
+    # Registry
+    stations: int = 256
+    open_sessions: int = 4  # a station; one more closes the oldest as abandoned
+    closed_sessions: int = 16  # a station; one more forgets the oldest

@@ -1,0 +1,96 @@
+"""Batches in order, and what to do about the ones that are missing.
+
+Two rules. A batch leaves `take` exactly once and in sequence. While one is missing, at most one question
+is out, and it is repeated at a named interval, never in a loop: an answer that brought something is
+followed by the next question at once, one that brought nothing by a pause.
+"""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+from caesura_service.session.limits import Limits
+
+T = TypeVar("T")
+
+
+class Ordering(Generic[T]):
+    """Hands out items by sequence number; holds a bounded number that came before their turn."""
+
+    def __init__(self, capacity: int) -> None:
+        self.next_seq = 0  # the batch that is waited for
+        self.newest = -1  # the highest that is known to exist
+        self._capacity = capacity
+        self._held: dict[int, T] = {}
+
+    def is_duplicate(self, seq: int) -> bool:
+        """Has the batch come before?"""
+        return seq < self.next_seq or seq in self._held
+
+    def has_room(self, seq: int) -> bool:
+        """Can it be kept? The expected one always can."""
+        return seq == self.next_seq or len(self._held) < self._capacity
+
+    def hold(self, seq: int, item: T) -> None:
+        """Keep an item that is no duplicate, and for which there is room, until its turn."""
+        self._held[seq] = item
+        self.expect(seq)
+
+    def expect(self, seq: int) -> None:
+        """Learn that batches up to this one exist."""
+        self.newest = max(self.newest, seq)
+
+    def ready(self) -> bool:
+        """Is the next item there?"""
+        return self.next_seq in self._held
+
+    def take(self) -> T:
+        """The next item, which must be ready."""
+        item = self._held.pop(self.next_seq)
+        self.next_seq += 1
+        return item
+
+    def hole(self) -> tuple[int, int] | None:
+        """First and last batch of the stretch that is missing next; None while nothing is."""
+        last = min(self._held) - 1 if self._held else self.newest
+        return (self.next_seq, last) if self.next_seq <= last else None
+
+    def nearest(self, oldest: int | None) -> int:
+        """Where to go on if nothing before `oldest` will come: the first batch that is or will be there."""
+        ahead = [seq for seq in (oldest, min(self._held, default=None)) if seq is not None]
+        return min((seq for seq in ahead if seq > self.next_seq), default=self.newest + 1)
+
+    def skip_to(self, seq: int) -> None:
+        """Give up everything before a batch that is ahead; nothing held lies before it."""
+        self.next_seq = seq
+        self.newest = max(self.newest, seq - 1)
+
+
+class Asking:
+    """When to ask for a hole, and when to give a batch up."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._not_before = float("-inf")  # [s] the next question
+        self._misses = 0
+
+    def question(self, hole: tuple[int, int] | None, now: float) -> tuple[int, int] | None:
+        """The range to ask for now, if any."""
+        if hole is None or now < self._not_before:
+            return None
+        self._not_before = now + self._limits.replay_patience_s
+        first, last = hole
+        return first, min(last, first + self._limits.replay_batches - 1)
+
+    def ended(self, *, progress: bool, answered: bool, now: float) -> bool:
+        """Take note of an answer's end. True where the batch that was asked for counts as lost."""
+        self._not_before = now if progress else now + self._limits.replay_retry_s
+        self._misses = 0 if progress else self._misses + answered
+        if self._misses < self._limits.replay_misses:
+            return False
+        self._misses = 0
+        return True
+
+    def forgive(self) -> None:
+        """A hole was given up: what comes next may be asked for at once."""
+        self._not_before, self._misses = float("-inf"), 0

@@ -1,0 +1,89 @@
+"""What a session is told beside wire messages, and what it says. Pure values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    Ack,
+    Changepoints,
+    Close,
+    Heartbeat,
+    Open,
+    Posterior,
+    Program,
+    SampleBatch,
+    Segments,
+    SessionStatus,
+)
+from caesura_service.session.view import Pipeline
+
+#: Builds what is behind a session from its opening and the service's own preset. Raises ProtocolError.
+PipelineFactory = Callable[[Open, str], Pipeline]
+
+
+@dataclass(frozen=True)
+class Owner:
+    """Who speaks: results carry the instance and its epoch, and readers keep the highest epoch."""
+
+    instance: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class ReplayEnded:
+    """The bridge's answer to an AskReplay is complete, or never came."""
+
+    session: str
+    first: int  # the batch that was asked for
+    answered: bool  # at least one batch came and none was dropped on the way
+    evicted: bool = False  # the bridge said so
+    oldest: int | None = None  # the oldest batch that it still has, where it said so
+
+
+Incoming = Open | SampleBatch | Heartbeat | Close | ReplayEnded
+
+
+@dataclass(frozen=True)
+class Publish:
+    """A result for everybody who listens."""
+
+    message: Changepoints | Segments | Posterior | SessionStatus | Program
+
+
+@dataclass(frozen=True)
+class AskReplay:
+    """Batches `first` to `last`, both included, are missing."""
+
+    station: str
+    session: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The reply to a command; one for each."""
+
+    reply: Ack | ProtocolError
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A message was refused and counted; its sender cannot be told."""
+
+    error: ProtocolError
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The session ended by an error that is ours. For the log."""
+
+    station: str
+    session: str
+    error: Exception
+
+
+Output = Publish | AskReplay | Answer | Refused | Failed

@@ -1,0 +1,177 @@
+"""All sessions of this instance, by station and name. Routes messages, charges refusals, keeps limits.
+
+A refusal is charged to the session that it names, else to the station's current session where the
+station is known, and always to the service. A station reaches only its own sessions. Other threads read
+the `board`, which is replaced when a session comes or goes and holds each one's immutable standing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Close, Heartbeat, Open, SampleBatch
+from caesura_service.journal import Journal
+from caesura_service.session.content import check_columns
+from caesura_service.session.limits import Limits
+from caesura_service.session.ports import Answer, Output, Owner, PipelineFactory, Refused, ReplayEnded
+from caesura_service.session.session import Session
+from caesura_service.session.standing import Standing, Tally
+
+
+@dataclass(frozen=True)
+class Board:
+    """The sessions as they were when one last came or went; each one's standing is always current."""
+
+    sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
+
+    def standings(self) -> tuple[Standing, ...]:
+        """Of every session."""
+        return tuple(session.standing for sessions in self.sessions.values() for session in sessions)
+
+    def current(self) -> tuple[Standing, ...]:
+        """Of every station's newest session."""
+        return tuple(sessions[-1].standing for sessions in self.sessions.values())
+
+
+class Registry:
+    """One thread calls the methods; any thread may read `board` and `tally`."""
+
+    def __init__(
+        self,
+        *,
+        owner: Owner,
+        pipeline_factory: PipelineFactory,
+        default_preset: str,
+        journal: Journal,
+        limits: Limits,
+    ) -> None:
+        self._owner = owner
+        self._pipeline_factory = pipeline_factory
+        self._default_preset = default_preset
+        self._journal = journal
+        self._limits = limits
+        self._stations: dict[str, dict[str, Session]] = {}
+        self.board = Board({})
+        self.tally = Tally()
+
+    def restore(self) -> None:
+        """Rebuild every session of the journal. One that cannot be opened any more raises."""
+        for station, name in self._journal.sessions():
+            records = self._journal.replay(station, name)
+            opening = next(records).message
+            if isinstance(opening, Open):
+                session = self._build(station, opening)
+                session.restore(records)
+                self._stations.setdefault(station, {})[name] = session
+        self._show()
+
+    def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
+        """Carry out a command; the outputs hold exactly one answer."""
+        try:
+            if isinstance(command, Open) and self._find(station, command.session) is None:
+                return self._open(station, command, now)
+            return self._session(station, command.session).receive(command, now)
+        except ProtocolError as error:
+            return [*self._charge(station, command.session, error), Answer(error)]
+
+    def samples(
+        self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
+    ) -> list[Output]:
+        """Take what a bridge sent, or the end of an answer to a replay."""
+        try:
+            said = self._session(station, message.session).receive(message, now)
+        except ProtocolError as error:
+            return self._charge(station, message.session, error)
+        for output in said:
+            if isinstance(output, Refused):
+                self.tally = self.tally.with_refusal(output.error)
+        return said
+
+    def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
+        """A message that could not be read, from a station where the key told which."""
+        return self._charge(station, None, error)
+
+    def tick(self, now: float) -> list[Output]:
+        """Time has passed: every open session may ask again for what is missing."""
+        return [said for session in self._all() if session.is_open for said in session.tick(now)]
+
+    def _open(self, station: str, command: Open, now: float) -> list[Output]:
+        if station not in self._stations and len(self._stations) >= self._limits.stations:
+            raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
+        opening = command.model_copy(update={"preset": command.preset or self._default_preset})
+        session = self._build(station, opening)
+        said = [*self._make_room(station, now), *session.begin(now)]
+        self._stations.setdefault(station, {})[command.session] = session
+        self._show()
+        return said
+
+    def _build(self, station: str, opening: Open) -> Session:
+        check_columns(opening)
+        try:
+            pipeline = self._pipeline_factory(opening, self._default_preset)
+        except ProtocolError:
+            raise
+        except Exception as error:
+            why = f"the session could not be opened: {type(error).__name__}: {error}"
+            raise ProtocolError("conflict", why) from error
+        return Session(
+            station, opening, pipeline, owner=self._owner, journal=self._journal, limits=self._limits
+        )
+
+    def _make_room(self, station: str, now: float) -> list[Output]:
+        """Close the oldest open session and forget the oldest closed one of a station that has its fill."""
+        sessions = self._stations.get(station, {})
+        said: list[Output] = []
+        opened = [session for session in sessions.values() if session.is_open]
+        for session in opened[: len(opened) - self._limits.open_sessions + 1]:
+            said += _unanswered(
+                session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
+            )
+        closed = [session.name for session in sessions.values() if not session.is_open]
+        for name in islice(closed, max(0, len(closed) - self._limits.closed_sessions)):
+            del sessions[name]
+            self._journal.forget(station, name)
+        return said
+
+    def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
+        self.tally = self.tally.with_refusal(error)
+        session = self._find(station, name) or self._current(station, error)
+        return session.refuse(error) if session else []
+
+    def _current(self, station: str | None, error: ProtocolError) -> Session | None:
+        """The station's newest session, unless the refusal speaks of one that is unknown here."""
+        sessions = self._stations.get(station or "")
+        if not sessions or error.code == "unknown_session":
+            return None
+        return next(reversed(sessions.values()))
+
+    def _find(self, station: str | None, name: str | None) -> Session | None:
+        return self._stations.get(station or "", {}).get(name or "")
+
+    def _session(self, station: str, name: str) -> Session:
+        """The station's own session. Raises ProtocolError `forbidden` or `unknown_session`."""
+        session = self._find(station, name)
+        if session is not None:
+            return session
+        if any(name in sessions for sessions in self._stations.values()):
+            raise ProtocolError("forbidden", "the session belongs to another station", value=name)
+        raise ProtocolError(
+            "unknown_session",
+            "no such session at this station",
+            value=name,
+            expected=list(self._stations.get(station, {})),
+        )
+
+    def _all(self) -> Iterable[Session]:
+        return (session for sessions in self._stations.values() for session in sessions.values())
+
+    def _show(self) -> None:
+        shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
+        self.board = Board(shown)
+
+
+def _unanswered(said: list[Output]) -> list[Output]:
+    return [output for output in said if not isinstance(output, Answer)]

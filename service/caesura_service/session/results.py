@@ -1,0 +1,109 @@
+"""From one view to the next: what changed, as messages. Only changes are published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from caesura_protocol.messages import Program
+from caesura_service.session.ports import Owner, Publish
+from caesura_service.session.standing import (
+    Standing,
+    Stream,
+    Tally,
+    changepoints_of,
+    posterior_of,
+    segments_of,
+    status_of,
+    time_of,
+)
+from caesura_service.session.view import View
+
+
+def beginning(station: str, session: str, owner: Owner, preset: str, view: View) -> Standing:
+    """A session that has taken nothing yet."""
+    program = Program(
+        station=station,
+        session=session,
+        instance=owner.instance,
+        epoch=owner.epoch,
+        version=0,
+        t=time_of(view),
+        complete=False,
+        apps=view.apps,
+        notes=view.notes,
+    )
+    silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
+    return Standing(
+        station=station,
+        session=session,
+        owner=owner,
+        preset=preset,
+        state="open",
+        view=view,
+        tally=Tally(),
+        waiting_for=None,
+        last_seq=silent,
+        program=program,
+    )
+
+
+def first_words(standing: Standing) -> tuple[Standing, list[Publish]]:
+    """Every stream but the posterior begins with what is there, so that a snapshot can number it."""
+    standing = _bump(_bump(standing, "changepoints"), "segments")
+    said = [Publish(changepoints_of(standing)), Publish(segments_of(standing)), Publish(standing.program)]
+    standing, status = with_status(standing)
+    return standing, [*said, status]
+
+
+def with_status(standing: Standing) -> tuple[Standing, Publish]:
+    """A status, as of now."""
+    standing = _bump(standing, "status")
+    return standing, Publish(status_of(standing))
+
+
+def with_view(standing: Standing, view: View) -> tuple[Standing, list[Publish]]:
+    """Take a new view and say what differs from the old one."""
+    old, standing = standing.view, replace(standing, view=view)
+    said = []
+    if (first := first_difference(old.changepoints, view.changepoints)) is not None:
+        standing = _bump(standing, "changepoints")
+        said.append(Publish(changepoints_of(standing, first)))
+    if (first := first_difference(old.segments, view.segments)) is not None:
+        standing = _bump(standing, "segments")
+        said.append(Publish(segments_of(standing, first)))
+    if view.observations != old.observations:
+        standing = _bump(standing, "posterior")
+        said.append(Publish(posterior_of(standing)))
+    return standing, said
+
+
+def with_program(standing: Standing, *, note: str | None = None) -> tuple[Standing, list[Publish]]:
+    """The next version of the task program, where it differs from the last one."""
+    program, view = standing.program, standing.view
+    fresh = program.model_copy(
+        update={
+            "version": program.version + 1,
+            "t": time_of(view),
+            "complete": not standing.is_open,
+            "apps": view.apps,
+            "notes": (*view.notes, note) if note else view.notes,
+        }
+    )
+    if (fresh.apps, fresh.notes, fresh.complete) == (program.apps, program.notes, program.complete):
+        return standing, []
+    return replace(standing, program=fresh), [Publish(fresh)]
+
+
+def first_difference(old: Sequence[object], new: Sequence[object]) -> int | None:
+    """The first index at which two sequences differ; None where they are alike."""
+    if old == new:
+        return None
+    for index, (before, after) in enumerate(zip(old, new, strict=False)):
+        if before != after:
+            return index
+    return min(len(old), len(new))
+
+
+def _bump(standing: Standing, stream: Stream) -> Standing:
+    return replace(standing, last_seq={**standing.last_seq, stream: standing.last_seq[stream] + 1})

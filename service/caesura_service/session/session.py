@@ -1,0 +1,279 @@
+"""A session is a fold over its journal: open, samples, holes that were given up, close.
+
+Rules
+- What changes the session is recorded before it is processed; replaying the records gives the same
+  session bit for bit.
+- A batch is processed in sequence, exactly once. Ahead of its turn it is held, and what is missing is
+  asked for; what the bridge no longer has becomes a gap, and the session goes on behind it.
+- A batch of the right session whose content is refused is lost like one that never came: counted, and a
+  gap in its place. Sending it again would not make it better.
+- A restarted bridge opens the session again with a higher epoch and continues numbering at the
+  `next_seq` of the acknowledgement: what its predecessor had not delivered is gone. Until it has opened,
+  its batches are refused; those of an older epoch always are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Ack, Close, Error, Heartbeat, Open, SampleBatch
+from caesura_service.journal import Journal, Record, Recordable
+from caesura_service.session.content import samples_of
+from caesura_service.session.demonstration import Demonstration
+from caesura_service.session.limits import Limits
+from caesura_service.session.ordering import Asking, Ordering
+from caesura_service.session.ports import Answer, AskReplay, Incoming, Output, Owner, Refused, ReplayEnded
+from caesura_service.session.standing import Standing
+from caesura_service.session.state import after
+from caesura_service.session.view import Pipeline
+
+_LOST = None  # stands in the order for a batch whose content was refused
+
+
+class Session:
+    """One demonstration at a station. `standing` may be read from any thread; the rest belongs to one."""
+
+    def __init__(
+        self,
+        station: str,
+        opening: Open,
+        pipeline: Pipeline,
+        *,
+        owner: Owner,
+        journal: Journal,
+        limits: Limits,
+    ) -> None:
+        """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
+        self._station = station
+        self._opening = opening
+        self._demonstration = Demonstration(station, opening, pipeline, owner=owner, limits=limits)
+        self._journal: Journal | None = journal
+        self._limits = limits
+        self._ordering: Ordering[NDArray[np.float64] | None] = Ordering(limits.held_batches)
+        self._asking = Asking(limits)
+
+    @property
+    def name(self) -> str:
+        """Of the session, unique at its station."""
+        return self._opening.session
+
+    @property
+    def standing(self) -> Standing:
+        """Where it stands; immutable."""
+        return self._demonstration.standing
+
+    @property
+    def is_open(self) -> bool:
+        """Does it take samples?"""
+        return self.standing.is_open
+
+    @property
+    def next_seq(self) -> int:
+        """The batch that is waited for."""
+        return self._ordering.next_seq
+
+    def begin(self, now: float) -> list[Output]:
+        """Record the opening and say the first words."""
+        self._record(self._opening, now)
+        return [*self._demonstration.begin(), self._ack()]
+
+    def restore(self, records: Iterable[Record]) -> None:
+        """Fold the records behind the opening, saying and recording nothing."""
+        journal, self._journal = self._journal, None
+        self._demonstration.begin()
+        for record in records:
+            match record.message:
+                case Error(limit=int() as target):
+                    self._give_up(target)
+                case Open() | SampleBatch() | Close() as message:
+                    self.receive(message, record.at)
+        self._asking.forgive()
+        self._journal = journal
+
+    def receive(self, message: Incoming, now: float) -> list[Output]:
+        """Take a message. Raises ProtocolError, and changes nothing, where it is refused as a whole."""
+        match message:
+            case SampleBatch():
+                return self._receive_batch(message, now)
+            case Heartbeat():
+                return self._receive_heartbeat(message, now)
+            case ReplayEnded():
+                return self._receive_answer(message, now)
+            case Open():
+                return self._receive_opening(message, now)
+            case Close():
+                return self._receive_close(message, now)
+
+    def refuse(self, error: ProtocolError) -> list[Output]:
+        """Count a refusal that is charged to this session, and show it."""
+        return self._demonstration.refuse(error)
+
+    def tick(self, now: float) -> list[Output]:
+        """Time has passed: ask again for what is still missing, and say so."""
+        asked = self._ask(now)
+        return [*asked, self._demonstration.status()] if asked else []
+
+    # --- messages ---------------------------------------------------------------------------------------
+
+    def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
+        after(self.standing.state, "samples")
+        self._check_epoch(batch.epoch)
+        self._check_seq(batch.seq)
+        if self._ordering.is_duplicate(batch.seq):
+            self._demonstration.duplicate()
+            return []
+        if not self._ordering.has_room(batch.seq):
+            self._expect(batch.seq)
+            return self._ask(now)
+        self._record(batch, now)
+        return [*self._hold(batch), *self._drain(), *self._ask(now)]
+
+    def _receive_heartbeat(self, heartbeat: Heartbeat, now: float) -> list[Output]:
+        after(self.standing.state, "heartbeat")
+        if not self.is_open:
+            return []
+        self._check_epoch(heartbeat.epoch)
+        self._check_seq(heartbeat.seq)
+        self._expect(heartbeat.seq)
+        return self._ask(now)
+
+    def _receive_answer(self, ended: ReplayEnded, now: float) -> list[Output]:
+        after(self.standing.state, "replayed")
+        progress = self.next_seq > ended.first
+        lost = self._asking.ended(progress=progress, answered=ended.answered, now=now)
+        if not self.is_open or progress or not (lost or ended.evicted):
+            return self._ask(now)
+        target = self._ordering.nearest(self.next_seq + 1 if lost else ended.oldest)
+        if not self.next_seq < target <= self.next_seq + self._limits.batches_ahead:
+            return []
+        gone = f"batches {self.next_seq} to {target - 1} are lost"
+        self._record(Error(code="evicted", message=gone, value=self.next_seq, limit=target), now)
+        return [*self._give_up(target), *self._ask(now)]
+
+    def _receive_opening(self, again: Open, now: float) -> list[Output]:
+        after(self.standing.state, "open")
+        if again.preset is None:
+            again = again.model_copy(update={"preset": self._opening.preset})
+        if again.model_copy(update={"epoch": self._opening.epoch}) != self._opening:
+            raise ProtocolError(
+                "conflict",
+                "the session is open as something else",
+                value=str(again),
+                expected=str(self._opening),
+            )
+        if again.epoch > self._opening.epoch:
+            return [*self._resume(again, now), self._ack()]
+        self._check_epoch(again.epoch)
+        return [self._ack()]
+
+    def _receive_close(self, close: Close, now: float) -> list[Output]:
+        after(self.standing.state, "close")
+        reached = self.next_seq - 1
+        if close.last_seq < reached or (not self.is_open and close.last_seq > reached):
+            raise ProtocolError(
+                "conflict", "the session has other batches than that", value=close.last_seq, expected=reached
+            )
+        if not self.is_open:
+            return [self._ack()]
+        if close.last_seq > reached:
+            return self._not_yet(close, now)
+        self._record(close, now)
+        return self._finish()
+
+    # --- steps ------------------------------------------------------------------------------------------
+
+    def _check_epoch(self, epoch: int) -> None:
+        current = self._opening.epoch
+        if epoch < current:
+            raise ProtocolError("conflict", "a newer epoch of the bridge is here", value=epoch, limit=current)
+        if epoch > current:
+            why = "a restarted bridge opens the session before it sends"
+            raise ProtocolError("conflict", why, value=epoch, limit=current)
+
+    def _check_seq(self, seq: int) -> None:
+        limit = self.next_seq + self._limits.batches_ahead
+        if seq > limit:
+            raise ProtocolError("malformed", "sequence number leaps ahead", value=seq, limit=limit)
+
+    def _hold(self, batch: SampleBatch) -> list[Output]:
+        """Keep the samples until their turn; where the content is refused, keep its place."""
+        try:
+            samples = samples_of(batch, self._opening.columns, self._limits)
+        except ProtocolError as error:
+            self._ordering.hold(batch.seq, _LOST)
+            return [Refused(error), *self.refuse(error)]
+        self._ordering.hold(batch.seq, samples)
+        return []
+
+    def _drain(self) -> list[Output]:
+        """Process what has its turn."""
+        said: list[Output] = []
+        while self.is_open and self._ordering.ready():
+            samples = self._ordering.take()
+            self._note_hole()
+            said += self._demonstration.gap() if samples is _LOST else self._demonstration.push(samples)
+        self._note_hole()
+        return said
+
+    def _give_up(self, target: int) -> list[Output]:
+        """Go on at the batch `target`: everything before it is lost."""
+        self._ordering.skip_to(target)
+        self._asking.forgive()
+        self._note_hole()
+        return [*self._demonstration.gap(), *self._drain()]
+
+    def _resume(self, again: Open, now: float) -> list[Output]:
+        """A restarted bridge cannot send what its predecessor kept: give up every hole."""
+        self._record(again, now)
+        self._opening = again
+        said: list[Output] = []
+        while self._ordering.hole() is not None:
+            said += self._give_up(self._ordering.nearest(None))
+        return [*said, self._demonstration.status()]
+
+    def _not_yet(self, close: Close, now: float) -> list[Output]:
+        """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""
+        self._check_seq(close.last_seq)
+        self._expect(close.last_seq)
+        missing = "batches are missing before the close"
+        refusal = ProtocolError("conflict", missing, value=self.next_seq, limit=close.last_seq)
+        return [*self._ask(now), Answer(refusal)]
+
+    def _finish(self) -> list[Output]:
+        said = self._demonstration.finish()
+        if self.standing.state == "closed":
+            return [*said, self._ack()]
+        refusal = self.standing.tally.last_refusal
+        why = refusal.message if refusal else "closed by an error in processing"
+        return [*said, Answer(ProtocolError("conflict", why))]
+
+    def _expect(self, seq: int) -> None:
+        self._ordering.expect(seq)
+        self._note_hole()
+
+    def _note_hole(self) -> None:
+        hole = self._ordering.hole()
+        self._demonstration.wait_for(hole[0] if hole else None)
+
+    def _ask(self, now: float) -> list[Output]:
+        hole = self._ordering.hole() if self.is_open else None
+        wanted = self._asking.question(hole, now)
+        return [AskReplay(self._station, self._opening.session, *wanted)] if wanted else []
+
+    def _ack(self) -> Answer:
+        state = self.standing.state
+        return Answer(
+            Ack(
+                session=self._opening.session,
+                next_seq=self.next_seq,
+                state="open" if state == "open" else "closed",
+            )
+        )
+
+    def _record(self, message: Recordable, now: float) -> None:
+        if self._journal is not None:
+            self._journal.append(Record(self._station, self._opening.session, now, message))

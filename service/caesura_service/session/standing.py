@@ -1,0 +1,134 @@
+"""Where a session stands: immutable, replaced at every change, so that any thread may read it unlocked.
+
+The messages of a snapshot are made from it when somebody asks, not at every batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.messages import (
+    Changepoints,
+    Posterior,
+    Program,
+    Refusal,
+    Segments,
+    SessionStatus,
+    Snapshot,
+)
+from caesura_service.session.ports import Owner
+from caesura_service.session.state import State
+from caesura_service.session.view import View
+
+Stream = Literal["status", "changepoints", "segments", "posterior"]
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What has been counted. Refusals and duplicates count for this process, the rest for the session."""
+
+    batches: int = 0
+    duplicates: int = 0
+    refused: Mapping[ErrorCode, int] = field(default_factory=dict)
+    last_refusal: Refusal | None = None
+
+    def with_refusal(self, error: ProtocolError) -> Tally:
+        """One refusal more."""
+        counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
+        return replace(self, refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A session at one moment."""
+
+    station: str
+    session: str
+    owner: Owner
+    preset: str
+    state: State
+    view: View
+    tally: Tally
+    waiting_for: int | None  # the batch that is missing
+    last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
+    program: Program
+
+    @property
+    def is_open(self) -> bool:
+        """Does it take samples?"""
+        return self.state == "open"
+
+    def header(self, stream: Stream) -> dict[str, Any]:
+        """What a result of this stream begins with, as the last one that was published."""
+        return {
+            "station": self.station,
+            "session": self.session,
+            "instance": self.owner.instance,
+            "epoch": self.owner.epoch,
+            "seq": self.last_seq[stream],
+            "t": time_of(self.view),
+        }
+
+
+def time_of(view: View) -> float:
+    """[s] The last observation; 0 before the first."""
+    return view.t if math.isfinite(view.t) else 0.0
+
+
+def status_of(standing: Standing) -> SessionStatus:
+    """How the session is doing."""
+    view, tally = standing.view, standing.tally
+    return SessionStatus(
+        **standing.header("status"),
+        state="open" if standing.is_open else "closed",
+        preset=standing.preset,
+        wrench=view.wrench,
+        delay_s=view.delay_s,
+        batches=tally.batches,
+        samples=view.samples,
+        observations=view.observations,
+        duplicates=tally.duplicates,
+        repeats=view.repeats,
+        waiting_for=standing.waiting_for,
+        gaps=view.gaps,
+        refused=dict(tally.refused),
+        last_refusal=tally.last_refusal,
+        hypotheses=view.hypotheses,
+        capped=view.capped,
+    )
+
+
+def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
+    """The changepoints from the `first` on."""
+    return Changepoints(
+        **standing.header("changepoints"), first=first, changepoints=standing.view.changepoints[first:]
+    )
+
+
+def segments_of(standing: Standing, first: int = 0) -> Segments:
+    """The segments from the `first` on."""
+    return Segments(**standing.header("segments"), first=first, segments=standing.view.segments[first:])
+
+
+def posterior_of(standing: Standing) -> Posterior:
+    """The posterior of the current segment's start."""
+    return Posterior(
+        **standing.header("posterior"),
+        starts=standing.view.posterior_starts,
+        probabilities=standing.view.posterior_probabilities,
+    )
+
+
+def snapshot_of(standing: Standing) -> Snapshot:
+    """Everything so far, with the last sequence number of each stream."""
+    return Snapshot(
+        status=status_of(standing),
+        changepoints=changepoints_of(standing),
+        segments=segments_of(standing),
+        posterior=posterior_of(standing) if standing.last_seq["posterior"] >= 0 else None,
+        program=standing.program,
+    )

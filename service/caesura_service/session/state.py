@@ -1,0 +1,41 @@
+"""What a session may do next, as a table. A move that is not in it raises and changes nothing.
+
+A session is opened once, takes samples and closes once. A heartbeat or a late answer to a replay may
+trail behind the close, and a close may be repeated because its acknowledgement was lost. `failed` is a
+session whose pipeline raised: closed for the world, with the reason in its status.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from caesura_protocol.errors import ProtocolError
+
+State = Literal["open", "closed", "failed"]
+Move = Literal["open", "samples", "heartbeat", "replayed", "close", "fail"]
+
+MOVES: Mapping[tuple[State, Move], State] = {
+    ("open", "open"): "open",
+    ("open", "samples"): "open",
+    ("open", "heartbeat"): "open",
+    ("open", "replayed"): "open",
+    ("open", "close"): "closed",
+    ("open", "fail"): "failed",
+    ("closed", "close"): "closed",
+    ("closed", "heartbeat"): "closed",
+    ("closed", "replayed"): "closed",
+    ("failed", "heartbeat"): "failed",
+    ("failed", "replayed"): "failed",
+}
+
+
+def after(state: State, move: Move) -> State:
+    """The state that a move leads to. Raises ProtocolError `conflict` where the table has none."""
+    try:
+        return MOVES[state, move]
+    except KeyError:
+        allowed = [name for known, name in MOVES if known == state]
+        raise ProtocolError(
+            "conflict", f"the session is {state}: it takes no {move}", value=move, expected=allowed
+        ) from None

@@ -1,4 +1,4 @@
-"""Log marginal likelihoods: what a stretch of data is worth under a model once its parameters are integrated out.
+"""Log marginal likelihoods: what data are worth under a model once its parameters are integrated out.
 
 All of them broadcast, so that one call serves a whole batch of hypotheses.
 """
@@ -26,24 +26,8 @@ def known_mean_log_evidence(n: ArrayLike, ssr: ArrayLike, nu0: float, scale2: Ar
     return result
 
 
-def unknown_mean_ssr(n: ArrayLike, total: ArrayLike, squares: ArrayLike, kappa0: float) -> Array:
-    """Sum of squares left once a mean with prior N(0, σ²/kappa0) is integrated out.
-
-    n: values; total: their sum; squares: their sum of squares. Murphy 2007, section 3, prior mean 0.
-    The evidence is that of a known mean with this sum, plus `unknown_mean_log_factor` for each axis.
-    """
-    left: Array = np.asarray(squares, float) - np.asarray(total, float) ** 2 / (np.asarray(n, float) + kappa0)
-    return np.maximum(left, 0.0)
-
-
-def unknown_mean_log_factor(n: ArrayLike, kappa0: float) -> Array:
-    """Half the log ratio of prior to posterior precision of the mean: its Occam factor, per axis."""
-    factor: Array = 0.5 * np.log(kappa0 / (kappa0 + np.asarray(n, float)))
-    return factor
-
-
 def normal_log_density(value2: ArrayLike, dimensions: int, scale2: float) -> Array:
-    """Log density of a zero-mean isotropic normal; value2: squared length [unit²], scale2: variance an axis."""
+    """Log density of an isotropic normal about 0; value2: squared length [unit²]; scale2: its variance."""
     density: Array = -0.5 * (np.asarray(value2, float) / scale2 + dimensions * np.log(2.0 * np.pi * scale2))
     return density
 

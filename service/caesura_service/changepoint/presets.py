@@ -7,14 +7,16 @@ thesis leaves open (hazard, pruning, window, minimum time) is named here.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.models import Carried, ChannelModel, Constant, Held, Noise, Profiled
+from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
 
 SEGMENTATION_HZ = 10.0
@@ -26,7 +28,9 @@ class Preset:
     """How a demonstration is segmented.
 
     channels and kinds: of the whole lattice; `mean_segment_s` [s] sets the hazard; segments shorter than
-    `least_segment_s` [s] become no app (the thesis' minimum time filter).
+    `least_segment_s` [s] become no app (the thesis' minimum time filter). `continuous`: a segment begins
+    where the one before it ends, at its last sample, and there the changepoint lies in time; otherwise it
+    begins with its own first sample, as in the thesis.
     """
 
     name: str
@@ -34,6 +38,7 @@ class Preset:
     kinds: tuple[Kind, ...]
     maximum: bool = False
     tempering: float = 1.0
+    continuous: bool = False
     mean_segment_s: float = 2.0
     least_segment_s: float = 0.3
     filter: FilterParameters = field(default_factory=FilterParameters)
@@ -70,16 +75,6 @@ def thesis_force_library() -> ProfileLibrary:
     return ProfileLibrary([first_order(float(np.exp(0.15 * i))) for i in range(21)], STEP_S)
 
 
-def human_motion_library() -> ProfileLibrary:
-    """Minimum-jerk moves of 16 durations from 0.4 s to 5 s. Flash & Hogan 1985; real moves last 0.3–3.4 s."""
-    return ProfileLibrary([minimum_jerk(float(d)) for d in np.geomspace(0.4, 5.0, 16)], STEP_S)
-
-
-def human_force_library() -> ProfileLibrary:
-    """First-order changes of force, from one sample to about a second: contact rises within 0.1 s."""
-    return ProfileLibrary([first_order(float(r)) for r in np.geomspace(1.0, 40.0, 10)], STEP_S)
-
-
 def _integrated_channels() -> Mapping[str, ChannelModel]:
     return {
         "moving": Profiled("position", thesis_motion_library(), Noise(1.0, 0.025), "maximum"),
@@ -90,18 +85,42 @@ def _integrated_channels() -> Mapping[str, ChannelModel]:
     }
 
 
+def correlation(time_s: float) -> float:
+    """Correlation of neighbouring observations of a process that forgets with this time constant [s]."""
+    return float(np.exp(-STEP_S / time_s))
+
+
+# What a person does wrong on the way stays for about one submovement; half the power of the force of a
+# guiding hand lies below 0.8 Hz, which is a time constant of 1/(2π 0.8 Hz).
+PATH_MEMORY_S = 0.5
+FORCE_MEMORY_S = 0.2
+
+
+def human_motion_library() -> ProfileLibrary:
+    """Minimum-jerk moves of 16 durations from 0.4 s to 5 s. Flash & Hogan 1985; real moves last 0.3–3.4 s."""
+    moves = [minimum_jerk(float(duration)) for duration in np.geomspace(0.4, 5.0, 16)]
+    return ProfileLibrary(moves, STEP_S, correlation(PATH_MEMORY_S))
+
+
+def human_force_library() -> ProfileLibrary:
+    """First-order changes of force, from within a sample to about a second: contact rises within 0.1 s."""
+    changes = [first_order(float(rate)) for rate in np.geomspace(1.0, 40.0, 10)]
+    return ProfileLibrary(changes, STEP_S, correlation(FORCE_MEMORY_S))
+
+
 def _default_channels() -> Mapping[str, ChannelModel]:
-    position = Noise(nu0=2.0, floor=0.0007, share=0.04, joint=True)
-    force = Noise(nu0=2.0, floor=0.3, share=0.1, joint=True)
-    quiet = Noise(nu0=2.0, floor=0.3, joint=True)
+    path = Noise(nu0=2.0, floor=0.0007, share=0.04, joint=True, correlation=correlation(PATH_MEMORY_S))
+    rest = replace(path, share=0.0)
+    push = Noise(nu0=2.0, floor=0.3, share=0.1, joint=True, correlation=correlation(FORCE_MEMORY_S))
+    quiet = replace(push, share=0.0)
     return {
-        "moving": Profiled("position", human_motion_library(), position, reach=0.2),
-        "still": Constant("position", Noise(nu0=2.0, floor=0.0007, joint=True)),
-        "untouched": Constant("force", quiet, origin="zero", bias=1.5),
-        "pressed": Profiled("force", human_force_library(), force, reach=10.0, charge_start=True),
-        "loaded": Carried(Noise(nu0=2.0, floor=0.3), least_kg=0.1, bias=1.5),
+        "moving": Profiled("position", human_motion_library(), path, origin="previous", reach=0.2),
+        "still": Constant("position", rest, origin="previous"),
+        "untouched": Biased(quiet, bias=1.5),
+        "pressed": Profiled("force", human_force_library(), push, origin="previous", reach=10.0),
+        "laden": Laden(quiet, bias=1.5),
         "empty": Held(0.03),
-        "closing": Held(0.5),
+        "gripping": Held(0.5, change=0.05),
         "holding": Held(0.97),
     }
 
@@ -114,17 +133,17 @@ _THESIS_KINDS = (
 _ALL_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
     Kind("steady", "steady", "free", ("still", "untouched", "empty")),
-    Kind("sliding", "motion", "contact", ("moving", "pressed", "closing")),
-    Kind("contact", "steady", "contact", ("still", "pressed", "closing")),
-    Kind("transport", "motion", "transport", ("moving", "loaded", "holding")),
-    Kind("hold", "steady", "transport", ("still", "loaded", "holding")),
+    Kind("sliding", "motion", "contact", ("moving", "pressed", "gripping")),
+    Kind("contact", "steady", "contact", ("still", "pressed", "gripping")),
+    Kind("transport", "motion", "transport", ("moving", "laden", "holding")),
+    Kind("hold", "steady", "transport", ("still", "laden", "holding")),
 )
 
 PRESETS: Mapping[str, Preset] = {
     preset.name: preset
     for preset in (
         Preset("integrated", _integrated_channels, _THESIS_KINDS, maximum=True),
-        Preset("default", _default_channels, _ALL_KINDS, tempering=0.1),
+        Preset("default", _default_channels, _ALL_KINDS, continuous=True),
     )
 }
 

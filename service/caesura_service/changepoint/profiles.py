@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,9 @@ def overdamped(stiffness: float, damping: float, mass: float = 1.0) -> Callable[
     """
     discriminant = damping**2 - 4.0 * mass * stiffness
     if discriminant <= 0:
-        raise ValueError(f"not overdamped: D²−4ΛK is {discriminant}, expected > 0 (K={stiffness}, D={damping})")
+        raise ValueError(
+            f"not overdamped: D²−4ΛK is {discriminant}, expected > 0 (K={stiffness}, D={damping})"
+        )
     fast, slow = ((-damping + s * np.sqrt(discriminant)) / (2.0 * mass) for s in (-1.0, 1.0))
 
     def response(t: Array) -> Array:
@@ -81,21 +83,21 @@ class ProfileLibrary:
 
     def _tabulate(self, rows: int) -> None:
         t = self.step_s * np.arange(rows)
-        plain = np.column_stack([profile(t) for profile in self.profiles])
+        plain: Array = np.column_stack([profile(t) for profile in self.profiles])
         self._values = whiten(plain, np.vstack([np.zeros(len(self)), plain[:-1]]), self.correlation)
         self._squares = np.cumsum(self._values**2, axis=0)
 
-    def values(self, index: ArrayLike) -> Array:
+    def values(self, index: NDArray[np.int64]) -> Array:
         """Value of every profile at each sample index (h,) counted from the start: (h, profiles)."""
         self._reach(index)
         return self._values[index]
 
-    def sums_of_squares(self, index: ArrayLike) -> Array:
+    def sums_of_squares(self, index: NDArray[np.int64]) -> Array:
         """Σφ² over samples 0..index, for each index (h,): (h, profiles)."""
         self._reach(index)
         return self._squares[index]
 
-    def _reach(self, index: ArrayLike) -> None:
+    def _reach(self, index: NDArray[np.int64]) -> None:
         longest = int(np.max(index, initial=0))
         if longest >= len(self._values):
             self._tabulate(2 ** (longest + 1).bit_length())

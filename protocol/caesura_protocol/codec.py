@@ -30,6 +30,7 @@ from caesura_protocol.messages import (
 )
 
 MAJOR_VERSION = 1
+MAX_SHOWN = 200  # characters of a refused value, or of a message about it
 _ENCODING = re.compile(r"application/msgpack;caesura\.([A-Za-z]+)\.v([0-9]{1,4})")
 
 #: Every type that may stand in an encoding.
@@ -90,7 +91,7 @@ def encode_error(error: ProtocolError) -> Encoded:
     return encode(
         Error(
             code=error.code,
-            message=error.message,
+            message=error.message[:MAX_SHOWN],
             value=_shown(error.value),
             limit=_shown(error.limit),
             expected=_shown(error.expected),
@@ -183,12 +184,18 @@ def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
 
 
 def _shown(value: Any) -> Any:
-    """A value cut down to what an error may carry."""
-    if value is None or isinstance(value, bool | int | float):
-        return value
+    """A value cut down to what an error may carry, and to what msgpack can."""
     if isinstance(value, list | tuple):
-        return [_shown(item) for item in value[:MAX_COLUMNS]]
-    return value[:32].hex() if isinstance(value, bytes) else str(value)[:200]
+        return [_glimpse(item) for item in value[:MAX_COLUMNS]]
+    return _glimpse(value)
+
+
+def _glimpse(value: Any) -> Any:
+    if isinstance(value, int) and not -(1 << 63) <= value < 1 << 64:
+        return str(value)
+    if value is None or isinstance(value, int | float):
+        return value
+    return value[:32].hex() if isinstance(value, bytes) else str(value)[:MAX_SHOWN]
 
 
 __all__ = [

@@ -1,0 +1,231 @@
+"""Write the golden wire vectors: an example of every message, its bytes, and the encoding that names it.
+
+    python scripts/write_vectors.py           # writes tests/vectors
+    python scripts/write_vectors.py --check   # exits 1 where the files differ from what the codec writes
+
+The bytes are a promise to bridges in other languages: they change only with a new major version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.messages import (
+    Ack,
+    App,
+    Changepoint,
+    Changepoints,
+    Close,
+    Control,
+    Error,
+    Gap,
+    Heartbeat,
+    Message,
+    Open,
+    Posterior,
+    Program,
+    Refusal,
+    Segment,
+    Segments,
+    ServiceStatus,
+    SessionStatus,
+    Snapshot,
+    WrenchReport,
+)
+
+VECTORS = Path(__file__).resolve().parents[1] / "tests" / "vectors"
+SESSION = "s20260314-092653-58af"
+COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+OF_RESULT: dict[str, Any] = {
+    "station": "cell-1",
+    "session": SESSION,
+    "instance": "caesura-0",
+    "epoch": 2,
+    "t": 12.5,
+}
+
+
+def samples(dtype: type[np.floating]) -> np.ndarray:
+    """Three samples of COLUMNS, every value a power of two or a sum of few: exact in both sizes."""
+    matrix = np.array(
+        [
+            [12.5, 0.5, -0.25, 0.125, 0.0, 0.0, -9.5],
+            [12.5009765625, 0.50390625, -0.25, 0.125, 0.25, 0.0, -9.25],
+            [12.501953125, 0.5078125, -0.25, 0.125, 0.5, 0.0, -9.0],
+        ]
+    )
+    return matrix.astype(dtype)
+
+
+def examples() -> dict[str, Message]:
+    """One message of every type, two of SampleBatch; the keys are the names of the files."""
+    changepoint = Changepoint(t=3.5, probability=0.96875, certainty="provisional")
+    segment = Segment(
+        t0=0.0,
+        tn=3.5,
+        kind="transport",
+        motion="motion",
+        contact="transport",
+        probability=0.875,
+        runner_up="motion",
+        log_odds=2.25,
+        certainty="final",
+        position_start=(0.5, -0.25, 0.125),
+        position_end=(0.625, -0.25, 0.375),
+        force_start=(0.0, 0.0, 0.0),
+        force_end=(0.0, 0.25, -5.0),
+        load_kg=0.5,
+        load_sd_kg=0.0625,
+    )
+    wrench = WrenchReport(
+        source="flange_sensor", contact_models=True, transport_models=True, tare=(0.5, -1.25, 2.0), note=""
+    )
+    gap = Gap(t0=5.0, tn=5.25, reason="evicted")
+    refusal = Refusal(code="malformed", message="not a map")
+    status = SessionStatus(
+        **OF_RESULT,
+        seq=41,
+        state="open",
+        preset="people",
+        wrench=wrench,
+        delay_s=0.0625,
+        batches=625,
+        samples=12500,
+        observations=125,
+        duplicates=1,
+        repeats=0,
+        waiting_for=None,
+        gaps=(gap,),
+        refused={"malformed": 1},
+        last_refusal=refusal,
+        hypotheses=37,
+        capped=0,
+    )
+    app = App(
+        kind="transport",
+        t0=0.0,
+        tn=3.5,
+        target=(0.625, -0.25, 0.375),
+        orientation=(1.0, 0.0, 0.0, 0.0),
+        joints=None,
+        force=None,
+        force_taught=None,
+        load_kg=0.5,
+        load_sd_kg=0.0625,
+        gripper_width=None,
+        confidence=0.875,
+        segments=(0,),
+    )
+    changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
+    segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,))
+    posterior = Posterior(**OF_RESULT, seq=125, starts=(3.5, 12.0), probabilities=(0.75, 0.25))
+    program = Program(
+        **OF_RESULT, version=3, complete=False, apps=(app,), notes=("loads below 0.1 kg are not weighed",)
+    )
+    opening = Open(session=SESSION, columns=COLUMNS)
+    closing = Close(session=SESSION, last_seq=624)
+    batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17}
+    messages: list[Message] = [
+        Heartbeat(session=SESSION, epoch=0, seq=17),
+        opening,
+        closing,
+        Control(command=opening),
+        Ack(session=SESSION, next_seq=18, state="open"),
+        changepoint,
+        segment,
+        gap,
+        changepoints,
+        segments,
+        posterior,
+        wrench,
+        refusal,
+        status,
+        app,
+        program,
+        Snapshot(
+            status=status,
+            changepoints=changepoints,
+            segments=segments,
+            posterior=posterior,
+            program=program,
+        ),
+        ServiceStatus(
+            instance="caesura-0",
+            epoch=2,
+            version="0.1.0",
+            sessions_open=1,
+            sessions_closed=4,
+            messages=2503,
+            refused={"malformed": 1},
+            last_refusal=refusal,
+            queue=0,
+            queue_capacity=4096,
+            dropped=0,
+        ),
+        Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),
+    ]
+    return {
+        "SampleBatch.float32": pack_samples(samples(np.float32), **batch),
+        "SampleBatch.float64": pack_samples(samples(np.float64), **batch),
+        "Control.Close": Control(command=closing),
+        **{type(message).__name__: message for message in messages},
+    }
+
+
+def files() -> dict[str, bytes]:
+    """Name and content of every vector file."""
+    content: dict[str, bytes] = {}
+    for name, message in examples().items():
+        payload, encoding = encode(message)
+        described = {
+            "type": type(message).__name__,
+            "encoding": encoding,
+            "fields": _plain(message.model_dump()),
+        }
+        content[f"{name}.json"] = (json.dumps(described, indent=2) + "\n").encode()
+        content[f"{name}.msgpack"] = payload
+    return content
+
+
+def _plain(value: Any) -> Any:
+    """The fields as JSON; bytes as base64."""
+    if isinstance(value, bytes):
+        return {"base64": base64.b64encode(value).decode()}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def main() -> int:
+    """Write or check; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true")
+    wanted = files()
+    known = {
+        path.name: path.read_bytes() for path in VECTORS.glob("*") if path.suffix in {".json", ".msgpack"}
+    }
+    if parser.parse_args().check:
+        drifted = sorted(name for name in wanted | known if wanted.get(name) != known.get(name))
+        print(
+            f"drifted: {', '.join(drifted)}; a change of bytes needs a new major version"
+            if drifted
+            else "in step"
+        )
+        return int(bool(drifted))
+    for stale in known.keys() - wanted.keys():
+        (VECTORS / stale).unlink()
+    for name, content in wanted.items():
+        (VECTORS / name).write_bytes(content)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""The commands that the service adds to `caesura`. One function registers each command module."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_protocol.errors import ProtocolError
+from caesura_service.app import Service, run_service
+from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConfig
+from caesura_service.edge import NetworkError
+from caesura_service.edge.network import DEFAULT_ENDPOINT
+
+
+def register(app: typer.Typer) -> None:
+    """Add every command of the service."""
+    for add_commands in COMMAND_MODULES:
+        add_commands(app)
+
+
+def add_serve(app: typer.Typer) -> None:
+    """Add `serve`."""
+    app.command("serve")(serve)
+
+
+def serve(
+    listen: Annotated[str, typer.Option(help="Endpoint of the embedded router.")] = DEFAULT_ENDPOINT,
+    connect: Annotated[str | None, typer.Option(help="Be client of this router instead.")] = None,
+    instance: Annotated[str, typer.Option(help="Name of this instance.")] = DEFAULT_INSTANCE,
+    preset: Annotated[str, typer.Option(help="Model where a session names none.")] = DEFAULT_PRESET,
+    zenoh_config: Annotated[
+        Path | None, typer.Option(help="zenoh json5 with certificates, users and access rules.")
+    ] = None,
+    log_level: Annotated[str, typer.Option(help="debug, info, warning or error.")] = "info",
+) -> None:
+    """Segment what bridges publish, until SIGINT or SIGTERM.
+
+    Prints one line with the endpoint once the service can be found; logs go to stderr.
+    """
+    _log_to_stderr(log_level)
+    try:
+        config = ServiceConfig(
+            instance=instance, listen=listen, connect=connect, preset=preset, zenoh_config=zenoh_config
+        )
+        run_service(config, ready=_announce)
+    except (ProtocolError, NetworkError) as error:
+        typer.echo(f"caesura serve: {error}", err=True)
+        raise typer.Exit(1) from error
+
+
+#: What adds commands; a further module appends its function here.
+COMMAND_MODULES: tuple[Callable[[typer.Typer], None], ...] = (add_serve,)
+
+
+def _announce(service: Service) -> None:
+    print(f"caesura ready at {service.endpoint} as {service.config.instance}", flush=True)
+
+
+def _log_to_stderr(level: str) -> None:
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.getLevelNamesMapping().get(level.upper(), logging.INFO),
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+    )

@@ -1,0 +1,52 @@
+"""What an instance of the service is told when it starts. Everything has a default that works on one host."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from caesura_protocol.keys import check_name
+from caesura_service.edge.edge import QueueSettings
+from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings
+from caesura_service.session.limits import Limits
+
+DEFAULT_INSTANCE = "caesura-1"
+DEFAULT_PRESET = "default"
+
+
+@dataclass(frozen=True)
+class ServiceConfig:
+    """One instance. Raises ProtocolError where its name is no valid name.
+
+    epoch: of everything that it says; None takes the time of its start in milliseconds, so that a
+    restarted instance is known from the one before it.
+    """
+
+    instance: str = DEFAULT_INSTANCE
+    listen: str = DEFAULT_ENDPOINT  # port 0: a free one
+    connect: str | None = None  # a router to be client of, in place of being one
+    connect_timeout_s: float | None = None
+    zenoh_config: Path | None = None  # json5 with certificates, users and access rules
+    preset: str = DEFAULT_PRESET
+    epoch: int | None = None
+    limits: Limits = field(default_factory=Limits)
+    queue: QueueSettings = field(default_factory=QueueSettings)
+
+    def __post_init__(self) -> None:
+        check_name(self.instance, "instance")
+        check_name(self.preset, "preset")
+
+    @property
+    def network(self) -> NetworkSettings:
+        """Where it is found."""
+        return NetworkSettings(
+            listen=self.listen,
+            connect=self.connect,
+            config_file=self.zenoh_config,
+            connect_timeout_s=self.connect_timeout_s,
+        )
+
+    def epoch_now(self) -> int:
+        """The epoch of an instance that starts now."""
+        return int(time.time() * 1000) if self.epoch is None else self.epoch

@@ -1,0 +1,116 @@
+"""What the network hands to the worker. Made in the network's threads, which do nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import zenoh
+
+from caesura_protocol.codec import decode_error
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_service.session.ports import AskReplay, ReplayEnded
+
+OCTETS = "application/octet-stream"
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """A payload as it came; empty if it was over the size limit, which `size` tells."""
+
+    key: str
+    payload: bytes
+    encoding: str
+    size: int
+
+    def check_size(self) -> None:
+        """Raises ProtocolError `too_large`."""
+        if self.size > MAX_MESSAGE_BYTES:
+            raise ProtocolError(
+                "too_large", "message over the size limit", value=self.size, limit=MAX_MESSAGE_BYTES
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Something was put on a station's `samples` key."""
+
+    content: Content
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Somebody asked a station's `control` key. The query is answered by whoever takes the arrival."""
+
+    content: Content
+    query: zenoh.Query
+
+
+@dataclass(slots=True)
+class Asked:
+    """A replay that was asked for, and what has come of it so far."""
+
+    ask: AskReplay
+    replies: int = 0
+    dropped: int = 0  # replies for which there was no room
+    refusal: Content | None = field(default=None)
+
+    def ended(self) -> ReplayEnded:
+        """What it comes to. An answer that is no refusal of ours, like a timeout, counts as none."""
+        error = self._error()
+        known = error is not None and error.code in {"evicted", "unknown_session"}
+        oldest = error.limit if error and known and isinstance(error.limit, int) else None
+        return ReplayEnded(
+            session=self.ask.session,
+            first=self.ask.first,
+            answered=self.replies > 0 and not self.dropped,
+            evicted=known,
+            oldest=oldest,
+        )
+
+    def _error(self) -> ProtocolError | None:
+        if self.refusal is None:
+            return None
+        try:
+            return decode_error(self.refusal.payload, self.refusal.encoding)
+        except ProtocolError:
+            return None
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """One batch of a replay."""
+
+    content: Content
+    station: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A replay is complete, or was not answered."""
+
+    asked: Asked
+
+
+Arrival = Samples | Command | Replayed | Ended
+
+
+def content_of(message: zenoh.Sample) -> Content:
+    """What was put or replied."""
+    return _content(str(message.key_expr), message.payload, str(message.encoding))
+
+
+def content_of_query(query: zenoh.Query) -> Content:
+    """What came with a query; nothing reads as an empty payload."""
+    return _content(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
+
+
+def content_of_error(error: zenoh.ReplyError) -> Content:
+    """What a query was refused with."""
+    return _content("", error.payload, str(error.encoding))
+
+
+def _content(key: str, payload: zenoh.ZBytes | None, encoding: str) -> Content:
+    size = len(payload) if payload is not None else 0
+    keep = payload is not None and size <= MAX_MESSAGE_BYTES
+    return Content(key, payload.to_bytes() if payload is not None and keep else b"", encoding, size)

@@ -1,0 +1,127 @@
+"""The service on the network: what it listens to, what it answers, and how it leaves.
+
+Every callback of the network only enqueues; see WIRE for what happens to those that do more. Leaving
+undeclares first, then lets the threads end, then closes the session: an open one would hang the interpreter.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, session_key, station_key
+from caesura_protocol.messages import ServiceStatus
+from caesura_service.edge.answers import Answers
+from caesura_service.edge.arrivals import Arrival, Command, Samples, content_of, content_of_query
+from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.network import NetworkSettings, join
+from caesura_service.edge.outgoing import Outgoing, refuse
+from caesura_service.edge.worker import Worker
+from caesura_service.session.ports import Owner
+from caesura_service.session.registry import Registry
+
+
+@dataclass(frozen=True)
+class QueueSettings:
+    """How much may wait for the worker."""
+
+    capacity: int = 4096  # arrivals; commands have as much again
+    station_share: int = 1024  # of them from one station
+
+
+class Edge:
+    """One instance of the service on the network, while the context lasts. Raises NetworkError on entry."""
+
+    def __init__(
+        self,
+        registry: Registry,
+        owner: Owner,
+        network: NetworkSettings,
+        *,
+        version: str,
+        queue: QueueSettings | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        queue = queue or QueueSettings()
+        self.endpoint = network.connect or network.listen  # once entered, with its real port
+        self._registry = registry
+        self._owner = owner
+        self._settings = network
+        self._version = version
+        self._clock = clock
+        self._inbox: Inbox[Arrival] = Inbox(queue.capacity, queue.station_share)
+        self._worker: Worker | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        network, self.endpoint = join(self._settings)
+        with ExitStack() as stack:
+            stack.callback(network.close)
+            outgoing = Outgoing(network, self._inbox)
+            self._worker = Worker(self._registry, self._inbox, outgoing, self._clock)
+            stack.enter_context(self._worker)
+            answers = stack.enter_context(Answers(self._registry, self.status))
+            self._declare(stack, network, answers)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def status(self) -> ServiceStatus:
+        """How this instance is doing; may be asked from any thread."""
+        standings = self._registry.board.standings()
+        tally = self._registry.tally
+        opened = sum(standing.is_open for standing in standings)
+        return ServiceStatus(
+            instance=self._owner.instance,
+            epoch=self._owner.epoch,
+            version=self._version,
+            sessions_open=opened,
+            sessions_closed=len(standings) - opened,
+            messages=self._worker.messages if self._worker else 0,
+            refused=dict(tally.refused),
+            last_refusal=tally.last_refusal,
+            queue=len(self._inbox),
+            queue_capacity=self._inbox.capacity,
+            dropped=self._inbox.dropped,
+        )
+
+    def _declare(self, stack: ExitStack, network: zenoh.Session, answers: Answers) -> None:
+        samples = network.declare_subscriber(station_key("*", "samples"), _direct(self._take_samples))
+        declared: list[Any] = [samples]
+        for key, callback in (
+            (station_key("*", "control"), self._take_command),
+            (station_key("*", "program"), answers.program),
+            (session_key("*", "*", "snapshot"), answers.snapshot),
+            (service_key(self._owner.instance, "status"), answers.status),
+        ):
+            declared.append(network.declare_queryable(key, _direct(callback)))
+        alive = service_key(self._owner.instance, "alive")
+        declared.append(network.liveliness().declare_token(alive))
+        for entity in declared:
+            stack.callback(entity.undeclare)
+
+    def _take_samples(self, sample: zenoh.Sample) -> None:
+        content = content_of(sample)
+        self._inbox.offer(Samples(content), content.key)
+
+    def _take_command(self, query: zenoh.Query) -> None:
+        if not self._inbox.insist(Command(content_of_query(query), query)):
+            with query:
+                limit = 2 * self._inbox.capacity
+                refuse(query, ProtocolError("overloaded", "too much is waiting", limit=limit))
+
+
+def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
+    """In the network's own thread, which is right for what only enqueues."""
+    return zenoh.handlers.Callback(callback, indirect=False)

@@ -1,0 +1,111 @@
+"""What the service says: results to everybody, questions to bridges, answers to queries.
+
+Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
+because mixing them would reorder.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import zenoh
+
+from caesura_protocol.codec import encode, encode_error
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
+from caesura_protocol.messages import (
+    Changepoints,
+    Message,
+    Posterior,
+    Program,
+    Result,
+    Segments,
+    SessionStatus,
+)
+from caesura_service.edge.arrivals import Arrival, Asked, Ended, Replayed, content_of, content_of_error
+from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.network import QUERY_TIMEOUT_S
+from caesura_service.session.ports import AskReplay, Publish
+
+logger = logging.getLogger(__name__)
+
+STREAMS: Mapping[type[Result], SessionPart] = {
+    Changepoints: "changepoints",
+    Segments: "segments",
+    Posterior: "posterior",
+    SessionStatus: "status",
+}
+
+
+class Outgoing:
+    """Puts and questions over one zenoh session; used by the worker alone."""
+
+    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival]) -> None:
+        self._network = network
+        self._inbox = inbox
+
+    def publish(self, publish: Publish) -> None:
+        """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
+        message = publish.message
+        low = isinstance(message, Posterior)
+        try:
+            encoded = encode(message)
+            self._network.put(
+                key_of(message),
+                encoded.payload,
+                encoding=encoded.encoding,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
+            )
+        except (ProtocolError, zenoh.ZError):
+            logger.exception("%s was not published", type(message).__name__)
+
+    def ask(self, ask: AskReplay) -> None:
+        """Ask a bridge for batches; they, and the end of the answer, arrive in the inbox."""
+        asked = Asked(ask)
+        wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1)
+        selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)};session={ask.session}"
+        handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
+            lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
+        )
+        self._network.get(
+            selector,
+            handler,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.DROP,
+            timeout=QUERY_TIMEOUT_S,
+        )
+
+    def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            asked.replies += 1
+            arrival = Replayed(content_of(reply.ok), asked.ask.station)
+            asked.dropped += not self._inbox.offer(arrival, asked.ask.station)
+        elif reply.err is not None:
+            asked.refusal = content_of_error(reply.err)
+
+    def _end(self, asked: Asked) -> None:
+        self._inbox.insist(Ended(asked))
+
+
+def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:
+    """Where a result is put."""
+    if isinstance(message, Program):
+        return station_key(message.station, "program")
+    return session_key(message.station, message.session, STREAMS[type(message)])
+
+
+def answer(query: zenoh.Query, key: str, message: Message) -> None:
+    """Reply to a query on a key of ours; a message that cannot go is refused instead."""
+    try:
+        encoded = encode(message)
+        query.reply(key, encoded.payload, encoding=encoded.encoding)
+    except ProtocolError as error:
+        refuse(query, error)
+
+
+def refuse(query: zenoh.Query, error: ProtocolError) -> None:
+    """Tell the asker why not."""
+    encoded = encode_error(error)
+    query.reply_err(encoded.payload, encoding=encoded.encoding)

@@ -1,0 +1,142 @@
+"""The thread that does the work: takes what arrived, lets the registry decide, says what comes of it.
+
+Whatever goes wrong with one arrival is logged and ends there. Time enters the sessions only here.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterable
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_station_key, station_key
+from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBatch
+from caesura_service.edge.arrivals import Arrival, Command, Content, Ended, Replayed, Samples
+from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.outgoing import Outgoing, answer, refuse
+from caesura_service.session.ports import Answer, AskReplay, Failed, Output, Publish, Refused
+from caesura_service.session.registry import Registry
+
+logger = logging.getLogger(__name__)
+
+TICK_S = 0.1  # between two looks at what is still missing
+JOIN_S = 2.0  # what is under way when the service stops
+
+
+class Worker:
+    """Drains the inbox in a thread of its own while the context lasts."""
+
+    def __init__(
+        self, registry: Registry, inbox: Inbox[Arrival], outgoing: Outgoing, clock: Callable[[], float]
+    ) -> None:
+        self.messages = 0  # taken from the inbox so far
+        self._registry = registry
+        self._inbox = inbox
+        self._outgoing = outgoing
+        self._clock = clock
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="caesura-worker", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
+        due = self._clock() + TICK_S
+        while not self._stopped.is_set():
+            arrival = self._inbox.get(TICK_S)
+            if arrival is not None:
+                self.messages += 1
+                self._guarded(lambda taken=arrival: self._take(taken))  # type: ignore[misc]
+            if (now := self._clock()) >= due:
+                due = now + TICK_S
+                self._guarded(lambda: self._say(self._registry.tick(self._clock())))
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except Exception:
+            logger.exception("an arrival was lost to an error of ours")
+
+    def _take(self, arrival: Arrival) -> None:
+        match arrival:
+            case Samples(content):
+                self._take_samples(content, None)
+            case Replayed(content, station):
+                self._take_samples(content, station)
+            case Ended(asked):
+                self._say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
+            case Command():
+                with arrival.query:
+                    self._take_command(arrival)
+
+    def _take_samples(self, content: Content, station: str | None) -> None:
+        """station: where it is known from the question; else the key tells."""
+        try:
+            station = station or parse_station_key(content.key)[0]
+            message = _batch(content)
+        except ProtocolError as error:
+            logger.info("refused on %s: %s", content.key, error)
+            self._say(self._registry.refuse(station, error))
+            return
+        self._say(self._registry.samples(station, message, self._clock()))
+
+    def _take_command(self, arrival: Command) -> None:
+        station: str | None = None
+        try:
+            station = parse_station_key(arrival.content.key)[0]
+            command = _command(arrival.content)
+        except ProtocolError as error:
+            logger.info("refused on %s: %s", arrival.content.key, error)
+            refuse(arrival.query, error)
+            self._say(self._registry.refuse(station, error))
+            return
+        for output in self._registry.command(station, command, self._clock()):
+            if isinstance(output, Answer):
+                _reply(arrival.query, station, output)
+            else:
+                self._say([output])
+
+    def _say(self, outputs: Iterable[Output]) -> None:
+        for output in outputs:
+            match output:
+                case Publish():
+                    self._outgoing.publish(output)
+                case AskReplay():
+                    self._outgoing.ask(output)
+                case Refused(error):
+                    logger.info("refused: %s", error)
+                case Failed(station, session, error):
+                    logger.error("%s/%s was closed by an error", station, session, exc_info=error)
+                case Answer():
+                    raise TypeError("an answer without a question")
+
+
+def _batch(content: Content) -> SampleBatch | Heartbeat:
+    content.check_size()
+    expected: tuple[type[SampleBatch | Heartbeat], ...] = (SampleBatch, Heartbeat)
+    return decode(content.payload, content.encoding, *expected)
+
+
+def _command(content: Content) -> Open | Close:
+    content.check_size()
+    return decode(content.payload, content.encoding, Control).command
+
+
+def _reply(query: zenoh.Query, station: str, output: Answer) -> None:
+    if isinstance(output.reply, ProtocolError):
+        refuse(query, output.reply)
+    else:
+        answer(query, station_key(station, "control"), output.reply)

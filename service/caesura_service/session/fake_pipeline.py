@@ -1,0 +1,174 @@
+"""A pipeline without mathematics, for tests of everything around it: a changepoint at every jump.
+
+It looks at every tenth sample's second column and says that a segment ends where it jumps by more than
+one half. Like the real one it is pure, and like the real one it revises: the last changepoint stays
+provisional until the next one comes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
+from caesura_service.session.view import Pipeline, View
+
+PRESETS = ("fake", "default", "raising", "raising-at-the-end")
+STRIDE = 10  # samples an observation
+JUMP = 0.5
+BROKEN_AT = 13.0  # a value that the preset `raising` cannot stand
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+def make_fake_pipeline(opening: Open, default_preset: str) -> Pipeline:
+    """A FakePipeline. Raises ProtocolError for a preset that is not one of PRESETS."""
+    preset = opening.preset or default_preset
+    if preset not in PRESETS:
+        raise ProtocolError("malformed", "unknown preset", value=preset, expected=list(PRESETS))
+    report = WrenchReport(
+        source=opening.wrench_source, contact_models=False, transport_models=False, tare=None, note="fake"
+    )
+    return FakePipeline(preset, report)
+
+
+@dataclass
+class FakePipeline:
+    """Changepoints at jumps of the second column."""
+
+    preset: str
+    wrench: WrenchReport
+    t: float = float("-inf")
+    samples: int = 0
+    repeats: int = 0
+    observations: int = 0
+    jumps: tuple[float, ...] = ()
+    gaps: tuple[Gap, ...] = ()
+    finished: bool = False
+    _start: float = 0.0
+    _value: float | None = None
+    _last_t: float | None = None
+    _gap_pending: bool = False
+    _digest: float = field(default=0.0)
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+        return View(
+            t=self.t,
+            samples=self.samples,
+            repeats=self.repeats,
+            observations=self.observations,
+            changepoints=self._changepoints(),
+            segments=self._segments(),
+            posterior_starts=(self._start, max(self.t, 0.0)),
+            posterior_probabilities=(0.75, 0.25),
+            apps=self._apps(),
+            notes=(),
+            gaps=self.gaps,
+            wrench=self.wrench,
+            delay_s=0.1,
+            hypotheses=2,
+            capped=0,
+        )
+
+    def push(self, samples: NDArray[np.float64]) -> None:
+        """Take samples (n, columns). Raises ValueError at BROKEN_AT in the preset `raising`."""
+        for row in samples:
+            self._push_one(float(row[0]), float(row[1]))
+
+    def declare_gap(self) -> None:
+        """Remember to close the gap at the next sample; a lost beginning is none."""
+        self._gap_pending = self._last_t is not None
+
+    def finish(self) -> None:
+        """Make everything final. Raises ValueError in the preset `raising-at-the-end`."""
+        if self.preset == "raising-at-the-end":
+            raise ValueError("cannot finish")
+        self.finished = True
+
+    def _push_one(self, t: float, value: float) -> None:
+        if self.preset == "raising" and value == BROKEN_AT:
+            raise ValueError(f"cannot stand {value}")
+        if self._last_t is None:
+            self._start = t
+        elif t <= self._last_t:
+            self.repeats += 1
+            return
+        if self._gap_pending and self._last_t is not None:
+            self.gaps = (*self.gaps, Gap(t0=self._last_t, tn=t, reason="evicted"))
+            self._gap_pending = False
+        self._last_t = t
+        self.samples += 1
+        self._digest = 0.9 * self._digest + value  # order matters, so a test sees a wrong one
+        if self.samples % STRIDE == 0:
+            self._observe(t, value)
+
+    def _observe(self, t: float, value: float) -> None:
+        self.t = t
+        self.observations += 1
+        if self._value is not None and abs(value - self._value) > JUMP:
+            self.jumps = (*self.jumps, t)
+            self._start = t
+        self._value = value
+
+    def _changepoints(self) -> tuple[Changepoint, ...]:
+        final = len(self.jumps) if self.finished else len(self.jumps) - 1
+        return tuple(
+            Changepoint(
+                t=t,
+                probability=1.0 if index < final else 0.8,
+                certainty="final" if index < final else "provisional",
+            )
+            for index, t in enumerate(self.jumps)
+        )
+
+    def _segments(self) -> tuple[Segment, ...]:
+        if not self.observations:
+            return ()
+        bounds = (0.0, *self.jumps, self.t)
+        pairs = itertools.pairwise(bounds)
+        return tuple(self._segment(*pair, final=pair[1] < self.t or self.finished) for pair in pairs)
+
+    def _segment(self, t0: float, tn: float, *, final: bool) -> Segment:
+        return Segment(
+            t0=t0,
+            tn=tn,
+            kind="motion",
+            motion="motion",
+            contact="free",
+            probability=0.9,
+            runner_up=None,
+            log_odds=1.0,
+            position_start=_ORIGIN,
+            position_end=(0.0 if final else self._digest, 0.0, 0.0),
+            force_start=_ORIGIN,
+            force_end=_ORIGIN,
+            load_kg=None,
+            load_sd_kg=None,
+            certainty="final" if final else "provisional",
+        )
+
+    def _apps(self) -> tuple[App, ...]:
+        bounds = (0.0, *self.jumps)
+        return tuple(
+            App(
+                kind="cartesian_motion",
+                t0=t0,
+                tn=tn,
+                target=_ORIGIN,
+                orientation=None,
+                joints=None,
+                force=None,
+                force_taught=None,
+                load_kg=None,
+                load_sd_kg=None,
+                gripper_width=None,
+                confidence=0.9,
+                segments=(index,),
+            )
+            for index, (t0, tn) in enumerate(itertools.pairwise(bounds))
+        )

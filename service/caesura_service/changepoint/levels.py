@@ -94,7 +94,7 @@ class Laden(Biased):
     The load is log-uniform between `least_kg` and `most_kg`, with normal shoulders as wide as the bias.
     """
 
-    least_kg: float = 0.1
+    least_kg: float = 0.2
     most_kg: float = 3.0
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:

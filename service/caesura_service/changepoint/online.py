@@ -83,6 +83,7 @@ class OnlineFilter:
         self.ended: dict[int, Ended] = {}  # by the start that follows; what living hypotheses descend from
         self.root = 0  # the latest start that every living hypothesis descends from
         self.final: list[Ended] = []  # the segments before the root, which no later sample can undo
+        self.boundaries: list[int] = []  # starts that are certain because somebody said so
         self.capped = 0  # steps on which the cap bit
         self._window_evidence = np.full((window, window), -np.inf)  # [start mod window, age]
         self._window_prior = np.full(window, -np.inf)  # A(start) at [start mod window]
@@ -99,6 +100,7 @@ class OnlineFilter:
         _check_finite(observed, self.count)
         if boundary and self.count:
             self._keep(np.zeros(self.starts.size, bool))
+            self.boundaries.append(self.count)
         self._grow(observed)
         log_evidence = self.lattice.combine(self.kind_log_evidence)
         self._remember(log_evidence)

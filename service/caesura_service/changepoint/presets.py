@@ -109,9 +109,16 @@ def human_force_library() -> ProfileLibrary:
 
 
 def _default_channels() -> Mapping[str, ChannelModel]:
+    """Scales from what sensors and hands do, none from our scenarios.
+
+    A hand at rest keeps within 0.3–1 mm, a moving arm's wrench is uncertain by 0.1–1 N, both known to about
+    a quarter (nu0 = 10: the log scale has a deviation of 1/√(2 nu0)). A path leaves its profile by about
+    4 % of its length and a pressing hand its level by about a fifth, which says little about one movement
+    (nu0 = 2). A teacher reaches 0.2 m and presses with 10 N, give or take a factor of two.
+    """
     path = Noise(nu0=2.0, floor=0.0007, share=0.04, joint=True, correlation=correlation(PATH_MEMORY_S))
-    rest = replace(path, share=0.0)
-    push = Noise(nu0=2.0, floor=0.3, share=0.1, joint=True, correlation=correlation(FORCE_MEMORY_S))
+    rest = replace(path, nu0=10.0, share=0.0)
+    push = Noise(nu0=10.0, floor=0.5, share=0.2, joint=True, correlation=correlation(FORCE_MEMORY_S))
     quiet = replace(push, share=0.0)
     return {
         "moving": Profiled("position", human_motion_library(), path, origin="previous", reach=0.2),

@@ -82,9 +82,11 @@ class ProfileLibrary:
         return len(self.profiles)
 
     def _tabulate(self, rows: int) -> None:
-        t = self.step_s * np.arange(rows)
+        t: Array = self.step_s * np.arange(rows, dtype=np.float64)
         plain: Array = np.column_stack([profile(t) for profile in self.profiles])
-        self._values = whiten(plain, np.vstack([np.zeros(len(self)), plain[:-1]]), self.correlation)
+        before = np.zeros_like(plain)
+        before[1:] = plain[:-1]
+        self._values = whiten(plain, before, self.correlation)
         self._squares = np.cumsum(self._values**2, axis=0)
 
     def values(self, index: NDArray[np.int64]) -> Array:

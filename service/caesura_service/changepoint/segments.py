@@ -1,0 +1,75 @@
+"""From the filter to segments: where they start, what they are, how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.lattice import Kind
+from caesura_service.changepoint.online import Ended, OnlineFilter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a segment is, given where it begins and ends."""
+
+    kind: Kind
+    probability: float
+    runner_up: Kind | None  # None where the lattice has a single kind
+    log_odds: float  # of the kind over the runner-up; 0 without one
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Observations start to end, the end not included, as one segment."""
+
+    start: int
+    end: int
+    verdict: Verdict
+    start_probability: float  # that a segment starts here or at a neighbouring observation
+    start_final: bool
+    end_final: bool
+
+
+def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
+    """The most probable kind; kind_log_evidence: (kinds,)."""
+    order = np.argsort(-kind_log_evidence, kind="stable")
+    best, second = int(order[0]), int(order[1]) if len(kinds) > 1 else None
+    probability = float(np.exp(kind_log_evidence[best] - log_sum_exp(kind_log_evidence)))
+    if second is None:
+        return Verdict(kinds[best], probability, None, 0.0)
+    log_odds = float(kind_log_evidence[best] - kind_log_evidence[second])
+    return Verdict(kinds[best], min(probability, 1.0), kinds[second], log_odds)
+
+
+def stretches(online: OnlineFilter, first: int = 0) -> list[Stretch]:
+    """The best segmentation so far, from the final segment number `first` on."""
+    settled = len(online.final)
+    path = [*online.final[first:], *online.map_path()]
+    ends = [*(ended.start for ended in path[1:]), online.count]
+    return [
+        _stretch(online, ended, end, number + first, settled)
+        for number, (ended, end) in enumerate(zip(path, ends, strict=True))
+    ]
+
+
+def _stretch(online: OnlineFilter, ended: Ended, end: int, number: int, settled: int) -> Stretch:
+    return Stretch(
+        start=ended.start,
+        end=end,
+        verdict=verdict(online.lattice.kinds, ended.kind_log_evidence),
+        start_probability=_near(online, ended.start),
+        start_final=number <= settled,
+        end_final=number < settled,
+    )
+
+
+def _near(online: OnlineFilter, start: int) -> float:
+    """Probability of a start at an observation or next to it: the same event, to the grid's resolution."""
+    near = range(max(start - 1, 0), min(start + 2, online.count))
+    return min(1.0, sum(online.changepoint_probability(s) for s in near))

@@ -1,0 +1,224 @@
+"""From segments and gripper events to apps. Rules: thesis 4.2.5.
+
+- A motion becomes Cartesian Motion, or Move To Contact where contact follows.
+- A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
+  during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
+- A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
+- Rests, force decays, and segments below the minimum time are left out. A gripper event outside any
+  contact is an app of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Literal
+
+import numpy as np
+
+from caesura_protocol.messages import App, AppKind, Joints, Quaternion, Segment, Vector
+
+FORCE_LIMIT_N = 10.0
+LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
+GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
+
+GRIP_APPS: dict[str, AppKind] = {
+    "grasp": "grasp",
+    "release": "gripper_move",
+    "open": "gripper_move",
+    "close": "gripper_move",
+}
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The robot at one time, base frame."""
+
+    position: Vector  # [m]
+    orientation: Quaternion | None  # x y z w
+    joints: Joints | None  # [rad]
+    gripper_width: float | None  # [m]
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A gripper event."""
+
+    t: float  # [s]
+    kind: Literal["grasp", "release", "open", "close"]
+    width: float | None  # [m] where the fingers settled
+
+
+@dataclass(frozen=True)
+class Step:
+    """A segment as the program sees it."""
+
+    index: int
+    segment: Segment
+    confidence: float
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts [s]."""
+        return self.segment.tn - self.segment.t0
+
+
+MomentAt = Callable[[float], Moment]
+
+
+def task_program(
+    steps: Sequence[Step],
+    grips: Sequence[Grip],
+    moment_at: MomentAt,
+    *,
+    least_s: float = 0.3,
+    force_limit_n: float = FORCE_LIMIT_N,
+) -> tuple[App, ...]:
+    """The apps of a demonstration, in time order.
+
+    least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
+    force_limit_n [N].
+    """
+    kept = [step for step in steps if step.seconds >= least_s]
+    kept = [step for before, step in zip([None, *kept], kept, strict=False) if not _lets_go(before, step)]
+    groups = [list(group) for _, group in groupby(kept, key=_group_key)]
+    rest = list(grips)
+    apps: list[App] = []
+    for number, group in enumerate(groups):
+        following = groups[number + 1][0].segment if number + 1 < len(groups) else None
+        build = _BUILDERS.get(group[0].segment.kind)
+        if build is not None:
+            apps += build(_Group(group, following, rest, moment_at, force_limit_n))
+    apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
+    return tuple(sorted(apps, key=lambda app: app.t0))
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Consecutive segments that make up one thing, and what is needed to build its apps."""
+
+    steps: list[Step]
+    following: Segment | None
+    grips: list[Grip]  # not yet used; those that belong to a contact are taken out
+    moment_at: MomentAt
+    force_limit_n: float
+
+    def app(self, kind: AppKind, steps: Sequence[Step], **changes: object) -> App:
+        """An app over some of the steps that ends where they end."""
+        first, last = steps[0].segment, steps[-1].segment
+        moment = self.moment_at(last.tn)
+        fields: dict[str, object] = {
+            "kind": kind,
+            "t0": first.t0,
+            "tn": last.tn,
+            "target": last.position_end,
+            "orientation": moment.orientation,
+            "joints": moment.joints,
+            "force": None,
+            "force_taught": None,
+            "load_kg": None,
+            "load_sd_kg": None,
+            "gripper_width": None,
+            "confidence": min(step.confidence for step in steps),
+            "segments": tuple(step.index for step in steps),
+        }
+        return App.model_validate(fields | changes)
+
+
+def _motions(group: _Group) -> Iterable[App]:
+    """One app a movement; the last one is stopped by the contact that follows."""
+    touches = group.following is not None and group.following.contact == "contact"
+    for step in group.steps:
+        last = step is group.steps[-1]
+        yield group.app("move_to_contact" if touches and last else "cartesian_motion", [step])
+
+
+def _contacts(group: _Group) -> Iterable[App]:
+    """What the gripper does during the contact, or else the force."""
+    t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
+    mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
+    for grip in mine:
+        group.grips.remove(grip)
+        confidence = min(step.confidence for step in group.steps)
+        yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+    taught = max((step.segment.force_end for step in group.steps), key=_length)
+    if not mine and _length(taught) >= LEAST_CONTACT_N:
+        yield group.app("apply_force", group.steps, **_forces(taught, group.force_limit_n))
+
+
+def _slides(group: _Group) -> Iterable[App]:
+    """One app a stroke, with its own target."""
+    for step in group.steps:
+        taught = max(step.segment.force_start, step.segment.force_end, key=_length)
+        yield group.app("apply_force", [step], **_forces(taught, group.force_limit_n))
+
+
+def _carries(group: _Group) -> Iterable[App]:
+    """One app a stretch, all with the average load of the whole carry."""
+    weighed = [step for step in group.steps if step.segment.load_kg is not None]
+    load: dict[str, object] = {}
+    if weighed:
+        seconds = [step.seconds for step in weighed]
+        load["load_kg"] = float(np.average([step.segment.load_kg or 0.0 for step in weighed], weights=seconds))
+        load["load_sd_kg"] = float(
+            np.average([step.segment.load_sd_kg or 0.0 for step in weighed], weights=seconds)
+        )
+    for step in group.steps:
+        yield group.app("transport" if step.segment.kind == "transport" else "hold", [step], **load)
+
+
+_BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
+    "motion": _motions,
+    "contact": _contacts,
+    "sliding": _slides,
+    "transport": _carries,
+    "hold": _carries,
+}
+
+
+def _group_key(step: Step) -> str:
+    """Transport and hold are one carry."""
+    return "transport" if step.segment.kind == "hold" else step.segment.kind
+
+
+def _lets_go(before: Step | None, step: Step) -> bool:
+    """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off."""
+    if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
+        return False
+    segment = step.segment
+    moved = _length(np.subtract(segment.position_end, segment.position_start))
+    return moved < DECAY_REACH_M and _length(segment.force_end) < _length(segment.force_start)
+
+
+def _grip_app(
+    grip: Grip, t0: float, tn: float, moment_at: MomentAt, confidence: float, segments: Sequence[int]
+) -> App:
+    moment = moment_at(grip.t)
+    return App(
+        kind=GRIP_APPS[grip.kind],
+        t0=t0,
+        tn=tn,
+        target=moment.position,
+        orientation=moment.orientation,
+        joints=moment.joints,
+        force=None,
+        force_taught=None,
+        load_kg=None,
+        load_sd_kg=None,
+        gripper_width=moment.gripper_width if grip.width is None else grip.width,
+        confidence=confidence,
+        segments=tuple(segments),
+    )
+
+
+def _forces(on_robot: Vector, limit_n: float) -> dict[str, object]:
+    """What the robot exerts: the opposite of what acts on it, scaled to the limit."""
+    taught = -np.asarray(on_robot)
+    scale = min(1.0, limit_n / max(_length(taught), 1e-12))
+    return {"force": tuple((scale * taught).tolist()), "force_taught": tuple(taught.tolist())}
+
+
+def _length(vector: Sequence[float] | np.ndarray) -> float:
+    return float(np.linalg.norm(vector))

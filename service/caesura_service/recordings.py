@@ -1,0 +1,60 @@
+"""A recording, segmented without a network: the same samples in the same batches as a bridge would send.
+
+What comes out is, number for number, what a session over the wire would have said at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from caesura_clients.recording import Recording
+from caesura_protocol.codec import pack_samples, unpack_samples
+from caesura_protocol.messages import Open
+from caesura_service.session.pipeline import make_pipeline
+from caesura_service.session.view import View
+
+BATCH_SAMPLES = 20
+
+
+def segment_recording(
+    recording: Recording,
+    preset: str = "default",
+    *,
+    progress: Callable[[int], None] = lambda samples: None,
+) -> View:
+    """Segment a whole recording; progress is told how many samples have just been taken.
+
+    Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
+    """
+    opening = Open(
+        session="file",
+        columns=recording.columns,
+        wrench_source=recording.wrench_source,
+        force_frame=recording.force_frame,
+        length_unit=recording.length_unit,
+        preset=preset,
+    )
+    pipeline = make_pipeline(opening, preset)
+    matrix = recording.matrix()
+    for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
+        rows = matrix[first : first + BATCH_SAMPLES]
+        pipeline.push(unpack_samples(pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)))
+        progress(len(rows))
+    pipeline.finish()
+    return pipeline.view
+
+
+def as_json(view: View) -> dict[str, Any]:
+    """Everything a script wants, as plain values."""
+    return {
+        "segments": [segment.model_dump(mode="json") for segment in view.segments],
+        "changepoints": [changepoint.model_dump(mode="json") for changepoint in view.changepoints],
+        "program": [app.model_dump(mode="json") for app in view.apps],
+        "gaps": [gap.model_dump(mode="json") for gap in view.gaps],
+        "wrench": view.wrench.model_dump(mode="json"),
+        "delay_s": view.delay_s,
+        "samples": view.samples,
+        "repeats": view.repeats,
+        "observations": view.observations,
+    }

@@ -1,0 +1,84 @@
+"""What a session's observations were, kept compactly: one row of numbers each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.program import Moment
+from caesura_service.signals import Observation
+
+Array = NDArray[np.float64]
+
+_T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
+_ORIENTATION, _JOINTS, _WIDTH, _SUM, _SUM2 = slice(7, 11), slice(11, 18), 18, 19, 20
+_COLUMNS = 21
+
+
+class History:
+    """Rows of observations, with running sums of the vertical force so that any mean costs the same."""
+
+    def __init__(self) -> None:
+        self._rows = np.empty((256, _COLUMNS))
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def t_last(self) -> float:
+        """[s] the last observation; −inf before the first."""
+        return float(self._rows[self._count - 1, _T]) if self._count else -np.inf
+
+    def append(self, observation: Observation) -> None:
+        """Keep one more observation."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        row = self._rows[self._count]
+        row[_T] = observation.t
+        row[_POSITION], row[_FORCE] = observation.position_base, observation.force_base
+        row[_ORIENTATION] = np.nan if observation.orientation is None else observation.orientation
+        row[_JOINTS] = np.nan if observation.joints is None else observation.joints
+        row[_WIDTH] = np.nan if observation.gripper_width is None else observation.gripper_width
+        before = self._rows[self._count - 1, _SUM : _SUM2 + 1] if self._count else np.zeros(2)
+        fz = float(observation.force_base[2])
+        row[_SUM], row[_SUM2] = before[0] + fz, before[1] + fz * fz
+        self._count += 1
+
+    def t(self, index: int) -> float:
+        """[s] time of an observation."""
+        return float(self._rows[index, _T])
+
+    def position(self, index: int) -> tuple[float, float, float]:
+        """[m] flange position."""
+        x, y, z = self._rows[index, _POSITION].tolist()
+        return x, y, z
+
+    def force(self, index: int) -> tuple[float, float, float]:
+        """[N] tared force on the robot."""
+        x, y, z = self._rows[index, _FORCE].tolist()
+        return x, y, z
+
+    def vertical_force(self, start: int, end: int) -> tuple[float, float]:
+        """Mean [N] and variance [N²] of the vertical force over observations start to end, end not included."""
+        before = self._rows[start - 1, _SUM : _SUM2 + 1] if start else np.zeros(2)
+        mean, mean2 = (self._rows[end - 1, _SUM : _SUM2 + 1] - before) / (end - start)
+        return float(mean), max(float(mean2 - mean * mean), 0.0)
+
+    def moment(self, t: float) -> Moment:
+        """The pose at the observation nearest to a time [s]."""
+        times = self._rows[: self._count, _T]
+        after = int(np.clip(np.searchsorted(times, t), 1, max(self._count - 1, 1)))
+        index = after - 1 if t - times[after - 1] <= times[min(after, self._count - 1)] - t else after
+        return self.moment_at(min(index, self._count - 1))
+
+    def moment_at(self, index: int) -> Moment:
+        """The pose at an observation."""
+        row = self._rows[index]
+        orientation, joints = row[_ORIENTATION].tolist(), row[_JOINTS].tolist()
+        return Moment(
+            position=self.position(index),
+            orientation=None if np.isnan(orientation[0]) else tuple(orientation),
+            joints=None if np.isnan(joints[0]) else tuple(joints),
+            gripper_width=None if np.isnan(row[_WIDTH]) else float(row[_WIDTH]),
+        )

@@ -1,0 +1,201 @@
+"""The mathematics behind a session, end to end: sample → observation → evidence → posterior → segment → app."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
+from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.segments import Stretch, stretches
+from caesura_service.program import Grip, Step, task_program
+from caesura_service.robot import load_panda
+from caesura_service.session.history import History
+from caesura_service.session.view import Pipeline, View
+from caesura_service.session.weighing import is_baseline, weigh
+from caesura_service.signals import WRENCH_SOURCES, Conditioned, Conditioner, Layout, Observation
+
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
+
+
+def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
+    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that do not work."""
+    name = opening.preset or default_preset
+    if name not in PRESETS:
+        raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
+    robot = load_panda() if "q1" in opening.columns else None
+    try:
+        layout = Layout(
+            columns=opening.columns,
+            wrench_source=opening.wrench_source,
+            force_frame=opening.force_frame,
+            metres_per_unit=METRES_PER_UNIT[opening.length_unit],
+            pose_of_joints=None if robot is None else robot.flange_poses,
+            wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
+        )
+    except ValueError as error:
+        raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
+    return SegmentationPipeline(layout, PRESETS[name], opening)
+
+
+class SegmentationPipeline:
+    """One demonstration, from samples to task program. See `Pipeline`."""
+
+    def __init__(self, layout: Layout, preset: Preset, opening: Open) -> None:
+        self._opening = opening
+        self._preset = preset
+        self._source = WRENCH_SOURCES[layout.wrench_source]
+        self._conditioner = Conditioner(layout)
+        self._online = preset.online(
+            contact=self._source.contact_models, transport=self._source.transport_models
+        )
+        self._history = History()
+        self._gaps: list[Gap] = []
+        self._grips: list[Grip] = []
+        # Segments that nothing can change any more, not even a later comparison of their load.
+        self._settled: list[tuple[Stretch, Segment]] = []
+        self._lost = False  # the next gap was declared, not seen
+        self._finished = False
+        self._view = self._look()
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+        return self._view
+
+    def push(self, samples: NDArray[np.float64]) -> None:
+        """Take the next samples. Raises ValueError for samples that cannot be right, and has not changed then."""
+        self._take(self._conditioner.push(samples))
+
+    def declare_gap(self) -> None:
+        """Say that samples between the last push and the next are lost for good."""
+        self._conditioner.declare_gap()
+        self._lost = True
+
+    def finish(self) -> None:
+        """The demonstration is over: what is still open is decided as it stands."""
+        self._finished = True
+        self._take(self._conditioner.finish())
+
+    def _take(self, conditioned: Conditioned) -> None:
+        for t0, tn in conditioned.gaps:
+            self._gaps.append(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
+            self._lost = False
+        self._grips += [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        for observation in conditioned.observations:
+            self._history.append(observation)
+            self._online.step(_observed(observation), boundary=observation.after_gap)
+        self._view = self._look()
+
+    def _look(self) -> View:
+        parts = self._parts()
+        segments = [segment for _, segment in parts]
+        return View(
+            t=self._history.t_last,
+            samples=self._conditioner.samples,
+            repeats=self._conditioner.repeats,
+            observations=self._online.count,
+            changepoints=tuple(self._changepoint(stretch) for stretch, _ in parts[1:]),
+            segments=tuple(segments),
+            posterior_starts=tuple(self._boundary(int(s)) for s in self._online.starts),
+            posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
+            apps=self._apps(parts),
+            notes=() if self._source.contact_models else (self._source.note,),
+            gaps=tuple(self._gaps),
+            wrench=self._wrench(),
+            delay_s=self._conditioner.delay_s,
+            hypotheses=self._online.starts.size,
+            capped=self._online.capped,
+        )
+
+    def _parts(self) -> list[tuple[Stretch, Segment]]:
+        """Every stretch with its segment; remembers those that have settled."""
+        if not self._online.count:
+            return []
+        known = len(self._settled)
+        all_stretches = [*(s for s, _ in self._settled), *stretches(self._online, known)]
+        fresh = [
+            (all_stretches[i], self._segment(all_stretches, i)) for i in range(known, len(all_stretches))
+        ]
+        compared = [i for i, (stretch, _) in enumerate(fresh) if stretch.end_final and is_baseline(stretch)]
+        parts = [*self._settled, *fresh]
+        if compared:
+            self._settled += fresh[: compared[-1] + 1]
+        return parts
+
+    def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
+        stretch, history = all_stretches[index], self._history
+        found = stretch.verdict
+        load = weigh(all_stretches, index, history)
+        begin, last = self._first_of(stretch.start), stretch.end - 1
+        return Segment(
+            t0=history.t(begin),
+            tn=history.t(last) if self._preset.continuous else self._end(stretch.end),
+            kind=found.kind.name,
+            motion=found.kind.motion,
+            contact=found.kind.contact,
+            probability=found.probability,
+            runner_up=None if found.runner_up is None else found.runner_up.name,
+            log_odds=found.log_odds,
+            certainty="final" if stretch.end_final or self._finished else "provisional",
+            position_start=history.position(begin),
+            position_end=history.position(last),
+            force_start=history.force(begin),
+            force_end=history.force(last),
+            load_kg=None if load is None else load.kg,
+            load_sd_kg=None if load is None else load.sd_kg,
+        )
+
+    def _first_of(self, start: int) -> int:
+        """The observation at which a segment that starts at `start` begins in time."""
+        joins = self._preset.continuous and start > 0 and start not in self._online.boundaries
+        return start - 1 if joins else start
+
+    def _boundary(self, start: int) -> float:
+        return self._history.t(self._first_of(start))
+
+    def _end(self, end: int) -> float:
+        """Where a segment ends that has observations up to `end`, which is not its own."""
+        missing = end == self._online.count or end in self._online.boundaries
+        return self._history.t(end - 1 if missing else end)
+
+    def _changepoint(self, stretch: Stretch) -> Changepoint:
+        final = stretch.start_final or self._finished
+        return Changepoint(
+            t=self._boundary(stretch.start),
+            probability=stretch.start_probability,
+            certainty="final" if final else "provisional",
+        )
+
+    def _apps(self, parts: list[tuple[Stretch, Segment]]) -> tuple[App, ...]:
+        starts = [1.0, *(stretch.start_probability for stretch, _ in parts[1:]), 1.0]
+        steps = [
+            Step(i, segment, segment.probability * min(starts[i], starts[i + 1]))
+            for i, (_, segment) in enumerate(parts)
+        ]
+        return task_program(steps, self._grips, self._history.moment, least_s=self._preset.least_segment_s)
+
+    def _wrench(self) -> WrenchReport:
+        source = self._source
+        return WrenchReport(
+            source=self._opening.wrench_source,
+            contact_models=source.contact_models,
+            transport_models=source.transport_models,
+            tare=self._conditioner.tare,
+            note=f"{source.note} {self._conditioner.tare_note}",
+        )
+
+
+def _observed(observation: Observation) -> Observed:
+    return Observed(observation.position_base, observation.force_base, _holding(observation))
+
+
+def _holding(observation: Observation) -> float:
+    """1 the gripper holds something, 0 it does not, nan unknown."""
+    if observation.gripper_closed is None:
+        return np.nan
+    empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M
+    return float(observation.gripper_closed and not empty)

@@ -1,7 +1,8 @@
 """Kinematics and dynamics of the Panda, the one place that knows pinocchio.
 
 Rules of the room: plain float64 arrays in and out; frames stand in the names; a quaternion is x y z w; a
-wrench is force over moment, and acts on the robot, at the flange, in base axes. Joint positions are (7,) [rad].
+wrench is force over moment, and acts on the robot, at the flange, in base axes. Joint positions
+are (7,) [rad].
 
 A `Robot` keeps pinocchio's scratch `Data`, so one instance serves one thread; instances share nothing.
 """

@@ -1,0 +1,166 @@
+"""The arm in the hand: forward dynamics of a guided Panda at 1 kHz.
+
+Gravity and Coriolis torques are compensated by the robot, so what is left of the joint dynamics is mass,
+damping and friction under the wrenches at the flange (thesis 2.2 and 3.1):
+
+    M(q) dv/dt = Jᵀ (w_hand + w_environment − D_x v_flange) − D_q v − τ_friction
+
+The hand is the outer loop, K_x (x_d − x) with a damper; the thesis' (3.6) prints the other sign. Joint
+damping and friction enter the step implicitly: friction at standstill is far too stiff for an explicit step
+of 1 ms, and it is what lets a guided Panda rest within micrometres while a hand trembles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_clients.bridge.teacher.contact import Touch
+from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
+from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_service.robot import Robot
+
+GRAVITY = 9.81
+CARTESIAN_DAMPING = 20.0  # [Ns/m] of the guiding controller
+TURN_DAMPING = 1.5  # [Nms/rad]
+JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
+FRICTION_NM = np.array([0.7, 0.7, 0.7, 0.7, 0.3, 0.3, 0.3])
+STICK_RAD_PER_S = 2e-4  # below it friction acts like a very stiff damper
+HAND_TURN_STIFFNESS = 25.0  # [Nm/rad]
+HAND_TURN_DAMPING = 3.0  # [Nms/rad]
+WEIGHT_FELT_S = 0.15  # in which a hand takes a load over
+PRESS_FELT_S = 0.3  # in which it corrects a force that it feels to be wrong
+PRESS_CORRECTION_N = 8.0
+LEAST_PRESS_N = 0.5
+POSTURE = (0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)  # [rad] elbow up, fingers down; turned to where the task is
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened, tick by tick; base frame.
+
+    t (n,) [s]; q (n, 7) [rad]; v (n, 7) [rad/s]; twist (n, 6) of the flange [m/s, rad/s]; environment (n, 6)
+    and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips; width (n,) [m];
+    load_kg (n,) held by the fingers.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    twist: Array
+    environment: Array
+    hand: Array
+    contact: Array
+    width: Array
+    load_kg: Array
+
+
+class Guiding:
+    """One demonstration under way: `run` takes it some ticks further."""
+
+    def __init__(self, robot: Robot, plan: Plan) -> None:
+        self._robot, self._plan = robot, plan
+        self._touch = Touch(plan.scenario.surfaces)
+        start = plan.scenario.start
+        self._q, self._orientation = start_posture(robot, start)
+        self._v = np.zeros(7)
+        self._weight_n = 0.0
+        self._press_n = 0.0
+        self._tick = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the demonstration is over."""
+        return self._tick >= self._plan.ticks
+
+    def run(self, ticks: int) -> Trace:
+        """Simulate the next ticks, or what is left."""
+        first, last = self._tick, min(self._tick + ticks, self._plan.ticks)
+        rows = np.empty((last - first, 35))
+        for row, tick in zip(rows, range(first, last), strict=True):
+            self._step(tick, row)
+        self._tick = last
+        q, v, twist, environment, hand, contact = np.split(rows, [7, 14, 20, 26, 32], axis=1)
+        t = np.arange(first, last) / float(TICKS_PER_S)
+        width, load_kg = self._plan.width[first:last], self._plan.load_kg[first:last]
+        return Trace(t, q, v, twist, environment, hand, contact, width, load_kg)
+
+    def _step(self, tick: int, row: Array) -> None:
+        """Write the state and its wrenches into the row, then go one tick on."""
+        arm = self._robot.hand_dynamics(self._q)
+        twist = arm.jacobian @ self._v
+        lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
+        hand = self._hand_wrench(tick, arm.position_base, arm.rotation_base, twist)
+        vx, vy, vz, wx, wy, wz = twist.tolist()
+        lx, ly, lz = lever.tolist()
+        tip_velocity = (vx + wy * lz - wz * ly, vy + wz * lx - wx * lz, vz + wx * ly - wy * lx)
+        contact = self._touch.force((arm.position_base + lever).tolist(), tip_velocity, DT)
+        load = float(self._plan.load_kg[tick])
+        self._feel(tick, load, contact[2])
+        given = hand + _wrench_at_flange(contact, -GRAVITY * load, (lx, ly, lz))
+        given[:3] -= CARTESIAN_DAMPING * twist[:3]
+        given[3:] -= TURN_DAMPING * twist[3:]
+        mass, jacobian = arm.mass_matrix, arm.jacobian
+        if load > 0.0:
+            at_tip = jacobian[:3] - _cross(lx, ly, lz) @ jacobian[3:]
+            mass = mass + load * at_tip.T @ at_tip
+        resist = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
+        change = np.linalg.solve(mass + DT * np.diag(resist), DT * (jacobian.T @ given - resist * self._v))
+        pull = (0.0, 0.0, -GRAVITY * load)
+        if load > 0.0:
+            ax, ay, az = (load / DT * (at_tip @ change)).tolist()
+            pull = (-ax, -ay, -az - GRAVITY * load)
+        carried = (contact[0] + pull[0], contact[1] + pull[1], contact[2] + pull[2])
+        row[:7], row[7:14], row[14:20] = self._q, self._v, twist
+        row[20:26] = _wrench_at_flange(carried, 0.0, (lx, ly, lz))
+        row[26:32], row[32:] = hand, contact
+        self._v = self._v + change
+        self._q = self._q + DT * self._v
+
+    def _hand_wrench(self, tick: int, position: Array, rotation: Array, twist: Array) -> Array:
+        """What the hand does to the flange: hold the place it wants, and what it adds to that."""
+        plan, person = self._plan, self._plan.person
+        wrench = np.empty(6)
+        wrench[:3] = person.stiffness_n_per_m * (plan.position[tick] - position)
+        wrench[:3] += person.damping_ns_per_m * (plan.velocity[tick] - twist[:3]) + plan.force[tick]
+        wrench[2] += self._weight_n - self._press_n
+        turn = self._orientation @ rotation.T
+        error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        wrench[3:] = HAND_TURN_STIFFNESS * error - HAND_TURN_DAMPING * twist[3:] + plan.torque[tick]
+        return wrench
+
+    def _feel(self, tick: int, load_kg: float, normal_n: float) -> None:
+        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes back."""
+        weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
+        self._weight_n += DT / WEIGHT_FELT_S * (weight - self._weight_n)
+        meant = float(self._plan.press[tick])
+        wrong = meant - normal_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
+        corrected = self._press_n + DT / PRESS_FELT_S * wrong
+        self._press_n = min(max(corrected, -PRESS_CORRECTION_N), PRESS_CORRECTION_N)
+
+
+def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Joint positions (7,) with the flange at a position, and its rotation (3, 3): fingers down.
+
+    Raises ReachError where the arm does not get there.
+    """
+    turn = float(np.arctan2(position[1], position[0]))
+    home = np.array(POSTURE)
+    home[0] = turn
+    down = np.array([np.cos(turn / 2), np.sin(turn / 2), 0.0, 0.0])
+    q = robot.inverse_kinematics(position, down, home)
+    return q, robot.hand_dynamics(q).rotation_base
+
+
+def _wrench_at_flange(
+    force: tuple[float, float, float], more_z: float, lever: tuple[float, float, float]
+) -> Array:
+    fx, fy, fz = force[0], force[1], force[2] + more_z
+    lx, ly, lz = lever
+    return np.array([fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx])
+
+
+def _cross(x: float, y: float, z: float) -> Array:
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,0 +1,77 @@
+"""Who teaches: everything in which one person differs from the next, drawn from a seed.
+
+The ranges are those of real hand-guided recordings (data/PROVENANCE.md). `THESIS` is the person whose times,
+forces and loads are the thesis' own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_clients.bridge.teacher.intentions import PROFILES, Profile
+
+
+@dataclass(frozen=True)
+class Person:
+    """One teacher and the sensors of the robot that is taught.
+
+    Factors multiply the scenario's nominal values. Noise levels are standard deviations an axis.
+    """
+
+    name: str
+    profile: Profile = "minimum_jerk"
+    speed_factor: float = 1.0
+    pause_factor: float = 1.0
+    force_factor: float = 1.0
+    load_kg: float = 0.25
+    # The arm
+    stiffness_n_per_m: float = 600.0
+    damping_ns_per_m: float = 90.0
+    tremor_n: float = 0.12  # 8 to 12 Hz
+    wander_n: float = 0.4  # slow change of the hand's force
+    deviation: float = 0.015  # by which a path leaves its profile, as a share of its length
+    scatter: float = 0.005  # of a movement's end, as a share of its length
+    irregularity: float = 0.0  # of times and forces from one step to the next, relative
+    hesitation: float = 0.0  # probability of a stop within a movement
+    correction: float = 0.3  # probability of a small movement within a long pause
+    preload_n: float = 2.0  # hand force before a movement starts
+    # The sensors
+    position_noise_m: float = 5e-6
+    force_noise_n: float = 0.06
+    motion_noise_n: float = 0.2
+    bias_n: float = 2.0
+    bias_wander_n: float = 0.3  # over a recording, with the pose and slowly by itself
+    impact_m: float = 0.008  # how far below a surface a movement towards it aims
+
+
+THESIS = Person(name="thesis", correction=0.0)
+
+
+def draw_person(rng: np.random.Generator, name: str) -> Person:
+    """Draw a person: speed, habits, unsteadiness, and the sensors of a robot."""
+    return Person(
+        name=name,
+        profile=PROFILES[rng.choice(3, p=(0.6, 0.15, 0.25))],
+        speed_factor=rng.uniform(0.75, 1.3),
+        pause_factor=rng.lognormal(0.0, 0.35),
+        force_factor=rng.uniform(0.85, 1.15),
+        load_kg=rng.uniform(0.15, 0.6),
+        stiffness_n_per_m=rng.uniform(450.0, 800.0),
+        damping_ns_per_m=rng.uniform(70.0, 120.0),
+        tremor_n=rng.uniform(0.08, 0.3),
+        wander_n=rng.uniform(0.3, 0.9),
+        deviation=rng.uniform(0.01, 0.04),
+        scatter=rng.uniform(0.005, 0.02),
+        irregularity=rng.uniform(0.03, 0.12),
+        hesitation=rng.uniform(0.0, 0.15),
+        correction=rng.uniform(0.1, 0.6),
+        preload_n=rng.uniform(1.2, 2.2),
+        position_noise_m=rng.uniform(2e-6, 15e-6),
+        force_noise_n=np.exp(rng.uniform(np.log(0.02), np.log(0.2))),
+        motion_noise_n=rng.uniform(0.1, 0.6),
+        bias_n=rng.uniform(1.0, 5.0),
+        bias_wander_n=rng.lognormal(np.log(0.6), 0.5),
+        impact_m=rng.uniform(0.004, 0.015),
+    )

@@ -1,0 +1,254 @@
+"""From a scenario and a person to what the hand means to do at every tick.
+
+The plan is made before the first tick and draws everything that the hand does by chance, so that a
+demonstration is the same however it is cut into chunks. What comes of it, the simulation tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.signal import butter, sosfilt
+
+from caesura_clients.bridge.teacher.contact import Surface
+from caesura_clients.bridge.teacher.intentions import Array, Stroke, path, time_of_share
+from caesura_clients.bridge.teacher.person import Person
+from caesura_clients.bridge.teacher.scenarios import Scenario, Step, tips
+
+TICKS_PER_S = 1000
+DT = 1.0 / TICKS_PER_S  # [s]
+FINGER_TRAVEL_S = 0.56
+WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
+PASSING_OVERLAP = 0.35  # of a stroke's duration, into the next
+LET_GO_S = 0.3  # in which a force is let go when the hand leaves
+PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
+MUSCLE_S = 0.03  # a hand's own smoothing of what it means to do
+PRELOAD_LEAD_S = 0.16
+CREEP_M_PER_S = 0.005  # intended speed at which the hand fully overcomes the arm's friction
+FELT_MASS_KG, FELT_DAMPING_NS_PER_M = 8.0, 20.0  # what a person expects of the guided arm
+FEED_FORWARD_LIMIT_N = 20.0
+TREMOR_HZ = (8.0, 12.0)
+WANDER_S = 0.8
+TURN_WANDER_NM = 0.05
+LATERAL_PRESS_SHARE = 0.07  # nobody presses exactly along the normal
+LONG_PAUSE_S, LONG_MOVE_M = 0.8, 0.08
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a hand means to do, tick by tick (n ticks of `DT`).
+
+    position: (n, 3) [m] where it wants the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
+    (n, 3) [Nm] that it adds to holding that place; width: (n,) [m] between the fingers; load_kg: (n,) [kg]
+    held by them. All in the base frame.
+    """
+
+    scenario: Scenario
+    person: Person
+    position: Array
+    velocity: Array
+    force: Array
+    torque: Array
+    press: Array
+    width: Array
+    load_kg: Array
+
+    @property
+    def ticks(self) -> int:
+        """Length of the demonstration in ticks."""
+        return len(self.position)
+
+
+def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> Plan:
+    """Draw one demonstration of a scenario by a person."""
+    planner = _Planner(scenario, person, rng)
+    for step, duration in zip(scenario.steps, _durations(scenario.steps, person, rng), strict=True):
+        planner.add(step, duration)
+    n = round(planner.now / DT)
+    t = np.arange(n) / float(TICKS_PER_S)
+    position = gaussian_filter1d(
+        path(scenario.start, planner.strokes, t), MUSCLE_S / DT, axis=0, mode="nearest"
+    )
+    velocity: Array = np.gradient(position, DT, axis=0)
+    press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
+    pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
+    force = (
+        pushed + _feed_forward(velocity, person) + _tremor(n, person, rng) + _wander(n, rng) * person.wander_n
+    )
+    width, held = _gripper(
+        t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
+    )
+    torque: Array = TURN_WANDER_NM * _wander(n, rng)
+    load_kg = person.load_kg * held.astype(np.float64)
+    return Plan(scenario, person, position, velocity, force, torque, press, width, load_kg)
+
+
+class _Planner:
+    """Turns steps into strokes, one after the other; knows where the hand will be and when."""
+
+    def __init__(self, scenario: Scenario, person: Person, rng: np.random.Generator) -> None:
+        self.scenario, self.person, self.rng = scenario, person, rng
+        self.now = 0.0  # [s]
+        self.place = np.array(scenario.start)  # [m] where the strokes so far lead
+        self.push = np.zeros(3)  # [N] what the hand adds to holding its place
+        self.press = 0.0  # [N] what it means the surface to feel
+        self.strokes: list[Stroke] = []
+        self.pushes: list[Stroke] = []
+        self.presses: list[Stroke] = []
+        self.closed_s: list[float] = []
+        self.opened_s: list[float] = []
+
+    def add(self, step: Step, duration: float) -> None:
+        """Append a step that takes a duration [s]."""
+        getattr(self, f"_{step.kind}")(step, duration)
+        self.now += duration
+
+    def _move(self, step: Step, duration: float) -> None:
+        goal = self._scattered(step)
+        self._push_with(np.zeros(3), 0.0, min(LET_GO_S, duration))
+        long = not step.passing and np.linalg.norm(goal - self.place) > LONG_MOVE_M
+        if long and self.rng.random() < self.person.hesitation:
+            self._hesitate(goal, duration)
+        else:
+            self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing))
+
+    def _hesitate(self, goal: Array, duration: float) -> None:
+        """Go part of the way, stop, go on; the demonstration gets longer by the stop."""
+        share, stop = self.rng.uniform(0.35, 0.65), self.rng.uniform(0.13, 0.6)
+        self._stroke(self.place + share * (goal - self.place), share * duration)
+        self.now += stop
+        self._stroke(goal, (1.0 - share) * duration, delay=share * duration)
+
+    def _touch(self, step: Step, duration: float) -> None:
+        """Arrive over the place when the surface stops the fall, which aims a little below it."""
+        goal = self._scattered(step)
+        fall = self.place[2] - goal[2]
+        share = time_of_share(self.person.profile, fall / (fall + self.person.impact_m))
+        self._stroke(np.array([*goal[:2], self.place[2]]), duration)
+        self._stroke(goal - (0.0, 0.0, self.person.impact_m), duration / share)
+
+    def _press(self, step: Step, duration: float) -> None:
+        surface, force = self._surface_below(self.place), self._force(step)
+        rise = min(PRESS_RISE_S, 0.7 * duration)
+        if surface.travel_m > 0.0:
+            self._stroke(np.array([*self.place[:2], self._rest_height(surface, force)]), rise)
+        self._press_down(surface, force, rise)
+
+    def _slide(self, step: Step, duration: float) -> None:
+        goal = self._scattered(step)
+        goal[2] = self.place[2]
+        self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing))
+        self._press_down(self._surface_below(goal), self._force(step), duration)
+
+    def _grasp(self, step: Step, duration: float) -> None:
+        self._press(step, duration)
+        self.closed_s.append(self.now + duration)
+
+    def _release(self, step: Step, duration: float) -> None:
+        self._press(step, duration)
+        self.opened_s.append(self.now + duration)
+
+    def _dwell(self, step: Step, duration: float) -> None:
+        if duration > LONG_PAUSE_S and self.press == 0.0 and self.rng.random() < self.person.correction:
+            begin, length = self.rng.uniform(0.3, 0.5), self.rng.uniform(0.002, 0.008)
+            direction = self.rng.normal(size=3)
+            goal = self.place + length / np.linalg.norm(direction) * direction
+            self._stroke(goal, self.rng.uniform(0.3, 0.5), delay=begin * duration)
+
+    def _stroke(self, goal: Array, duration: float, *, delay: float = 0.0) -> None:
+        by = goal - self.place
+        size = self.person.deviation * float(np.linalg.norm(by))
+        deviation = size * self.rng.normal(size=(4, 3)) / np.array([[1.0], [1.2], [1.6], [2.0]])
+        self.strokes.append(Stroke(self.now + delay, duration, by, self.person.profile, deviation))
+        self.place = goal
+
+    def _push_with(self, push: Array, press: float, duration: float) -> None:
+        self.pushes.append(Stroke(self.now, duration, push - self.push))
+        self.presses.append(Stroke(self.now, duration, np.array([0.0, 0.0, press - self.press])))
+        self.push, self.press = push, press
+
+    def _press_down(self, surface: Surface, force: float, duration: float) -> None:
+        """Push so that the surface feels a force; holding a place below it gives part of that."""
+        held = self.person.stiffness_n_per_m * (self._rest_height(surface, force) - self.place[2])
+        aside = LATERAL_PRESS_SHARE * force * self.rng.normal(size=2)
+        self._push_with(np.array([*aside, held - force]), force, duration)
+
+    def _scattered(self, step: Step) -> Array:
+        goal = np.array(step.to)
+        spread = self.person.scatter * min(0.25, float(np.linalg.norm(goal - self.place)))
+        offset = np.clip(self.rng.normal(scale=spread, size=3), -0.006, 0.006)
+        return goal + offset * (1.0, 1.0, step.kind == "move")
+
+    def _force(self, step: Step) -> float:
+        irregular = 1.0 + self.person.irregularity * self.rng.normal() / 2
+        return step.force_n * self.person.force_factor * irregular
+
+    def _surface_below(self, place: Array) -> Surface:
+        below = [s for s in self.scenario.surfaces if s.covers(*place[:2])]
+        return max(below, key=lambda s: s.touch_height_m)
+
+    @staticmethod
+    def _rest_height(surface: Surface, force: float) -> float:
+        """Height of the flange [m] at which the surface carries the force."""
+        return surface.touch_height_m - tips(0.0) - surface.depth_for(force)
+
+
+def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> list[float]:
+    """How long each step takes this person [s]."""
+    nominal = np.diff([0.0, *(step.until_s for step in steps)])
+    moves = np.array([step.kind in ("move", "touch", "slide") for step in steps])
+    scaled = np.where(moves, nominal / person.speed_factor, nominal * person.pause_factor)
+    scaled *= np.exp(person.irregularity * rng.normal(size=len(steps)))
+    least = np.array([0.9 if step.kind == "grasp" else 0.1 for step in steps])
+    return [float(d) for d in np.maximum(scaled, least)]
+
+
+def _feed_forward(velocity: Array, person: Person) -> Array:
+    """Force [N] that a practised hand adds because it knows the arm: its mass, its damping, its friction.
+
+    The friction part leads by `PRELOAD_LEAD_S`: the hand loads before anything moves.
+    """
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    push = person.preload_n * velocity / (speed + CREEP_M_PER_S)
+    lead = round(PRELOAD_LEAD_S / DT)
+    early = uniform_filter1d(push, lead, axis=0, origin=-(lead // 2), mode="nearest")
+    sizes = [np.linalg.norm(p, axis=1, keepdims=True) for p in (early, push)]
+    push = np.where(sizes[0] > sizes[1], early, push)
+    inertia = FELT_MASS_KG * np.gradient(velocity, DT, axis=0)
+    return np.clip(
+        inertia + FELT_DAMPING_NS_PER_M * velocity + push, -FEED_FORWARD_LIMIT_N, FEED_FORWARD_LIMIT_N
+    )
+
+
+def _tremor(n: int, person: Person, rng: np.random.Generator) -> Array:
+    """Physiological tremor of the hand [N], (n, 3), a narrow band of noise."""
+    band = butter(2, TREMOR_HZ, btype="bandpass", fs=1.0 / DT, output="sos")
+    shake: Array = sosfilt(band, rng.normal(size=(n, 3)), axis=0)
+    shake *= person.tremor_n / np.sqrt(2.0 * DT * (TREMOR_HZ[1] - TREMOR_HZ[0]))
+    return shake
+
+
+def _wander(n: int, rng: np.random.Generator) -> Array:
+    """Slow change of unit variance, (n, 3), from 0."""
+    keep = np.exp(-DT / WANDER_S)
+    drive = np.sqrt(1.0 - keep**2) * rng.normal(size=(n, 3))
+    sos = np.array([[1.0, 0.0, 0.0, 1.0, -keep, 0.0]])
+    wander: Array = sosfilt(sos, drive, axis=0)
+    return wander
+
+
+def _gripper(
+    t: Array, closed_s: list[float], opened_s: list[float], used: bool
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Width between the fingers (n,) [m], and whether they hold the object (n,)."""
+    width = np.full(t.size, WIDTH_OPEN_M if used else 0.0)
+    held = np.zeros(t.size, dtype=bool)
+    stroke = Stroke(0.0, FINGER_TRAVEL_S, np.array([WIDTH_OPEN_M - WIDTH_OBJECT_M, 0.0, 0.0]))
+    for closed, opened in zip(closed_s, opened_s, strict=True):
+        closing = replace(stroke, start_s=closed - FINGER_TRAVEL_S).positions(t)
+        width += replace(stroke, start_s=opened).positions(t)[:, 0] - closing[:, 0]
+        held |= (t >= closed) & (t < opened)
+    return width, held

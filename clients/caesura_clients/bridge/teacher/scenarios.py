@@ -1,0 +1,203 @@
+"""What is taught: scenarios as tables of steps.
+
+Positions are flange positions in the base frame, fingers pointing down; those of the thesis stand as in its
+tables (Fig. 4.6 to 4.17), where the Panda reaches them, so that its work plane lies below the robot's base.
+`until_s` is when the nominal person is done with a step; other people stretch and shrink it.
+
+A person presses by aiming below a surface, so a step's force holds until another press or a move changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+from caesura_clients.bridge.teacher.contact import Surface
+from caesura_clients.bridge.teacher.intentions import Vector
+
+FINGERS_BELOW_FLANGE_M = 0.1034
+Kind = Literal["move", "touch", "press", "slide", "grasp", "release", "dwell"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that a person does.
+
+    move: to a place, passing it without stopping where `passing`. touch: until a surface stops the hand, at
+    `until_s`. press: with a force. slide: to a place along the surface, with a force. grasp, release: the
+    fingers have closed at, or begin to open at, `until_s`. dwell: stay.
+    """
+
+    kind: Kind
+    until_s: float
+    to: Vector | None = None
+    force_n: float = 0.0
+    passing: bool = False
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A task: where it starts [m], its steps, and what stands around."""
+
+    name: str
+    summary: str
+    start: Vector
+    steps: tuple[Step, ...]
+    surfaces: tuple[Surface, ...] = ()
+
+    @property
+    def end(self) -> Vector:
+        """Where the flange is left [m]."""
+        return [step.to for step in self.steps if step.to is not None][-1]
+
+
+def tips(flange_height_m: float) -> float:
+    """Height of the fingertips [m] where the flange has a height, fingers pointing down."""
+    return flange_height_m - FINGERS_BELOW_FLANGE_M
+
+
+A, B, C = (0.013, -0.540, 0.012), (0.035, -0.335, 0.030), (-0.160, -0.464, 0.018)
+
+THREE_POINT = Scenario(
+    "three_point",
+    "two rounds over three points, the second without a stop at B (thesis Fig. 4.2, 4.6, 4.9)",
+    A,
+    (
+        Step("dwell", 0.2),
+        Step("move", 2.0, B),
+        Step("dwell", 3.0),
+        Step("move", 4.8, C),
+        Step("dwell", 5.9),
+        Step("move", 7.6, (0.018, -0.536, 0.010)),
+        Step("dwell", 8.4),
+        Step("move", 10.0, (0.034, -0.342, 0.031), passing=True),
+        Step("move", 11.3, (-0.170, -0.468, 0.025)),
+        Step("dwell", 11.9),
+        Step("move", 13.6, (0.011, -0.550, 0.018)),
+        Step("dwell", 15.1),
+    ),
+)
+
+PARKOUR = Scenario(
+    "parkour",
+    "a figure of eight around two obstacles (thesis Fig. 4.3, 4.7, 4.11)",
+    (-0.167, -0.462, 0.052),
+    (
+        Step("dwell", 1.3),
+        Step("move", 2.2, (-0.096, -0.390, 0.059), passing=True),
+        Step("move", 3.4, (-0.046, -0.521, 0.064), passing=True),
+        Step("move", 4.2, (0.052, -0.523, 0.067), passing=True),
+        Step("move", 5.0, (0.045, -0.411, 0.066), passing=True),
+        Step("move", 6.0, (-0.048, -0.428, 0.054), passing=True),
+        Step("move", 7.0, (-0.088, -0.563, 0.091), passing=True),
+        Step("move", 7.6, (-0.150, -0.525, 0.060), passing=True),
+        Step("move", 8.4, (-0.150, -0.459, 0.053)),
+        Step("dwell", 8.9),
+    ),
+)
+
+PICK_AND_PLACE = Scenario(
+    "pick_and_place",
+    "pick an object of 250 g up and put it down (thesis Fig. 4.4, 4.12, 4.14, 4.15, 4.17)",
+    (-0.028, -0.648, 0.244),
+    (
+        Step("dwell", 0.15),
+        Step("touch", 1.8, (-0.014, -0.673, 0.107)),
+        Step("grasp", 3.0, force_n=15.0),
+        Step("press", 3.5, force_n=15.0),
+        Step("press", 3.8, force_n=3.0),
+        Step("move", 5.7, (-0.018, -0.624, 0.156), passing=True),
+        Step("touch", 7.5, (-0.021, -0.475, 0.107)),
+        Step("release", 9.2, force_n=10.0),
+        Step("press", 9.8, force_n=10.0),
+        Step("press", 10.1, force_n=2.5),
+        Step("move", 11.3, (-0.022, -0.531, 0.263), passing=True),
+        Step("move", 12.3, (-0.021, -0.562, 0.290)),
+        Step("dwell", 12.8),
+    ),
+    (Surface(tips(0.107)),),
+)
+
+PUMP = Surface(
+    tips(0.190),
+    center_m=(-0.02, -0.52),
+    radius_m=0.04,
+    travel_m=0.025,
+    preload_n=3.0,
+    spring_n_per_m=160.0,
+    stiffness_n_per_m=1e4,
+)
+
+DISPENSER = Scenario(
+    "dispenser",
+    "press a soap dispenser twice (thesis Fig. 4.5, 4.13, 4.16)",
+    (-0.03, -0.60, 0.33),
+    (
+        Step("dwell", 0.8),
+        Step("touch", 2.6, (-0.02, -0.52, 0.190)),
+        Step("press", 4.2, force_n=21.0),
+        Step("move", 5.5, (-0.02, -0.53, 0.290)),
+        Step("dwell", 6.4),
+        Step("touch", 7.6, (-0.02, -0.52, 0.190)),
+        Step("press", 9.3, force_n=20.0),
+        Step("move", 11.2, (-0.03, -0.61, 0.32)),
+        Step("dwell", 12.2),
+    ),
+    (PUMP,),
+)
+
+WIPING = Scenario(
+    "wiping",
+    "reach a table, wipe it with 5 to 20 N in four strokes, retract",
+    (0.42, -0.02, 0.38),
+    (
+        Step("dwell", 0.8),
+        Step("touch", 2.4, (0.40, -0.16, 0.150)),
+        Step("press", 3.2, force_n=8.0),
+        Step("slide", 4.8, (0.41, 0.12, 0.150), force_n=12.0),
+        Step("slide", 6.2, (0.47, -0.14, 0.150), force_n=15.0, passing=True),
+        Step("slide", 7.6, (0.50, 0.12, 0.150), force_n=18.0),
+        Step("dwell", 8.3),
+        Step("slide", 10.0, (0.55, -0.14, 0.150), force_n=7.0),
+        Step("press", 10.6, force_n=5.0),
+        Step("move", 12.3, (0.45, 0.0, 0.34)),
+        Step("dwell", 13.2),
+    ),
+    (Surface(tips(0.150), friction=0.25),),
+)
+
+BUTTON_PLACES = ((0.42, -0.13), (0.47, 0.01), (0.43, 0.15))
+
+
+def _button(x: float, y: float) -> Surface:
+    return Surface(
+        tips(0.180), center_m=(x, y), radius_m=0.02, travel_m=0.004, preload_n=3.0, spring_n_per_m=700.0
+    )
+
+
+BUTTON = Scenario(
+    "button",
+    "press three push buttons on a panel",
+    (0.38, -0.05, 0.30),
+    (
+        Step("dwell", 0.8),
+        Step("touch", 2.3, (*BUTTON_PLACES[0], 0.180)),
+        Step("press", 3.1, force_n=9.0),
+        Step("move", 3.9, (0.43, -0.10, 0.230), passing=True),
+        Step("touch", 4.8, (*BUTTON_PLACES[1], 0.180)),
+        Step("press", 5.4, force_n=12.0),
+        Step("move", 6.4, (0.46, 0.07, 0.240)),
+        Step("dwell", 7.2),
+        Step("touch", 8.2, (*BUTTON_PLACES[2], 0.180)),
+        Step("press", 9.4, force_n=10.0),
+        Step("move", 10.9, (0.38, 0.05, 0.30)),
+        Step("dwell", 11.8),
+    ),
+    (*(_button(x, y) for x, y in BUTTON_PLACES), Surface(tips(0.172))),
+)
+
+SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
+    {s.name: s for s in (THREE_POINT, PARKOUR, PICK_AND_PLACE, DISPENSER, WIPING, BUTTON)}
+)

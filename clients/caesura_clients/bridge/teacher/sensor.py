@@ -1,0 +1,150 @@
+"""What the robot reports of what happened: pose, joints and wrench, as imperfect as real ones.
+
+A wrench carries what its source can see (protocol: `WrenchSource`). Beside white noise it has a constant
+bias, a wander with the pose (a tool's weight is never compensated quite right) and slowly by itself,
+coloured noise while the arm moves, and the inertia of the hand below the sensor. All chance is drawn before
+the first tick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfilt
+
+from caesura_clients.bridge.teacher.guiding import Trace
+from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.plan import DT, Plan
+from caesura_protocol.messages import WrenchSource
+from caesura_service.robot import Robot
+
+# Smallest steps reported: about 1 µm, 1 µrad, 1 mN, 0.1 mNm. Powers of two, exact in any float.
+POSITION_STEP, ANGLE_STEP, FORCE_STEP, TORQUE_STEP = 2.0**-20, 2.0**-20, 2.0**-10, 2.0**-13
+
+HAND_KG = 0.76  # gripper below the sensor
+TORQUE_NOISE_M = 0.03  # noise of a moment per noise of a force
+REACH_M = 0.6  # joint noise per position noise
+MOTION_NOISE_HZ = 15.0
+FULL_MOTION_M_PER_S = 0.1  # speed from which motion noise is at its full size
+WANDER_REACH_M = 0.15  # change of position over which the bias wanders by its nominal size
+WANDER_TIME_S = 10.0
+TARE_S = 0.15  # at the start, over which the bias is averaged and taken off
+WANDER_OF_SOURCE = {"flange_sensor": 1.0, "flange_sensor_with_hand": 2.0, "joint_torque_estimate": 3.0}
+JOINT_FRICTION_ERROR_NM = 0.5  # of the joint torque model, in motion
+JOINT_NOISE_NM = 0.4
+JOINT_SLIP_RAD_PER_S = 0.02
+
+
+@dataclass(frozen=True)
+class _Chance:
+    """Everything random about the sensors of one demonstration, one row a tick."""
+
+    joints: Array  # (n, 7) [rad]
+    white: Array  # (n, 6) [N, Nm]
+    coloured: Array  # (n, 6) unit variance
+    joint_coloured: Array  # (n, 7) unit variance
+    drift: Array  # (n, 3) [N]
+    bias: Array  # (3,) [N]
+    gradient: Array  # (3, 3) [N/m]
+    joint_friction: Array  # (7,) [Nm]
+
+
+class Sensors:
+    """The sensors during one demonstration: `read` turns traces, in order, into signals."""
+
+    def __init__(
+        self, robot: Robot, plan: Plan, source: WrenchSource, rng: np.random.Generator, *, tared: bool = True
+    ) -> None:
+        self._robot, self._source = robot, source
+        self._chance = _draw(plan, source, rng)
+        self._tare = self._chance.bias + self._chance.white[: round(TARE_S / DT), :3].mean(axis=0)
+        self._tare = self._tare if tared else np.zeros(3)
+        self._start = np.array(plan.scenario.start)
+        self._last_velocity = np.zeros(3)
+        self._last_quaternion = np.zeros(4)
+
+    def read(self, trace: Trace) -> dict[str, Array]:
+        """Signals of the next ticks, name → (n, width), as in a recording."""
+        first = round(trace.t[0] / DT)
+        ticks = slice(first, first + trace.t.size)
+        q = _stepped(trace.q + self._chance.joints[ticks], ANGLE_STEP)
+        positions, quaternions = self._robot.flange_poses(q)
+        signals = {
+            "pos": _stepped(positions, POSITION_STEP),
+            "quat": _stepped(self._same_sign(quaternions), ANGLE_STEP),
+            "q": q,
+        }
+        if self._source != "none":
+            wrench, tau = self._wrench(trace, positions, ticks)
+            signals["force"] = _stepped(wrench[:, :3], FORCE_STEP)
+            signals["torque"] = _stepped(wrench[:, 3:], TORQUE_STEP)
+            if tau is not None:
+                signals["tau"] = _stepped(tau, TORQUE_STEP)
+        signals["gripper"] = _stepped(trace.width[:, None], POSITION_STEP)
+        return signals
+
+    def _wrench(self, trace: Trace, positions: Array, ticks: slice) -> tuple[Array, Array | None]:
+        """Measured wrench (n, 6), and the joint torques (n, 7) that it was estimated from."""
+        chance, tau = self._chance, None
+        speed = np.linalg.norm(trace.twist[:, :3], axis=1)
+        moving = np.minimum(1.0, speed / FULL_MOTION_M_PER_S)[:, None]
+        if self._source == "joint_torque_estimate":
+            tau = self._joint_torques(trace, moving, ticks)
+            wrench = self._robot.wrenches_of_joint_torques(trace.q, tau)
+        else:
+            wrench = trace.environment + (trace.hand if self._source == "flange_sensor_with_hand" else 0.0)
+            wrench[:, :3] -= HAND_KG * self._acceleration(trace)
+        wrench += chance.white[ticks] + chance.coloured[ticks] * moving
+        wrench[:, :3] += chance.bias - self._tare + chance.drift[ticks]
+        wrench[:, :3] += (positions - self._start) @ chance.gradient
+        return wrench, tau
+
+    def _joint_torques(self, trace: Trace, moving: Array, ticks: slice) -> Array:
+        """External joint torques as the robot estimates them: true ones plus the error of its model."""
+        pairs = zip(trace.q, trace.environment + trace.hand, strict=True)
+        true = np.array([self._robot.joint_torques_of_wrench(q, wrench) for q, wrench in pairs])
+        slip = trace.v / (np.abs(trace.v) + JOINT_SLIP_RAD_PER_S)
+        error: Array = self._chance.joint_friction * slip
+        return true + error + JOINT_NOISE_NM * self._chance.joint_coloured[ticks] * moving
+
+    def _acceleration(self, trace: Trace) -> Array:
+        velocity = np.vstack([self._last_velocity, trace.twist[:, :3]])
+        self._last_velocity = velocity[-1]
+        return np.diff(velocity, axis=0) / DT
+
+    def _same_sign(self, quaternions: Array) -> Array:
+        if quaternions[0] @ self._last_quaternion < 0.0:
+            quaternions = -quaternions
+        self._last_quaternion = quaternions[-1]
+        return quaternions
+
+
+def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance:
+    n, person = plan.ticks, plan.person
+    scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
+    wander = person.bias_wander_n * WANDER_OF_SOURCE.get(source, 0.0)
+    direction = rng.normal(size=3)
+    return _Chance(
+        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
+        white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
+        coloured=person.motion_noise_n * scale * _coloured(n, 6, rng),
+        joint_coloured=_coloured(n, 7, rng),
+        drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
+        bias=person.bias_n * direction / np.linalg.norm(direction),
+        gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
+        joint_friction=JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
+    )
+
+
+def _coloured(n: int, width: int, rng: np.random.Generator) -> Array:
+    """Low-pass noise of unit variance, (n, width)."""
+    low = butter(2, MOTION_NOISE_HZ, fs=1.0 / DT, output="sos")
+    noise: Array = sosfilt(low, rng.normal(size=(n, width)), axis=0)
+    noise /= np.sqrt(2.0 * DT * MOTION_NOISE_HZ * 1.11)
+    return noise
+
+
+def _stepped(values: Array, step: float) -> Array:
+    rounded: Array = step * np.round(values / step)
+    return rounded

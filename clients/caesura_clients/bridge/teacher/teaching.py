@@ -1,0 +1,157 @@
+"""A simulated person who teaches a simulated Panda, live or as a whole.
+
+    teaching = Teaching("pick_and_place", seed=3)
+    for samples in teaching.chunks(0.02):     # (n, columns), time first
+        ...
+    truth = teaching.truth()
+
+Seed 0 is the thesis' own demonstration; every other seed is another person on another robot. The same
+arguments give the same bytes, however the demonstration is cut into chunks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_clients.bridge.teacher.guiding import Guiding
+from caesura_clients.bridge.teacher.intentions import Array, Profile
+from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person
+from caesura_clients.bridge.teacher.plan import DT, make_plan
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.sensor import Sensors
+from caesura_clients.bridge.teacher.truth import State, annotate
+from caesura_clients.recording import Recording
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WrenchSource
+from caesura_service.robot import Robot, load_panda
+
+RATE_HZ = 1000.0
+CHUNK_S = 0.1
+Truth = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """A recording and what really happened in it."""
+
+    recording: Recording
+    truth: Truth
+
+
+class Teaching:
+    """One demonstration, simulated as it is read.
+
+    columns: names of the sample columns, time first; signals: names of the signals that they make up.
+    Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        *,
+        seed: int = 0,
+        person: Person | None = None,
+        profile: Profile | None = None,
+        wrench_source: WrenchSource = "flange_sensor",
+        rate_hz: float = RATE_HZ,
+        tared: bool = True,
+        robot: Robot | None = None,
+    ) -> None:
+        if scenario not in SCENARIOS:
+            raise ValueError(f"unknown scenario {scenario!r}, known: {list(SCENARIOS)}")
+        if not 1.0 <= rate_hz <= 1.0 / DT:
+            raise ValueError(f"rate is {rate_hz} Hz, expected 1 to {1.0 / DT:g} Hz")
+        rng = np.random.default_rng(seed)
+        drawn = THESIS if seed == 0 else draw_person(rng, f"person-{seed}")
+        person = person or drawn
+        self.person = replace(person, profile=profile) if profile else person
+        self.scenario, self.seed, self.wrench_source = SCENARIOS[scenario], seed, wrench_source
+        robot = robot or load_panda()
+        plan = make_plan(self.scenario, self.person, rng)
+        self.duration_s = DT * plan.ticks
+        self._guiding = Guiding(robot, plan)
+        self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
+        self._stride = 1.0 / (DT * rate_hz)
+        self._states: list[State] = []
+        self.signals = _signals(wrench_source)
+        self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+
+    def chunks(self, seconds: float = CHUNK_S) -> Iterator[Array]:
+        """Simulate on, `seconds` at a time: samples (n, columns), as many as the rate gives."""
+        while not self._guiding.done:
+            trace = self._guiding.run(max(1, round(seconds / DT)))
+            self._states.append(State(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg))
+            read = self._sensors.read(trace)
+            matrix = np.column_stack([trace.t, *(read[s] for s in self.signals)])
+            chosen = matrix[self._reported(trace.t)]
+            if chosen.size:
+                yield chosen
+
+    def truth(self) -> Truth:
+        """What happened, once all chunks are read: the annotation format of real recordings, and more."""
+        if not self._guiding.done:
+            raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
+        parts = [[getattr(s, name) for s in self._states] for name in ("t", "velocity", "normal", "load_kg")]
+        return {
+            "file": f"{self.scenario.name}.npz",
+            "scenario": self.scenario.name,
+            "seed": self.seed,
+            "person": self.person.name,
+            "profile": self.person.profile,
+            "wrench_source": self.wrench_source,
+            "hand_force_in_wrench": self.wrench_source
+            in ("flange_sensor_with_hand", "joint_torque_estimate"),
+            **annotate(State(*(np.concatenate(part) for part in parts))),
+        }
+
+    def _reported(self, t: Array) -> NDArray[np.bool_]:
+        """Ticks on which a sample is due: the first at or after each multiple of the period."""
+        tick = np.round(t / DT)
+        due: NDArray[np.bool_] = np.floor(tick / self._stride) > np.floor((tick - 1.0) / self._stride)
+        return due
+
+
+def teach(
+    scenario: str,
+    *,
+    seed: int = 0,
+    person: Person | None = None,
+    profile: Profile | None = None,
+    wrench_source: WrenchSource = "flange_sensor",
+    rate_hz: float = RATE_HZ,
+    tared: bool = True,
+    robot: Robot | None = None,
+) -> Demonstration:
+    """Simulate a whole demonstration. Arguments and errors as for `Teaching`."""
+    teaching = Teaching(
+        scenario,
+        seed=seed,
+        person=person,
+        profile=profile,
+        wrench_source=wrench_source,
+        rate_hz=rate_hz,
+        tared=tared,
+        robot=robot,
+    )
+    return finish(teaching, list(teaching.chunks(1.0)))
+
+
+def finish(teaching: Teaching, chunks: list[Array]) -> Demonstration:
+    """Put all chunks of a teaching together."""
+    samples = np.concatenate(chunks)
+    widths = [len(COLUMNS_OF_SIGNAL[s]) for s in teaching.signals]
+    parts = np.split(samples[:, 1:], np.cumsum(widths)[:-1], axis=1)
+    signals = dict(zip(teaching.signals, parts, strict=True))
+    name = teaching.scenario.name
+    recording = Recording(samples[:, 0], signals, wrench_source=teaching.wrench_source, name=name)
+    return Demonstration(recording, teaching.truth())
+
+
+def _signals(source: WrenchSource) -> tuple[str, ...]:
+    wrench = ("force", "torque") if source != "none" else ()
+    torques = ("tau",) if source == "joint_torque_estimate" else ()
+    return ("pos", "quat", "q", *wrench, *torques, "gripper")

@@ -1,0 +1,257 @@
+"""What really happened, in the format of the hand annotations of real recordings.
+
+Derived from the simulated state, never from the plan: contact from the contact model, motion from the true
+speed, a load from what the fingers held off the ground. The rule is the annotators': a rest of at least 0.3 s
+parts two movements, shorter ones and small corrections are optional (neither a miss nor a false alarm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from caesura_clients.bridge.teacher.intentions import Array
+
+Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding"]
+Level = Literal["major", "optional"]
+Mask = NDArray[np.bool_]
+
+RULE = (
+    "from the simulation's true state: major = boundary between motion and a rest that lasts >=0.3 s; "
+    "contact on or off; or a >45 deg change of direction through a clear speed dip. optional = speed dips, "
+    "corrections below 25 mm/s or 10 mm, begin of a force's decay, fingers: score neither as miss nor as "
+    "false alarm. Motion starts and stops at 5 mm/s. tol = reading uncertainty, as in hand annotations."
+)
+START_M_PER_S, SURE_M_PER_S = 0.005, 0.010  # motion is above the first, and exceeds the second
+REST_S = 0.3
+SMALL_M_PER_S, SMALL_M = 0.025, 0.010
+SMOOTH_S = 0.06
+BOUNCE_S = 0.15  # contact lost for less is not lost
+TOUCH_S, TOUCH_N = 0.05, 1.0  # contact shorter or weaker is none
+TOL_S, CORNER_TOL_S = 0.15, 0.2
+CORNER_DEG, CORNER_DIP, CORNER_LOOK_S = 45.0, 0.6, 0.25
+DECAY_BEGINS = 0.8  # of the force before
+PLATEAU_END_S = 0.1
+
+
+@dataclass(frozen=True)
+class State:
+    """True state at ticks of equal length: t (n,) [s]; velocity (n, 3) [m/s] of the flange; normal (n,) [N]
+    with which a surface pushes; load_kg (n,) between the fingers.
+    """
+
+    t: Array
+    velocity: Array
+    normal: Array
+    load_kg: Array
+
+    @property
+    def dt(self) -> float:
+        """Length of a tick [s]."""
+        return float(self.t[1] - self.t[0])
+
+
+class Span(NamedTuple):
+    """Ticks first to last (exclusive) of one class; small ones are corrections."""
+
+    first: int
+    last: int
+    cls: Class
+    small: bool = False
+
+
+def annotate(state: State) -> dict[str, Any]:
+    """Changepoints, segments, loads, forces and gripper events of a demonstration, ready for JSON."""
+    contacts = contact_spans(state)
+    spans = _spans(state, contacts)
+    marks = _boundaries(state, spans, contacts) + _within_motions(state, spans) + _decays(state, contacts)
+    gripper = _gripper(state)
+    marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
+    return {
+        "window": [0.0, _time(state, state.t.size - 1)],
+        "rule": RULE,
+        "changepoints": sorted(marks, key=lambda mark: (mark["t"], mark["level"])),
+        "segments": [
+            {"t0": _time(state, s.first), "t1": _time(state, s.last), "cls": s.cls}
+            for s in spans
+            if not s.small
+        ],
+        "gripper": gripper,
+        "loads": _loads(state, spans),
+        "forces": [_force(state, first, last) for first, last in contacts],
+    }
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Where a mask holds: first and last (exclusive) tick of each run."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def contact_spans(state: State) -> list[tuple[int, int]]:
+    """Ticks in contact: bounces joined, grazes left out."""
+    joined: list[tuple[int, int]] = []
+    for first, last in runs(state.normal > 0.0):
+        if joined and (first - joined[-1][1]) * state.dt < BOUNCE_S:
+            joined[-1] = (joined[-1][0], last)
+        else:
+            joined.append((first, last))
+    return [(a, b) for a, b in joined if (b - a) * state.dt > TOUCH_S and state.normal[a:b].max() > TOUCH_N]
+
+
+def _spans(state: State, contacts: list[tuple[int, int]]) -> list[Span]:
+    """The whole demonstration as consecutive spans."""
+    edges = sorted({0, state.t.size, *(e for contact in contacts for e in contact)})
+    touching = {first for first, _ in contacts}
+    spans: list[Span] = []
+    for first, last in pairwise(edges):
+        held = bool(np.mean(state.load_kg[first:last]) > 0.0) and first not in touching
+        names: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
+        names = ("sliding", "contact") if first in touching else names
+        spans += _motion_spans(state, first, last, names)
+    return spans
+
+
+def _motion_spans(state: State, first: int, last: int, names: tuple[Class, Class]) -> list[Span]:
+    """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
+    axes = 2 if names[0] == "sliding" else 3
+    velocity = state.velocity[first:last, :axes]
+    speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
+    moves = [(a, b) for a, b in runs(speed > START_M_PER_S) if speed[a:b].max() > SURE_M_PER_S]
+    moves = _joined(moves, last - first, round(REST_S / state.dt))
+    spans, at = [], 0
+    for a, b in moves:
+        way = np.linalg.norm(np.sum(velocity[a:b], axis=0) * state.dt)
+        small = bool(speed[a:b].max() < SMALL_M_PER_S or way < SMALL_M)
+        spans += [Span(first + at, first + a, names[1])] * (a > at)
+        spans.append(Span(first + a, first + b, names[0], small))
+        at = b
+    spans += [Span(first + at, last, names[1])] * (last > first + at)
+    return spans
+
+
+def _joined(moves: list[tuple[int, int]], length: int, rest: int) -> list[tuple[int, int]]:
+    """Movements with the rests between them that are too short to part them; so too at both ends."""
+    joined: list[tuple[int, int]] = []
+    for a, b in moves:
+        begin, end = (0 if a < rest else a), (length if length - b < rest else b)
+        if joined and begin - joined[-1][1] < rest:
+            joined[-1] = (joined[-1][0], end)
+        else:
+            joined.append((begin, end))
+    return joined
+
+
+def _boundaries(state: State, spans: list[Span], contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+    on, off = {a for a, _ in contacts}, {b for _, b in contacts}
+    marks = []
+    for before, after in pairwise(spans):
+        tick = after.first
+        kind = "contact_on" if tick in on else "contact_off" if tick in off else None
+        small = kind is None and (before.small or after.small)
+        resting = after.cls in ("steady", "hold", "contact")
+        marks.append(
+            _mark(
+                _time(state, tick), "optional" if small else "major", kind or ("stop" if resting else "start")
+            )
+        )
+    return marks
+
+
+def _within_motions(state: State, spans: list[Span]) -> list[dict[str, Any]]:
+    """Corners, speed dips and short rests inside of movements."""
+    marks = []
+    for span in spans:
+        if span.cls in ("motion", "transport", "sliding") and not span.small:
+            marks += _dips(state, span)
+    return marks
+
+
+def _dips(state: State, span: Span) -> list[dict[str, Any]]:
+    axes = 2 if span.cls == "sliding" else 3
+    velocity = uniform_filter1d(
+        state.velocity[span.first : span.last, :axes], round(SMOOTH_S / state.dt), axis=0
+    )
+    speed = np.linalg.norm(velocity, axis=1)
+    marks, look = [], round(CORNER_LOOK_S / state.dt)
+    for tick in _clear_minima(speed, look):
+        time = _time(state, span.first + tick)
+        turn = _turn_deg(velocity, tick, look)
+        corner = turn > CORNER_DEG
+        marks.append(
+            _mark(time, "major", "corner", CORNER_TOL_S) if corner else _mark(time, "optional", "dip")
+        )
+    return marks
+
+
+def _clear_minima(speed: Array, look: int) -> list[int]:
+    """Ticks of the lowest speed between two peaks that are clearly faster."""
+    minima = []
+    peak, low = 0.0, 0
+    for tick, value in enumerate(speed):
+        if value < speed[low]:
+            low = tick
+        elif speed[low] < CORNER_DIP * min(peak, value) and speed[low:].max() >= value:
+            if low > look // 2:
+                minima.append(low)
+            peak, low = float(value), tick
+        if value > peak:
+            peak, low = float(value), tick
+    return minima
+
+
+def _turn_deg(velocity: Array, tick: int, look: int) -> float:
+    before = velocity[max(0, tick - look) : tick].sum(axis=0)
+    after = velocity[tick : tick + look].sum(axis=0)
+    size = np.linalg.norm(before) * np.linalg.norm(after)
+    return float(np.degrees(np.arccos(np.clip(before @ after / size, -1.0, 1.0)))) if size > 0.0 else 0.0
+
+
+def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+    """Where the force of each contact begins to decay for good."""
+    marks = []
+    for first, last in contacts:
+        normal = uniform_filter1d(state.normal[first:last], round(SMOOTH_S / state.dt), mode="nearest")
+        strong = np.flatnonzero(normal > DECAY_BEGINS * _plateau(normal))
+        if (last - first - strong[-1]) * state.dt > PLATEAU_END_S:
+            marks.append(_mark(_time(state, first + int(strong[-1])), "optional", "decay"))
+    return marks
+
+
+def _plateau(normal: Array) -> float:
+    return float(np.median(normal[normal > 0.5 * np.median(normal)]))
+
+
+def _force(state: State, first: int, last: int) -> dict[str, float]:
+    newton = round(_plateau(state.normal[first:last]), 2)
+    return {"t0": _time(state, first), "t1": _time(state, last), "newton": newton}
+
+
+def _loads(state: State, spans: list[Span]) -> list[dict[str, float]]:
+    carried = np.zeros(state.t.size, dtype=bool)
+    for span in spans:
+        carried[span.first : span.last] = span.cls in ("transport", "hold")
+    return [
+        {"t0": _time(state, a), "t1": _time(state, b), "kg": round(float(np.max(state.load_kg[a:b])), 4)}
+        for a, b in runs(carried)
+    ]
+
+
+def _gripper(state: State) -> list[dict[str, Any]]:
+    held = runs(state.load_kg > 0.0)
+    events = [{"t": _time(state, a), "event": "grasp"} for a, _ in held]
+    events += [{"t": _time(state, b), "event": "release"} for _, b in held if b < state.t.size]
+    return sorted(events, key=lambda event: float(str(event["t"])))
+
+
+def _mark(t: float, level: Level, kind: str, tol: float = TOL_S) -> dict[str, Any]:
+    return {"t": t, "kind": kind, "tol": tol, "level": level}
+
+
+def _time(state: State, tick: int) -> float:
+    return round(tick * state.dt, 3)

@@ -87,7 +87,6 @@ class _State:
     grid: GridState | None = None
     broken: bool = False  # samples were lost for good before the next one
     tail: Array | None = None  # (m, c) flange rows that the filter still needs
-    orientation: Array | None = None  # (4,) of the last flange row
     gripper: GripperState = field(default_factory=GripperState)
     tare: TareState = field(default_factory=TareState)
     waiting: tuple[Observation, ...] = ()  # for the tare
@@ -210,13 +209,11 @@ class Conditioner:
             return state, ()
         assert state.grid is not None, "rows come from a grid"
         anchor = state.grid.anchor
-        parts = flange_rows(self.layout, block.rows, state.orientation)
-        gripper, columns, events = self._grip(state.gripper, anchor, block)
-        rows = np.concatenate([*parts, columns], axis=1)
-        if self._columns.orientation is not None:
-            state = replace(state, orientation=rows[-1, self._columns.orientation].copy())
-        first = block.first - (0 if state.tail is None else len(state.tail))
+        parts = flange_rows(self.layout, block.rows, self._columns.orientation_before(state.tail))
+        gripper, grips, events = self._grip(state.gripper, anchor, block)
+        rows = np.concatenate([*parts, grips], axis=1)
         recent = rows if state.tail is None else np.concatenate([state.tail, rows])
+        first = block.first + len(rows) - len(recent)
         state = replace(state, gripper=gripper, tail=self._filter.tail(recent))
         return self._observe(state, anchor, first, recent), events
 

@@ -32,6 +32,10 @@ class FlangeColumns(NamedTuple):
         """Gripper closed: 1, 0 or nan."""
         return self.width + 1
 
+    def orientation_before(self, rows: Array | None) -> Array | None:
+        """Orientation (4,) of the last of these flange rows, where there is one."""
+        return None if rows is None or self.orientation is None else rows[-1, self.orientation]
+
 
 def columns_of(layout: Layout) -> FlangeColumns:
     """Lay out a session's flange rows; the last two columns are the gripper's width and closed flag."""

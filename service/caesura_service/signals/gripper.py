@@ -5,12 +5,13 @@ Rules
    move. Only rest decides a posture: open, grasped (they stopped short of closed), closed (on nothing).
 2. Every movement from one rest to the next is at most one event, looked up in `EVENTS`. A grasp or a close
    happens when the fingers have settled, a release or an open when they begin to move; all are reported
-   once they have settled, with the width at which they did.
+   once they have settled, with the width at which they did. Fingers at v m/s are seen to stop up to
+   still_range_m / v early and to begin as much late.
 3. The opening alone cannot tell an object from a commanded stop: fingers that close part of the way have
    grasped. Nor can it tell what they hold at the start: posture is then open, or closed if nothing fits.
 4. A column that is 0 has not said yet whether it is a flag (open) or an opening (closed). The first other
    value decides: 1 is a flag, which has no width; metres never reach 1.
-5. Movement slower than still_range_m / still_window_s (13 mm/s by default; a Panda's fingers travel 80 mm in
+5. Movement slower than still_range_m / still_window_s (10 mm/s by default; a Panda's fingers travel 80 mm in
    0.56 s) is not seen as movement.
 """
 
@@ -47,7 +48,7 @@ EVENTS: Mapping[tuple[Posture, Posture], tuple[EventKind, Literal["begun", "sett
 class GripperParameters:
     """Thresholds of the gripper's state machine."""
 
-    still_window_s: float = 0.15
+    still_window_s: float = 0.2
     still_range_m: float = 0.002  # wider than the noise of the opening, narrower than a step of a movement
     travel_m: float = 0.003  # a rest this much off the last one is another rest
     empty_m: float = 0.003  # fingers that settle at most this wide hold nothing
@@ -112,12 +113,13 @@ class GripperTracker:
         self, state: GripperState, anchor: float, first: int, values: Array
     ) -> tuple[GripperState, GripperRows]:
         """Take the gripper column (n,) of the grid rows first, first + 1, …"""
-        n = 0 if state.signal != "undecided" else _leading_zeros(values)
+        n = _leading_zeros(values)
+        if state.signal != "undecided":
+            return self._follow(state, anchor, first, values)
         state, early = self._follow(state, anchor, first, values[:n])
-        if n == len(values) and state.signal == "undecided":
+        if n == len(values):
             return state, early
-        if state.signal == "undecided":
-            state = self._decided(state, is_flag=bool(values[n] == 1.0))
+        state = self._decided(state, is_flag=bool(values[n] == 1.0))
         state, late = self._follow(state, anchor, first + n, values[n:])
         both = [np.concatenate(pair) for pair in ((early.width, late.width), (early.closed, late.closed))]
         return state, GripperRows(early.events + late.events, *both)

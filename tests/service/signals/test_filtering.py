@@ -1,0 +1,48 @@
+"""The causal filter against SciPy's own, and its delay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.signal import savgol_filter
+
+from caesura_service.signals.filtering import SavitzkyGolay
+
+FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
+
+
+def test_it_smooths_as_scipy_does() -> None:
+    rows = np.random.default_rng(0).normal(size=(60, 3))
+    assert_allclose(FILTER.smooth(rows), savgol_filter(rows, 11, 2, axis=0)[5:-5], atol=1e-14)
+
+
+def test_its_slope_is_scipys_derivative() -> None:
+    rows = np.random.default_rng(1).normal(size=(60, 2))
+    expected = savgol_filter(rows, 11, 2, deriv=1, delta=0.01, axis=0)[5:-5]
+    assert_allclose(FILTER.slope(rows), expected, atol=1e-11)
+
+
+def test_a_parabola_passes_unchanged_half_a_window_late() -> None:
+    t = np.arange(40) / 100.0
+    assert_allclose(FILTER.smooth((t * t)[:, None])[:, 0], (t * t)[5:-5], atol=1e-15)
+    assert FILTER.delay_s == 0.05
+
+
+def test_fewer_rows_than_a_window_give_nothing_and_are_kept() -> None:
+    rows = np.ones((10, 3))
+    assert FILTER.smooth(rows).shape == (0, 3)
+    assert len(FILTER.tail(rows)) == 10
+    assert len(FILTER.tail(np.ones((30, 3)))) == 10
+
+
+@pytest.mark.parametrize("window", [10, 1, 0, -3])
+def test_a_window_that_has_no_centre_is_refused(window: int) -> None:
+    with pytest.raises(ValueError, match=f"window is {window}, expected an odd number from 3"):
+        SavitzkyGolay(window, 2, 100.0)
+
+
+@pytest.mark.parametrize("order", [0, 11])
+def test_an_order_that_the_window_cannot_carry_is_refused(order: int) -> None:
+    with pytest.raises(ValueError, match=f"order is {order}, expected 1 to 10"):
+        SavitzkyGolay(11, order, 100.0)

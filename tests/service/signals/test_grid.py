@@ -1,0 +1,140 @@
+"""Jittered, gapped, repeated samples become a fixed grid; nothing is invented."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+from scipy.integrate import quad
+
+from caesura_service.signals.cells import cell_means
+from caesura_service.signals.grid import MAX_WAITING_SAMPLES, GridState, Resampled, Resampler
+
+Array = NDArray[np.float64]
+
+GRID = Resampler(grid_hz=100.0, gap_limit_s=0.25)
+
+
+def resample(t: Array, *columns: Array, grid: Resampler = GRID) -> Resampled:
+    return grid.advance(None, t, np.column_stack(columns))[1]
+
+
+def grid_times(resampled: Resampled, anchor: float) -> Array:
+    rows = [block.first + np.arange(len(block.rows)) for block in resampled.blocks]
+    return anchor + np.concatenate(rows) / 100.0
+
+
+def values(resampled: Resampled) -> Array:
+    return np.concatenate([block.rows for block in resampled.blocks])
+
+
+def jittered(rng: np.random.Generator, rate_hz: float, n: int) -> Array:
+    t: Array = (np.arange(n) + rng.uniform(-0.4, 0.4, n)) / rate_hz
+    return t
+
+
+def test_a_cell_is_the_mean_of_the_interpolant_over_it() -> None:
+    rng = np.random.default_rng(0)
+    t, x = np.sort(rng.uniform(0.0, 0.1, 30)), rng.normal(size=30)
+    edges = np.linspace(t[0], t[-1], 8)
+    expected = [
+        quad(lambda s: float(np.interp(s, t, x)), a, b, points=t[(t > a) & (t < b)], limit=200)[0] / (b - a)
+        for a, b in pairwise(edges)
+    ]
+    assert_allclose(cell_means(edges, t, x[:, None])[:, 0], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 60.0, 100.0, 250.0, 1000.0])
+def test_a_straight_line_stays_where_it_was_at_every_rate(rate_hz: float) -> None:
+    t = jittered(np.random.default_rng(1), rate_hz, 200)
+    resampled = resample(t, 3.0 - 2.0 * t)
+    assert_allclose(values(resampled)[:, 0], 3.0 - 2.0 * grid_times(resampled, t[0]), atol=1e-12)
+
+
+def test_rows_begin_with_the_first_whole_cell_and_end_with_the_last() -> None:
+    (block,) = resample(np.arange(0.0, 1.0005, 0.001), np.zeros(1001)).blocks
+    assert (block.first, len(block.rows)) == (1, 99)
+
+
+def test_a_fast_disturbance_is_averaged_away() -> None:
+    t = np.arange(2001) / 1000.0
+    hum = np.sin(2 * np.pi * 200.0 * t)
+    assert np.abs(values(resample(t, hum))).max() < 1e-9
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 1000.0])
+def test_noise_is_never_amplified(rate_hz: float) -> None:
+    rng = np.random.default_rng(2)
+    t = jittered(rng, rate_hz, 2000)
+    assert values(resample(t, rng.normal(size=2000))).std() < 1.0
+
+
+def test_samples_whose_time_does_not_advance_are_dropped_and_counted() -> None:
+    t = np.array([0.0, 0.01, 0.01, 0.02, 0.005, 0.02, 0.03, 0.04])
+    x = np.array([0.0, 1.0, 99.0, 2.0, 99.0, 99.0, 3.0, 4.0])
+    resampled = resample(t, x)
+    assert resampled.repeats == 3
+    assert_array_equal(values(resampled), values(resample(t[x < 99], x[x < 99])))
+
+
+def test_a_hole_is_reported_and_not_bridged() -> None:
+    t = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.5, 2.0, 0.01)])
+    resampled = resample(t, t)
+    assert resampled.gaps == ((pytest.approx(0.99), 1.5),)
+    at = grid_times(resampled, 0.0)
+    assert not np.any((at > 0.99) & (at < 1.5))
+    assert [block.restarts for block in resampled.blocks] == [False, True]
+    assert_allclose(values(resampled)[:, 0], at, atol=1e-12)
+
+
+def test_the_grid_keeps_its_anchor_across_a_gap() -> None:
+    t = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.5037, 2.0, 0.01)])
+    after = resample(t, t).blocks[1]
+    assert after.first == 151
+    assert_allclose(after.rows[0, 0], 1.51, atol=1e-12)
+
+
+def test_a_pause_within_the_limit_is_interpolated() -> None:
+    t = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.2, 2.0, 0.01)])
+    resampled = resample(t, t)
+    assert resampled.gaps == ()
+    assert_array_equal(np.diff(np.round(grid_times(resampled, 0.0), 9)) > 0.015, False)
+
+
+def test_samples_lost_for_good_end_a_stretch_however_short_the_time() -> None:
+    state, _ = GRID.advance(None, np.arange(50) / 100.0, np.zeros((50, 1)))
+    _, resampled = GRID.advance(state, 0.5 + np.arange(50) / 100.0, np.ones((50, 1)), broken=True)
+    assert resampled.gaps == ((0.49, 0.5),)
+    assert_array_equal(values(resampled), 1.0)
+
+
+def test_held_columns_keep_their_last_value() -> None:
+    t = np.array([0.0, 0.013, 0.04, 0.06])
+    grid = Resampler(100.0, 0.25, held=1)
+    resampled = resample(t, t, np.array([5.0, 6.0, 7.0, 8.0]), grid=grid)
+    assert_array_equal(values(resampled)[:, 1], [5.0, 6.0, 6.0, 7.0, 7.0])
+
+
+def test_a_quaternion_that_changes_sign_does_not_pass_through_zero() -> None:
+    t = np.arange(100) / 1000.0
+    signs = np.where(np.arange(100) % 3 == 0, -1.0, 1.0)
+    grid = Resampler(100.0, 0.25, quaternion=slice(0, 4))
+    resampled = resample(t, *(signs * c for c in (0.5, -0.5, 0.5, 0.5)), grid=grid)
+    assert_allclose(np.abs(values(resampled)), 0.5, atol=1e-15)
+
+
+def test_too_many_samples_in_one_cell_are_refused() -> None:
+    t = np.append(0.0, 0.006 + np.arange(MAX_WAITING_SAMPLES) * 1e-9)
+    with pytest.raises(ValueError, match=f"{len(t)} samples within 0.01 s, expected at most"):
+        resample(t, t)
+
+
+def test_the_state_stays_small_over_a_long_session() -> None:
+    state: GridState | None = None
+    for i in range(200):
+        state, _ = GRID.advance(state, i * 0.1 + np.arange(100) / 1000.0, np.zeros((100, 1)))
+    assert state is not None
+    assert len(state.times) < 20

@@ -1,0 +1,128 @@
+"""What is taken off a force, what is not, and in which frame it comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, baseline
+from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
+
+Array = NDArray[np.float64]
+
+LAYOUT = Layout(("t", *POSITION, *FORCE))
+BIAS = np.array([1.5, -2.5, 4.0])
+T = times(500.0, 3.0)
+
+
+def demonstration(
+    *, speed_m_per_s: float = 0.0, noise_n: float = 0.1, contact_n: float = 0.0, gap: bool = False
+) -> tuple[Conditioner, Array]:
+    """Biased force, a contact along z after 2 s; position moves from the start where a speed is given."""
+    noise = np.random.default_rng(0).normal(0.0, noise_n, (len(T), 3))
+    force = BIAS + noise + along((0.0, 0.0, contact_n), (T > 2.0).astype(float))
+    t = T + (0.5 if gap else 0.0) * (T > 0.2)
+    conditioner = Conditioner(LAYOUT)
+    samples = np.column_stack([t, along((speed_m_per_s, 0.0, 0.0), T), force])
+    return conditioner, column(together(conditioner, [samples]).observations, "force_base")
+
+
+def test_the_bias_at_rest_is_taken_off_everything() -> None:
+    conditioner, force = demonstration(contact_n=8.0)
+    assert conditioner.tare == pytest.approx(tuple(BIAS), abs=0.05)
+    assert "Tared at rest" in conditioner.tare_note
+    assert len(force) == 29
+    assert_allclose(force[:19], 0.0, atol=0.15)
+    assert_allclose(force[21:], [[0.0, 0.0, 8.0]] * 8, atol=0.15)
+
+
+def test_the_bias_is_the_mean_of_the_window_itself() -> None:
+    conditioner, force = demonstration(noise_n=0.0)
+    assert conditioner.tare == pytest.approx(tuple(BIAS), abs=1e-12)
+    assert_allclose(force, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("start", "reason"),
+    [
+        ({"speed_m_per_s": 0.05}, "the robot moved at 0.050 m/s"),
+        ({"noise_n": 5.0}, "the force varied by"),
+        ({"gap": True}, "samples are missing within the tare window"),
+    ],
+)
+def test_without_rest_at_the_start_nothing_is_taken_off(start: dict[str, float], reason: str) -> None:
+    conditioner, force = demonstration(**start)  # type: ignore[arg-type]
+    assert conditioner.tare is None
+    assert reason in conditioner.tare_note
+    assert_allclose(force.mean(axis=0), BIAS, atol=1.0)
+
+
+def test_a_demonstration_that_ends_within_the_window_is_handed_out_untared() -> None:
+    conditioner = Conditioner(LAYOUT)
+    short = np.column_stack([T, np.zeros((len(T), 3)), np.tile(BIAS, (len(T), 1))])[T < 0.3]
+    assert conditioner.push(short).observations == ()
+    assert conditioner.observations == 0
+    ended = conditioner.finish().observations
+    assert_allclose(column(ended, "force_base"), [BIAS] * len(ended), atol=1e-12)
+    assert len(ended) == conditioner.observations == 2
+    assert "ended within the tare window" in conditioner.tare_note
+
+
+def test_observations_wait_for_the_tare_no_longer_than_its_window() -> None:
+    conditioner = Conditioner(LAYOUT)
+    samples = np.column_stack([T, np.zeros((len(T), 3)), np.tile(BIAS, (len(T), 1))])
+    late = [s[0, 0] - o.t for s in np.split(samples, len(T)) for o in conditioner.push(s).observations]
+    assert max(late) <= 0.4 + conditioner.delay_s
+    assert max(late[4:]) <= conditioner.delay_s + 0.002 + 1e-9
+
+
+def test_without_a_wrench_force_is_zero_and_nothing_waits() -> None:
+    layout = Layout(("t", *POSITION, *FORCE), wrench_source="none")
+    conditioner = Conditioner(layout)
+    samples = np.column_stack([T, np.zeros((len(T), 3)), np.tile(BIAS, (len(T), 1))])
+    assert_array_equal(column(conditioner.push(samples[T < 0.3]).observations, "force_base"), 0.0)
+    assert conditioner.tare is None
+    assert "no wrench" in conditioner.tare_note
+
+
+def test_a_force_in_the_flange_is_turned_into_the_base() -> None:
+    """The flange turns about z by 90° in a second; the force stays along its x."""
+    layout = Layout(("t", *POSITION, *QUATERNION, *FORCE), force_frame="flange")
+    half = 0.25 * np.pi * np.clip(T - 1.0, 0.0, 1.0)
+    turning = np.stack([0 * T, 0 * T, np.sin(half), np.cos(half)], axis=1)
+    pushing = along((6.0, 0.0, 0.0), (T > 0.7).astype(float))
+    observations = condition(layout, T, np.zeros((len(T), 3)), turning, pushing)
+    assert_allclose(observations[8].force_base, [6.0, 0.0, 0.0], atol=1e-9)
+    assert_allclose(observations[14].force_base, [6 * np.sqrt(0.5), 6 * np.sqrt(0.5), 0.0], atol=0.01)
+    assert_allclose(observations[-1].force_base, [0.0, 6.0, 0.0], atol=1e-9)
+
+
+def test_the_orientation_for_the_force_may_come_from_the_joints() -> None:
+    upside_down = np.array([1.0, 0.0, 0.0, 0.0])
+    layout = Layout(
+        ("t", *POSITION, *(f"q{i}" for i in range(1, 8)), *FORCE),
+        force_frame="flange",
+        pose_of_joints=lambda q: (q[:, :3], np.tile(upside_down, (len(q), 1))),
+    )
+    pushing = along((1.0, 2.0, 3.0), (T > 0.7).astype(float))
+    observations = condition(layout, T, np.zeros((len(T), 3)), np.zeros((len(T), 7)), pushing)
+    assert_allclose(observations[-1].force_base, [1.0, -2.0, -3.0], atol=1e-12)
+
+
+def test_every_source_says_what_it_carries() -> None:
+    assert [name for name, source in WRENCH_SOURCES.items() if source.contact_models] == ["flange_sensor"]
+    for source in WRENCH_SOURCES.values():
+        assert source.note.endswith(".")
+        assert ("off" in source.note) is not source.transport_models
+
+
+def test_two_baselines_weigh_what_was_grasped() -> None:
+    rng = np.random.default_rng(3)
+    before, after = rng.normal(BIAS, 0.1, (50, 3)), rng.normal(BIAS - [0.0, 0.0, 0.6], 0.1, (50, 3))
+    load = baseline(after)[0] - baseline(before)[0]
+    assert_allclose(load, [0.0, 0.0, -0.6], atol=0.06)
+    assert_allclose(baseline(before)[1], 0.1, rtol=0.3)
+    with pytest.raises(ValueError, match="at least one row"):
+        baseline(before[:0])

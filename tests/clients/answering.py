@@ -1,0 +1,71 @@
+"""The service's side of questions and results: answers what the test sets, and puts what it is told to."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+from typing import Self
+
+from caesura_clients.inbox import Delivery, Inbox, Presence, Question
+from caesura_clients.memory import intersect
+from caesura_clients.transport import Transport
+from caesura_protocol.codec import Encoded, encode
+from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
+from caesura_protocol.messages import Program, Result, Snapshot
+
+TICK_S = 0.02
+
+
+class Answering:
+    """`snapshots` go to whoever asks for them; `answers` and `refusals` are by key."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.snapshots: list[Snapshot] = []
+        self.answers: dict[str, Encoded] = {}
+        self.refusals: dict[str, Encoded] = {}
+        self._transport = transport
+        self._inbox = Inbox()
+        self._over = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        thread = threading.Thread(target=self._run, daemon=True)
+        thread.start()
+        self._stack.callback(thread.join)
+        self._stack.callback(self._over.set)
+        for key in (
+            session_key("*", "*", "snapshot"),
+            station_key("*", "program"),
+            service_key("*", "status"),
+        ):
+            self._stack.enter_context(self._transport.answer(key, self._inbox))
+        self._stack.enter_context(self._transport.token(service_key("fake-1", "alive")))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def put(self, message: Result, part: SessionPart = "segments") -> None:
+        self._transport.put(session_key(message.station, message.session, part), encode(message))
+
+    def program(self, message: Program) -> None:
+        self._transport.put(station_key(message.station, "program"), encode(message))
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            question = self._inbox.get(TICK_S)
+            if question is not None and not isinstance(question, Delivery | Presence):
+                with question:
+                    self._answer(question)
+
+    def _answer(self, question: Question) -> None:
+        for one in self.snapshots:
+            key = session_key(one.status.station, one.status.session, "snapshot")
+            if intersect(question.key, key):
+                question.reply(key, encode(one))
+        for key, answer in self.answers.items():
+            if intersect(question.key, key):
+                question.reply(key, answer)
+        for key, refusal in self.refusals.items():
+            if intersect(question.key, key):
+                question.refuse(refusal)

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+import zenoh
+
+from caesura_clients.memory import MemoryNetwork
+from caesura_clients.transport import SETTINGS, Transport, ZenohTransport
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def open_router(port: int) -> zenoh.Session:
+    config = zenoh.Config()
+    own = {"mode": "router", "listen/endpoints": [f"tcp/127.0.0.1:{port}"], "scouting/delay": 0}
+    for key, value in {**SETTINGS, **own}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+class RouterNetwork:
+    """Real Zenoh over loopback: a router in this process, on a free port."""
+
+    def __init__(self) -> None:
+        self.port = free_port()
+        self.endpoint = f"tcp/127.0.0.1:{self.port}"
+        self._stack = ExitStack()
+        self._router: zenoh.Session | None = None
+
+    def __enter__(self) -> RouterNetwork:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+        self.stop()
+
+    def start(self) -> None:
+        self._router = open_router(self.port)
+
+    def stop(self) -> None:
+        if self._router is not None:
+            self._router.close()
+            self._router = None
+
+    def transport(self) -> Transport:
+        return self._stack.enter_context(ZenohTransport(self.endpoint, timeout_s=5.0))
+
+
+@pytest.fixture
+def router() -> Iterator[RouterNetwork]:
+    with RouterNetwork() as network:
+        yield network
+
+
+@pytest.fixture
+def memory() -> MemoryNetwork:
+    return MemoryNetwork()
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def network(request: pytest.FixtureRequest) -> MemoryNetwork | RouterNetwork:
+    """Both implementations of the transport: one contract."""
+    return request.getfixturevalue("memory" if request.param == "memory" else "router")

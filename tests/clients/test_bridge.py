@@ -1,0 +1,341 @@
+"""Nothing is lost between a robot and the service: losses, restarts, late services and early ends."""
+
+import threading
+from contextlib import ExitStack
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
+from caesura_clients.bridge.sources.file import FAST, FileSource
+from caesura_clients.errors import BadSource, Unreachable
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
+from clients.examples import LiveSource, recording, samples
+from clients.fake_service import FakeService, eventually
+
+QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=5.0, tick_s=0.005)
+SAMPLES_KEY = station_key("cell-1", "samples")
+REPLAY_KEY = station_key("cell-1", "replay")
+
+
+def file_source(count=1000, **options):
+    return FileSource(recording(count), **{"pace": FAST, **options})
+
+
+def assert_everything_arrived(service, source):
+    sent = np.concatenate(list(source.chunks()))
+    assert [batch.seq for batch in service.batches] == list(range(len(service.batches)))
+    assert np.array_equal(np.concatenate([unpack_samples(batch) for batch in service.batches]), sent)
+
+
+class Losing:
+    """Drops batches, as a full queue would: the numbers given, the first time that each is put."""
+
+    def __init__(self, *numbers):
+        self.numbers = set(numbers)
+        self._puts = 0
+
+    def __call__(self, delivery):
+        if delivery.key != SAMPLES_KEY or "SampleBatch" not in delivery.encoding:
+            return False
+        self._puts += 1
+        return self._puts - 1 in self.numbers
+
+
+def test_every_sample_arrives_once_and_in_order(network):
+    source = file_source(1010)
+    with FakeService(network.transport()) as service, Bridge(network.transport(), "cell-1", source) as bridge:
+        ack = bridge.run()
+    assert (ack.state, ack.next_seq, bridge.sent, bridge.acknowledged) == ("closed", 51, 51, 51)
+    assert_everything_arrived(service, source)
+    assert service.batches[-1].n == 10
+
+
+def test_the_service_is_told_what_the_source_is(memory):
+    source = file_source(20)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, session="mine", epoch=3, preset="people") as bridge,
+    ):
+        bridge.run()
+    opening = service.openings[0]
+    assert (opening.session, opening.epoch, opening.preset) == ("mine", 3, "people")
+    assert opening.columns == source.columns
+    assert (opening.wrench_source, opening.force_frame, opening.length_unit) == ("flange_sensor", "base", "m")
+
+
+@pytest.mark.parametrize(
+    "lost", [{0}, {7}, {3, 4, 5, 20}, set(range(0, 50, 2)), {49}, {48, 49}, set(range(50))], ids=str
+)
+def test_lost_batches_are_asked_for_and_sent_again(memory, lost):
+    memory.lose = Losing(*lost)
+    source = file_source(1000)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
+    ):
+        assert bridge.run().next_seq == 50
+    assert_everything_arrived(service, source)
+
+
+def test_a_lost_tail_is_told_by_the_heartbeat_while_the_robot_rests(memory):
+    memory.lose = Losing(2)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        bridge.send(samples(60))
+        eventually(lambda: service.next_seq == 3)
+    assert service.beats[-1].seq == 2
+
+
+def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        bridge.send(samples(3))
+        assert bridge.sent == 0
+        eventually(lambda: service.rows() == 3)
+
+
+def test_a_file_waits_for_a_service_that_comes_later(network):
+    source, acks = file_source(100), []
+    with Bridge(network.transport(), "cell-1", source, settings=QUICK) as bridge:
+        thread = threading.Thread(target=lambda: acks.append(bridge.run()), daemon=True)
+        thread.start()
+        with pytest.raises(Unreachable, match=f"cell-1/{bridge.session}"):
+            bridge.wait_open(0.05)
+        assert bridge.sent == 0
+        with FakeService(network.transport()) as service:
+            thread.join(5.0)
+    assert acks[0].state == "closed"
+    assert_everything_arrived(service, source)
+
+
+def test_a_live_robot_waits_for_nobody_and_its_past_is_sent_when_a_service_comes(network):
+    with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:
+        for start in range(10):
+            bridge.send(samples(100, t0=start / 10))
+        assert bridge.sent == 50
+        with FakeService(network.transport()) as service:
+            eventually(lambda: service.next_seq == 50)
+            assert bridge.finish().state == "closed"
+
+
+@pytest.mark.parametrize("journal", [True, False], ids=["with a journal", "without a journal"])
+def test_a_restarted_service_is_told_the_session_again_and_misses_nothing(network, journal):
+    with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:
+        with FakeService(network.transport()) as first:
+            bridge.wait_open(5.0)
+            bridge.send(samples(400))
+            eventually(lambda: first.next_seq == 20)
+        bridge.send(samples(400, t0=0.4))
+        second = FakeService(network.transport(), "fake-2")
+        second.batches = list(first.batches) if journal else []
+        with second:
+            eventually(lambda: second.next_seq == 40)
+            bridge.send(samples(400, t0=0.8))
+            assert bridge.finish().next_seq == 60
+    assert second.openings[0] == first.openings[0]
+
+
+def test_a_restarted_router_costs_no_sample(router):
+    with (
+        FakeService(router.transport()) as service,
+        Bridge(router.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        bridge.send(samples(200))
+        eventually(lambda: service.next_seq == 10)
+        router.stop()
+        bridge.send(samples(200, t0=0.2))
+        router.start()
+        bridge.send(samples(200, t0=0.4))
+        eventually(lambda: service.next_seq == 30)
+        assert bridge.finish().state == "closed"
+
+
+@pytest.mark.parametrize("can_wait", [True, False])
+def test_a_refused_session_is_raised_to_whoever_sends(network, can_wait):
+    service = FakeService(network.transport())
+    service.refuse = ProtocolError("forbidden", "not your station", value="cell-1")
+    source = LiveSource([samples(10)])
+    source.can_wait = can_wait
+    with service, Bridge(network.transport(), "cell-1", source, settings=QUICK) as bridge:
+        if not can_wait:
+            with pytest.raises(ProtocolError):
+                bridge.wait_open(5.0)
+        with pytest.raises(ProtocolError, match="not your station"):
+            bridge.run()
+
+
+def test_an_overloaded_service_is_asked_again(memory):
+    service = FakeService(memory.transport())
+    service.refuse = ProtocolError("overloaded", "later")
+    with service, Bridge(memory.transport(), "cell-1", file_source(100), settings=QUICK) as bridge:
+        with pytest.raises(Unreachable):
+            bridge.wait_open(0.1)
+        service.refuse = None
+        assert bridge.run().next_seq == 5
+
+
+def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(5.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        service.hold = True
+        bridge.send(samples(40, t0=0.04))
+        with pytest.raises(ProtocolError, match="batches are missing"):
+            bridge.finish()
+        assert (bridge.acknowledged, bridge.sent) == (2, 4)
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+        bridge.send(samples(40))
+        with pytest.raises(Unreachable, match="0 of 2 batches"):
+            bridge.finish()
+
+
+def test_a_close_waits_until_the_service_has_everything(memory):
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(5.0)
+        service.hold = True
+        bridge.send(samples(100))
+        acks = []
+        thread = threading.Thread(target=lambda: acks.append(bridge.finish()), daemon=True)
+        thread.start()
+        thread.join(0.1)
+        assert not acks
+        service.hold = False
+        thread.join(5.0)
+        assert acks[0].next_seq == 5
+
+
+def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory):
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(5.0)
+        bridge.send(samples(100))
+        eventually(lambda: service.next_seq == 5)
+        service.batches.clear()
+        service.openings.clear()
+        assert bridge.finish().next_seq == 5
+    assert service.rows() == 100
+
+
+def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
+    settings = BridgeSettings(window_batches=16, tick_s=0.005, ring_span_s=0.1, stall_s=0.05)
+    source = file_source(2000)
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", source, settings=settings))
+        bridge.wait_open(5.0)
+        service.hold = True
+        thread = threading.Thread(target=bridge.run, daemon=True)
+        thread.start()
+        eventually(lambda: bridge.sent == 16)
+        openings = len(service.openings)
+        eventually(lambda: len(service.openings) > openings + 10)
+        assert bridge.sent == 16
+        assert memory.transport().query(REPLAY_KEY, parameters="from=0;to=99;max=99").refusals == ()
+        service.hold = False
+        thread.join(5.0)
+    assert_everything_arrived(service, source)
+    assert service.refusals == []
+
+
+def test_what_a_waiting_bridge_lost_is_sent_again_without_being_asked(memory):
+    settings = BridgeSettings(window_batches=8, tick_s=0.005, stall_s=0.02, heartbeat_s=60.0)
+    memory.lose = Losing(*range(8))
+    source = file_source(400)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=settings) as bridge,
+    ):
+        bridge.run()
+    assert_everything_arrived(service, source)
+
+
+def replayed(transport, first, last, limit=100):
+    return transport.query(REPLAY_KEY, parameters=replay_parameters(ReplayRange(first, last, limit)))
+
+
+def test_a_range_is_replayed_in_order_and_no_further_than_asked(network):
+    transport = network.transport()
+    with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:
+        bridge.send(samples(200))
+        eventually(lambda: len(replayed(transport, 0, 0).replies) == 1)
+        assert len(replayed(transport, 3, 6).replies) == 4
+        assert len(replayed(transport, 3, 6, limit=2).replies) == 2
+        assert len(replayed(transport, 8, 999).replies) == 2
+        assert replayed(transport, 50, 60) == ((), ())
+        (refusal,) = transport.query(REPLAY_KEY, parameters="from=x").refusals
+        assert refusal.code == "malformed"
+
+
+def test_what_the_ring_no_longer_has_is_refused_and_the_oldest_is_named(memory):
+    settings = BridgeSettings(ring_span_s=0.1, window_batches=2)
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+        bridge.send(samples(1000))
+        (refusal,) = replayed(memory.transport(), 0, 9).refusals
+        assert (refusal.code, refusal.value) == ("evicted", 0)
+        assert replayed(memory.transport(), refusal.limit, refusal.limit).replies
+
+
+@pytest.mark.parametrize(
+    ("chunk", "message"),
+    [
+        (np.ones((3, 5)), r"shape \(3, 5\)"),
+        (np.ones(4), "shape"),
+        (np.array([[0.0, 1.0, np.nan, 1.0]]), "py is nan"),
+        (np.array([[np.inf, 1.0, 1.0, 1.0]]), "t is inf"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, message):
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        bridge.send(samples(10))
+        with pytest.raises(BadSource, match=message):
+            bridge.send(chunk)
+        bridge.send(samples(10, t0=0.01))
+        bridge.finish()
+    assert service.rows() == 20
+
+
+def test_a_bridge_is_seen_while_it_is_there(network):
+    transport, key = network.transport(), station_key("cell-1", "alive")
+    with Bridge(network.transport(), "cell-1", LiveSource()):
+        eventually(lambda: transport.alive(key) == (key,))
+    eventually(lambda: transport.alive(key) == ())
+
+
+def test_a_bridge_leaves_no_thread_behind(memory):
+    before = set(threading.enumerate())
+    with Bridge(memory.transport(), "cell-1", LiveSource()):
+        assert len(set(threading.enumerate()) - before) == 2
+    assert set(threading.enumerate()) == before
+
+
+def test_session_names_sort_by_time_and_differ():
+    early, late = (
+        new_session_name(datetime(2026, 3, 14, 9, 26)),
+        new_session_name(datetime(2026, 3, 14, 9, 27)),
+    )
+    assert early.startswith("s20260314-092600-")
+    assert early < late
+    assert len({new_session_name(datetime(2026, 3, 14)) for _ in range(20)}) > 15
+    assert __import__("re").fullmatch(NAME_PATTERN, early)
+
+
+@pytest.mark.parametrize("name", ["", "Cell 1", "a/b", "*"])
+def test_a_station_must_have_a_name(memory, name):
+    with pytest.raises(ProtocolError, match="not a valid name"):
+        Bridge(memory.transport(), name, LiveSource())

@@ -1,0 +1,94 @@
+"""Asking: what comes back, and what is said where nothing does."""
+
+import pytest
+
+from caesura_clients.client import Caesura
+from caesura_clients.errors import Absent, Unreachable
+from caesura_protocol.codec import encode, encode_error
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, station_key
+from caesura_protocol.messages import Program, ServiceStatus
+from clients.answering import Answering
+from clients.examples import example, snapshot
+
+
+@pytest.fixture
+def service(network):
+    with Answering(network.transport()) as answering:
+        yield answering
+
+
+@pytest.fixture
+def caesura(network, service):
+    return Caesura(network.transport())
+
+
+def test_sessions_are_listed_with_how_they_stand(caesura, service):
+    service.snapshots = [
+        snapshot(3, "motion", "hold", session="s2"),
+        snapshot(9, "motion", session="s1", state="closed"),
+        snapshot(0, station="cell-0", session="s9"),
+    ]
+    assert [(one.station, one.session, one.segments) for one in caesura.sessions()] == [
+        ("cell-0", "s9", 0),
+        ("cell-1", "s1", 1),
+        ("cell-1", "s2", 2),
+    ]
+
+
+def test_without_a_session_name_the_open_one_is_meant_or_else_the_last(caesura, service):
+    first, second = snapshot(0, session="s1"), snapshot(0, session="s2", state="closed")
+    service.snapshots = [first, second]
+    assert caesura.snapshot("cell-1") == first
+    assert caesura.snapshot("cell-1", "s2") == second
+    service.snapshots = [snapshot(0, session="s1", state="closed"), second]
+    assert caesura.snapshot("cell-1") == second
+
+
+def test_of_two_owners_the_one_with_the_higher_epoch_is_heard(caesura, service):
+    old, new = snapshot(9, "motion", epoch=1), snapshot(0, "hold", epoch=2)
+    service.snapshots = [new, old]
+    assert caesura.snapshot("cell-1") == new
+    assert len(caesura.sessions()) == 1
+
+
+def test_the_program_of_a_station(caesura, service):
+    program = example(Program)
+    service.answers[station_key("cell-1", "program")] = encode(program)
+    assert caesura.program("cell-1") == program
+
+
+def test_how_the_service_is_doing(caesura, service):
+    status = example(ServiceStatus)
+    service.answers[service_key("caesura-0", "status")] = encode(status)
+    assert caesura.services() == [status]
+
+
+def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, network):
+    service.snapshots = [snapshot(0, station="cell-7")]
+    with network.transport().token(station_key("cell-8", "alive")):
+        for ask in (lambda: caesura.program("cell-1"), lambda: caesura.snapshot("cell-1")):
+            with pytest.raises(
+                Absent, match=r"'cell-1' has no .*with sessions: cell-7; with a bridge: cell-8"
+            ):
+                ask()
+        assert caesura.stations() == ["cell-8"]
+    with pytest.raises(Absent, match="no session nothing"):
+        caesura.snapshot("cell-7", "nothing")
+
+
+def test_no_session_is_no_error_but_no_service_is(network):
+    with Answering(network.transport()):
+        assert Caesura(network.transport()).sessions() == []
+    caesura = Caesura(network.transport())
+    for ask in (caesura.sessions, caesura.services, lambda: caesura.program("cell-1")):
+        with pytest.raises(Unreachable, match="no service is alive at"):
+            ask()
+    assert caesura.stations() == []
+
+
+def test_a_refusal_is_raised_as_it_is(caesura, service):
+    refusal = ProtocolError("overloaded", "not now", limit=3)
+    service.refusals[station_key("cell-1", "program")] = encode_error(refusal)
+    with pytest.raises(ProtocolError, match="not now"):
+        caesura.program("cell-1")

@@ -1,0 +1,194 @@
+"""A reader ends up with what the service knows, whatever the network drops."""
+
+import pytest
+
+from caesura_clients.results import SessionReader, follow
+from caesura_protocol.codec import Encoded
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, session_key
+from caesura_protocol.messages import Changepoints, Posterior, Program, SessionStatus, Snapshot
+from clients.answering import Answering
+from clients.examples import changepoint, example, segments, snapshot
+
+
+def kinds(update):
+    return [segment.kind for segment in update.segments]
+
+
+def reader(*known, seq=0):
+    started = SessionReader()
+    assert started.restart(snapshot(seq, *known)) == "changed"
+    return started
+
+
+def test_a_reader_starts_from_the_snapshot():
+    whole = example(Snapshot)
+    started = SessionReader()
+    assert started.restart(whole) == "changed"
+    assert started.update.segments == whole.segments.segments
+    assert (started.update.station, started.update.session) == ("cell-1", whole.status.session)
+    assert started.restart(whole) == "unchanged"
+
+
+def test_without_a_snapshot_every_message_is_a_hole():
+    assert SessionReader().receive(segments(0, 0, "motion")) == "hole"
+
+
+def test_a_list_replaces_everything_from_its_first_on():
+    following = reader("motion", "contact", "steady", seq=4)
+    assert following.receive(segments(5, 1, "transport")) == "changed"
+    assert kinds(following.update) == ["motion", "transport"]
+    assert following.receive(segments(6, 2, "hold", "motion")) == "changed"
+    assert kinds(following.update) == ["motion", "transport", "hold", "motion"]
+    assert following.receive(segments(7, 0)) == "changed"
+    assert kinds(following.update) == []
+
+
+def test_changepoints_follow_the_same_rule():
+    following = reader(seq=4)
+    tail = example(Changepoints).model_copy(
+        update={"seq": 5, "first": 0, "changepoints": (changepoint(1.5),)}
+    )
+    assert following.receive(tail) == "changed"
+    assert following.update.changepoints == (changepoint(1.5),)
+
+
+@pytest.mark.parametrize("seq", [0, 3])
+def test_what_is_older_changes_nothing(seq):
+    following = reader("motion", seq=4)
+    assert following.receive(segments(seq, 0, "hold")) == "unchanged"
+    assert kinds(following.update) == ["motion"]
+
+
+def test_a_message_that_comes_twice_does_no_harm():
+    following = reader("motion", seq=4)
+    assert following.receive(segments(5, 1, "contact")) == "changed"
+    assert following.receive(segments(5, 1, "contact")) == "unchanged"
+    assert kinds(following.update) == ["motion", "contact"]
+
+
+@pytest.mark.parametrize("lost", [segments(6, 1, "hold"), segments(5, 2, "hold")], ids=["number", "index"])
+def test_a_hole_changes_nothing_and_is_reported(lost):
+    following = reader("motion", seq=4)
+    assert following.receive(lost) == "hole"
+    assert kinds(following.update) == ["motion"]
+
+
+@pytest.mark.parametrize("model", [SessionStatus, Posterior])
+def test_complete_messages_leave_no_hole(model):
+    following = reader(seq=4)
+    message = example(model).model_copy(update={"seq": 90})
+    assert following.receive(message) == "changed"
+    assert message in (following.update.status, following.update.posterior)
+    assert following.receive(message.model_copy(update={"seq": 89})) == "unchanged"
+
+
+def test_programs_are_counted_by_version():
+    following = reader(seq=4)
+    newer = example(Program).model_copy(update={"version": 9})
+    assert following.receive(newer) == "changed"
+    assert following.receive(newer.model_copy(update={"version": 8, "complete": True})) == "unchanged"
+    assert following.update.program == newer
+
+
+def test_the_highest_epoch_is_right():
+    following = reader("motion", seq=4)
+    assert following.receive(segments(5, 0, "hold", epoch=1)) == "unchanged"
+    assert following.receive(segments(0, 0, "hold", epoch=3, instance="b")) == "hole"
+    assert following.restart(snapshot(0, "hold", epoch=3, instance="b")) == "changed"
+    assert following.restart(snapshot(9, "motion", epoch=2)) == "unchanged"
+    assert following.receive(segments(9, 0, "motion", epoch=2)) == "unchanged"
+    assert kinds(following.update) == ["hold"]
+
+
+@pytest.fixture
+def publisher(network):
+    with Answering(network.transport()) as publishing:
+        yield publishing
+
+
+def following(network, *arguments, **options):
+    return follow(network.transport(), *arguments, **{"refresh_s": 0.1, "silence_s": 5.0, **options})
+
+
+def test_a_late_reader_begins_with_what_is_known(network, publisher):
+    publisher.snapshots = [snapshot(4, "motion", "contact")]
+    assert kinds(next(following(network, "cell-1"))) == ["motion", "contact"]
+
+
+def test_updates_follow_as_they_are_published(network, publisher):
+    publisher.snapshots = [snapshot(4, "motion")]
+    updates = following(network, "cell-1")
+    next(updates)
+    publisher.put(segments(5, 1, "contact"))
+    assert kinds(next(updates)) == ["motion", "contact"]
+    publisher.program(example(Program).model_copy(update={"version": 4}))
+    assert next(updates).program.version == 4
+
+
+def test_a_lost_message_is_healed_by_the_snapshot(network, publisher):
+    publisher.snapshots = [snapshot(4, "motion")]
+    updates = following(network, "cell-1", refresh_s=60.0)
+    next(updates)
+    publisher.snapshots = [snapshot(6, "motion", "contact")]
+    publisher.put(segments(7, 2, "hold"))
+    assert any(kinds(update) == ["motion", "contact", "hold"] for update in updates)
+
+
+def test_a_lost_last_message_is_found_in_the_silence(network, publisher):
+    publisher.snapshots = [snapshot(4, "motion")]
+    updates = following(network, "cell-1", refresh_s=0.05)
+    next(updates)
+    publisher.snapshots = [snapshot(5, "hold")]
+    assert kinds(next(updates)) == ["hold"]
+
+
+def test_a_session_that_begins_later_is_followed(network, publisher):
+    updates = following(network)
+    publisher.snapshots = [snapshot(0, station="cell-2", session="later")]
+    update = next(updates)
+    assert (update.station, update.session) == ("cell-2", "later")
+
+
+def test_a_service_that_takes_over_is_believed(network, publisher):
+    publisher.snapshots = [snapshot(40, "motion")]
+    updates = following(network, "cell-1", refresh_s=60.0)
+    next(updates)
+    publisher.snapshots.append(snapshot(0, "hold", epoch=9, instance="b"))
+    with network.transport().token(service_key("b", "alive")):
+        assert kinds(next(updates)) == ["hold"]
+
+
+def test_only_the_session_that_was_asked_for_is_followed(memory):
+    with Answering(memory.transport()) as publishing:
+        updates = follow(memory.transport(), "cell-1", "mine", silence_s=0.05)
+        publishing.program(example(Program))
+        assert list(updates) == []
+
+
+def test_rubbish_ends_no_reader_but_a_newer_service_is_named(memory):
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion")]
+        updates = follow(memory.transport(), "cell-1", refresh_s=60.0)
+        next(updates)
+        key = session_key("cell-1", "s1", "segments")
+        memory.transport().put(key, Encoded(b"\xc1", "application/msgpack;caesura.Segments.v1"))
+        publishing.put(segments(5, 0, "hold"))
+        assert kinds(next(updates)) == ["hold"]
+        memory.transport().put(key, Encoded(b"\xc1", "application/msgpack;caesura.Segments.v2"))
+        with pytest.raises(ProtocolError, match="version 2"):
+            next(updates)
+
+
+def test_silence_ends_the_iteration_and_the_subscriptions(memory):
+    assert list(follow(memory.transport(), silence_s=0.02)) == []
+    assert memory.subscribers == []
+
+
+def test_leaving_the_loop_ends_the_subscriptions(memory):
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion")]
+        for _ in follow(memory.transport()):
+            assert len(memory.subscribers) == 5
+            break
+        assert memory.subscribers == []

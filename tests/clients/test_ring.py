@@ -1,0 +1,62 @@
+import pytest
+
+from caesura_clients.bridge.ring import Entry, ReplayRing
+from caesura_protocol.codec import Encoded
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import ReplayRange
+
+
+def filled(count, *, period_s=0.02, samples=20, **bounds):
+    ring = ReplayRing(**bounds)
+    for seq in range(count):
+        ring.append(Entry(seq, seq * period_s, samples, Encoded(b"%d" % seq, "x")))
+    return ring
+
+
+def numbers(entries):
+    return [entry.seq for entry in entries]
+
+
+@pytest.mark.parametrize("period_s", [0.001, 0.02, 1.0])
+def test_at_least_the_span_is_kept_and_hardly_more(period_s):
+    ring = filled(40_000, period_s=period_s, samples=1, span_s=30.0, min_batches=1)
+    kept_s = (39_999 - numbers(ring)[0]) * period_s
+    assert 30.0 <= kept_s <= 30.0 + 2 * period_s
+
+
+def test_the_last_batches_are_kept_however_slow_the_robot_is():
+    assert len(filled(100, period_s=60.0, span_s=30.0, min_batches=64)) == 64
+
+
+def test_the_bound_on_samples_wins_over_the_span():
+    assert len(filled(1000, samples=20, max_samples=200, span_s=1e9)) == 10
+    assert len(filled(3, samples=1000, max_samples=200)) == 1
+
+
+def test_a_clock_that_stands_still_fills_no_memory():
+    assert len(filled(1000, period_s=0.0, samples=20, max_samples=2000)) == 100
+
+
+def test_a_range_is_answered_in_order_and_within_its_limit():
+    ring = filled(10)
+    assert numbers(ring.since(ReplayRange(2, 5, 100))) == [2, 3, 4, 5]
+    assert numbers(ring.since(ReplayRange(2, 5, 3))) == [2, 3, 4]
+    assert numbers(ring.since(ReplayRange(8, 20, 100))) == [8, 9]
+    assert ring.since(ReplayRange(10, 20, 100)) == []
+    assert ring.since(ReplayRange(0, 9, 0)) == []
+    assert ReplayRing().since(ReplayRange(0, 9, 100)) == []
+
+
+def test_what_is_gone_is_refused_and_the_oldest_is_named():
+    ring = filled(100, samples=20, max_samples=200)
+    with pytest.raises(ProtocolError) as refused:
+        ring.since(ReplayRange(3, 99, 100))
+    assert (refused.value.code, refused.value.value, refused.value.limit) == ("evicted", 3, 90)
+    assert numbers(ring.since(ReplayRange(90, 99, 100))) == list(range(90, 100))
+
+
+def test_numbers_have_no_holes():
+    ring = filled(3)
+    with pytest.raises(ValueError, match="batch 4 after 2"):
+        ring.append(Entry(4, 1.0, 1, Encoded(b"", "x")))
+    assert numbers(ring) == [0, 1, 2]

@@ -48,6 +48,7 @@ class Answers:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stopped.set()
+        self._inbox.wake()
         self._thread.join(JOIN_S)
 
     def snapshot(self, query: zenoh.Query) -> None:

@@ -24,7 +24,7 @@ class Inbox(Generic[T]):
         self.capacity = capacity
         self.dropped = 0
         self._share = share or capacity
-        self._queue: SimpleQueue[tuple[str | None, T]] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[str | None, T] | None] = SimpleQueue()
         self._waiting: Counter[str] = Counter()
         self._lock = threading.Lock()
 
@@ -46,17 +46,24 @@ class Inbox(Generic[T]):
         return True
 
     def get(self, timeout_s: float) -> T | None:
-        """The next item; None if there is none in time."""
+        """The next item; None if there is none in time, or if somebody called `wake`."""
         try:
-            source, item = self._queue.get(timeout=timeout_s)
+            entry = self._queue.get(timeout=timeout_s)
         except Empty:
             return None
+        if entry is None:
+            return None
+        source, item = entry
         if source is not None:
             with self._lock:
                 self._waiting[source] -= 1
                 if not self._waiting[source]:
                     del self._waiting[source]
         return item
+
+    def wake(self) -> None:
+        """Let a waiting `get` return, once what lies before this is taken."""
+        self._queue.put(None)
 
     def __len__(self) -> int:
         return self._queue.qsize()

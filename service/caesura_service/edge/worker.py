@@ -51,6 +51,7 @@ class Worker:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stopped.set()
+        self._inbox.wake()
         self._thread.join(JOIN_S)
 
     def _run(self) -> None:

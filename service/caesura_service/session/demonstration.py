@@ -99,9 +99,11 @@ class Demonstration:
 
     def _look(self) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""
+        gaps = self.standing.view.gaps
         self.standing, changes = results.with_view(self.standing, self._pipeline.view)
         self.standing, program = results.with_program(self.standing)
-        due = self.standing.view.t >= self._status_t + self._limits.status_interval_s
+        view = self.standing.view
+        due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *program, *([self.status()] if due else [])]
 
     def _fail(self, error: Exception) -> list[Output]:

@@ -1,0 +1,166 @@
+"""Hostile and broken messages over a real network: an error for the sender, nothing for the others."""
+
+from __future__ import annotations
+
+import math
+
+import msgpack
+import numpy as np
+import pytest
+
+from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import (
+    MAX_MESSAGE_BYTES,
+    Control,
+    Posterior,
+    Program,
+    SampleBatch,
+    SessionStatus,
+)
+from harness.sessions import batch, batch_of, closing, opening
+
+BATCH = "application/msgpack;caesura.SampleBatch.v1"
+CONTROL = "application/msgpack;caesura.Control.v1"
+SAMPLES = station_key("cell-1", "samples")
+
+
+def nan_bearing() -> bytes:
+    return encode(batch_of([[0.0, math.nan]], seq=0)).payload
+
+
+def other_columns() -> bytes:
+    return encode(pack_samples(np.zeros((1, 2)), ("t", "py"), session="s1", epoch=0, seq=0)).payload
+
+
+def too_many_samples() -> bytes:
+    return msgpack.packb({**batch(0).model_dump(), "n": 1001})
+
+
+def text_for_samples() -> bytes:
+    return msgpack.packb({**batch(0).model_dump(), "samples": "rubbish"})
+
+
+def foreign_session() -> bytes:
+    return encode(batch(0, "theirs")).payload
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "code", "words"),
+    [
+        (b"\xc1rubbish", BATCH, "malformed", "not msgpack"),
+        (b"", BATCH, "malformed", "not msgpack"),
+        (msgpack.packb([1, 2]), BATCH, "malformed", "not a map"),
+        (msgpack.packb({"session": "s1"}), BATCH, "malformed", "SampleBatch.epoch"),
+        (text_for_samples(), BATCH, "malformed", "SampleBatch.samples"),
+        (too_many_samples(), BATCH, "malformed", "1001"),
+        (nan_bearing(), BATCH, "malformed", "px is not finite"),
+        (other_columns(), BATCH, "malformed", "columns differ"),
+        (b"\0" * (MAX_MESSAGE_BYTES + 1), BATCH, "too_large", f"limit {MAX_MESSAGE_BYTES}"),
+        (encode(batch(0)).payload, BATCH.replace("v1", "v2"), "unsupported_version", "value 2; expected 1"),
+        (encode(batch(0)).payload, "zenoh/bytes", "unsupported_version", "zenoh/bytes"),
+        (encode(closing(0)).payload, BATCH.replace("SampleBatch", "Close"), "malformed", "Close"),
+        (foreign_session(), BATCH, "forbidden", "another station"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_bad_samples_are_reported_in_the_session_status_and_the_service_goes_on(
+    peer, payload, encoding, code, words
+):
+    peer.command(opening("theirs"), "cell-2")
+    peer.command(opening("s1"))
+    with peer.listening() as heard:
+        peer.put(SAMPLES, payload, encoding)
+        status = heard.until(SessionStatus, lambda status: bool(status.refused))
+        assert (status.station, status.session, status.refused) == ("cell-1", "s1", {code: 1})
+        assert status.last_refusal is not None
+        assert words in status.last_refusal.message
+        peer.send(batch(0, "theirs"), "cell-2")
+        for seq in range(3):
+            peer.send(batch(seq))
+        heard.until(Posterior, lambda posterior: posterior.session == "s1" and posterior.t > 0.5)
+    assert peer.snapshot("theirs", "cell-2").status.refused == {}
+    assert peer.service_status().refused == {code: 1}
+
+
+def test_samples_of_an_unknown_session_are_reported_in_the_service_status(peer):
+    peer.send(batch(0, "nobodys"))
+    status = peer.until_service(lambda status: bool(status.refused))
+    assert status.refused == {"unknown_session": 1}
+    assert status.last_refusal is not None
+    assert "'nobodys'" in status.last_refusal.message
+
+
+@pytest.mark.parametrize("key", ["caesura/v1/station/Cell 1/samples", "caesura/v1/station/*/samples"])
+def test_samples_on_a_key_that_is_no_station_are_reported_in_the_service_status(peer, key):
+    peer.put(key, b"", BATCH)
+    status = peer.until_service(lambda status: bool(status.refused))
+    assert status.refused == {"malformed": 1}
+
+
+def test_samples_after_the_close_are_reported_and_change_nothing(peer):
+    peer.command(opening())
+    peer.send(batch(0))
+    while peer.snapshot().status.batches == 0:
+        pass
+    peer.command(closing(0))
+    with peer.listening() as heard:
+        peer.send(batch(1))
+        status = heard.until(SessionStatus)
+    assert (status.state, status.refused, status.batches) == ("closed", {"conflict": 1}, 1)
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "code"),
+    [
+        (b"\xc1", CONTROL, "malformed"),
+        (None, None, "unsupported_version"),
+        (msgpack.packb({"command": {"type": "reboot"}}), CONTROL, "malformed"),
+        (b"\0" * (MAX_MESSAGE_BYTES + 1), CONTROL, "too_large"),
+        (encode(Control(command=opening())).payload, CONTROL.replace("v1", "v7"), "unsupported_version"),
+        (encode(Control(command=closing(0, "s9"))).payload, CONTROL, "unknown_session"),
+        (encode(Control(command=opening("s2", preset="unheard-of"))).payload, CONTROL, "malformed"),
+    ],
+)
+def test_a_bad_command_is_refused_to_its_sender_and_the_service_goes_on(peer, payload, encoding, code):
+    with pytest.raises(ProtocolError) as caught:
+        peer.control(payload, encoding)
+    assert caught.value.code == code
+    assert peer.service_status().refused == {code: 1}
+    assert peer.command(opening()).state == "open"
+
+
+def test_a_refusal_names_the_value_and_the_limit(peer):
+    with pytest.raises(ProtocolError) as caught:
+        peer.control(b"\0" * (MAX_MESSAGE_BYTES + 1), CONTROL)
+    assert (caught.value.value, caught.value.limit) == (MAX_MESSAGE_BYTES + 1, MAX_MESSAGE_BYTES)
+
+
+def test_a_command_to_every_station_at_once_is_refused(peer):
+    with pytest.raises(ProtocolError, match="malformed"):
+        peer.control(*encode(Control(command=opening())), station="*")
+
+
+def test_an_error_in_one_sessions_mathematics_leaves_the_others_alone(peer):
+    peer.command(opening(preset="raising"))
+    peer.command(opening(), "cell-2")
+    with peer.listening() as heard:
+        peer.send(batch_of([[0.0, 13.0]], seq=0))
+        assert "cannot stand 13" in heard.until(Program, lambda program: bool(program.notes)).notes[0]
+        status = heard.until(SessionStatus, lambda status: status.state == "closed")
+        assert "ValueError: cannot stand 13.0" in status.last_refusal.message
+        peer.send(batch(0), "cell-2")
+        heard.until(Posterior, lambda posterior: posterior.station == "cell-2")
+
+
+def test_a_replay_of_rubbish_is_given_up_as_a_gap(peer):
+    """A bridge whose ring holds a batch that cannot be read would otherwise be asked for it for ever."""
+    rotten = SampleBatch.model_construct(**{**batch(1).model_dump(), "n": -1})
+    with peer.replaying([batch(0), rotten]), peer.listening() as heard:
+        peer.command(opening())
+        peer.send(batch(0))
+        peer.send(batch(2))
+        status = heard.until(SessionStatus, lambda status: bool(status.gaps))
+    assert status.refused == {"malformed": 3}
+    assert status.batches == 2

@@ -1,0 +1,189 @@
+"""Many sessions: routing, whose refusal it is, limits."""
+
+from __future__ import annotations
+
+import pytest
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Ack, SessionStatus
+from caesura_service.journal import MemoryJournal
+from caesura_service.session.limits import Limits
+from caesura_service.session.ports import ReplayEnded
+from caesura_service.session.standing import status_of
+from harness.sessions import (
+    STATION,
+    answer,
+    batch,
+    batch_of,
+    closing,
+    heartbeat,
+    new_registry,
+    opening,
+    published,
+)
+
+OTHER = "cell-2"
+
+
+def opened(registry, station, *names):
+    for name in names:
+        registry.command(station, opening(name), 0.0)
+    return registry
+
+
+def names(registry, station):
+    return [session.name for session in registry.board.sessions.get(station, ())]
+
+
+def test_an_opening_without_preset_gets_the_services_and_replays_with_it():
+    journal = MemoryJournal()
+    new_registry(journal).command(STATION, opening(preset=None), 0.0)
+    (record,) = journal.replay(STATION, "s1")
+    assert record.message.preset == "fake"
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"preset": "unheard-of"}, "unknown preset"),
+        ({"columns": ("px", "t")}, "first column is not t"),
+        ({"columns": ("t", "px", "px")}, "comes twice"),
+    ],
+)
+def test_an_opening_that_cannot_be_served_is_refused_and_leaves_nothing(fields, words):
+    registry = new_registry()
+    refusal = answer(registry.command(STATION, opening(**fields), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert refusal.code == "malformed"
+    assert words in refusal.message
+    assert registry.board.sessions == {}
+    assert registry.tally.refused == {"malformed": 1}
+
+
+def test_a_pipeline_that_cannot_be_made_refuses_the_opening_only():
+    registry = new_registry()
+    registry._pipeline_factory = lambda *_: 1 / 0
+    refusal = answer(registry.command(STATION, opening(), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert "ZeroDivisionError" in refusal.message
+
+
+def test_the_newest_session_of_a_station_is_its_current_one():
+    registry = opened(opened(new_registry(), STATION, "s1", "s2"), OTHER, "s1")
+    current = [(standing.station, standing.session) for standing in registry.board.current()]
+    assert current == [(STATION, "s2"), (OTHER, "s1")]
+
+
+def test_stations_may_use_the_same_session_name():
+    registry = opened(opened(new_registry(), STATION, "s1"), OTHER, "s1")
+    registry.samples(OTHER, batch(0), 0.0)
+    samples = [standing.view.samples for standing in registry.board.standings()]
+    assert samples == [0, 20]
+
+
+@pytest.mark.parametrize("message", [batch(0), heartbeat(0), ReplayEnded("s1", 0, answered=False)])
+def test_samples_for_an_unknown_session_are_counted_by_the_service(message):
+    registry = opened(new_registry(), STATION, "s2")
+    assert registry.samples(STATION, message, 0.0) == []
+    assert registry.tally.refused == {"unknown_session": 1}
+    assert registry.board.standings()[0].tally.refused == {}
+
+
+def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_came_from():
+    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
+    said = registry.samples(STATION, batch(0, "theirs"), 0.0)
+    (status,) = published(said, SessionStatus)
+    assert (status.station, status.session, status.refused) == (STATION, "mine", {"forbidden": 1})
+    mine, theirs = registry.board.standings()
+    assert theirs.view.samples == 0
+    assert theirs.tally.refused == {}
+    assert registry.tally.refused == {"forbidden": 1}
+    assert mine.tally.last_refusal is not None
+
+
+def test_closing_another_stations_session_is_forbidden():
+    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
+    refusal = answer(registry.command(STATION, closing(-1, "theirs"), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert refusal.code == "forbidden"
+    assert registry.board.standings()[1].is_open
+
+
+def test_closing_an_unknown_session_names_those_that_are_known():
+    refusal = answer(opened(new_registry(), STATION, "s1").command(STATION, closing(-1, "s9"), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert (refusal.code, refusal.value, refusal.expected) == ("unknown_session", "s9", ["s1"])
+
+
+def test_samples_after_the_close_are_a_conflict_in_the_sessions_status():
+    registry = opened(new_registry(), STATION, "s1")
+    registry.command(STATION, closing(-1), 0.0)
+    (status,) = published(registry.samples(STATION, batch(0), 0.0), SessionStatus)
+    assert (status.state, status.refused) == ("closed", {"conflict": 1})
+
+
+def test_what_cannot_be_read_is_charged_to_the_stations_current_session_and_the_service():
+    registry = opened(new_registry(), STATION, "s1", "s2")
+    (status,) = published(registry.refuse(STATION, ProtocolError("malformed", "rubbish")), SessionStatus)
+    assert (status.session, status.refused) == ("s2", {"malformed": 1})
+    assert registry.refuse("nowhere", ProtocolError("too_large", "much")) == []
+    assert registry.refuse(None, ProtocolError("malformed", "no key")) == []
+    assert registry.tally.refused == {"malformed": 2, "too_large": 1}
+
+
+def test_refused_content_counts_for_the_service_too():
+    registry = opened(new_registry(), STATION, "s1")
+    registry.samples(STATION, batch_of([[0.0, float("inf")]], seq=0), 0.0)
+    assert registry.tally.refused == {"malformed": 1}
+
+
+def test_one_more_open_session_closes_the_oldest_of_that_station_as_abandoned():
+    registry = new_registry(limits=Limits(open_sessions=2))
+    opened(registry, OTHER, "s1")
+    opened(registry, STATION, "s1", "s2")
+    registry.samples(STATION, batch(0), 0.0)
+    ack = answer(registry.command(STATION, opening("s3"), 0.0))
+    assert ack == Ack(session="s3", next_seq=0, state="open")
+    states = {(s.station, s.session): s.is_open for s in registry.board.standings()}
+    assert states == {
+        (OTHER, "s1"): True,
+        (STATION, "s1"): False,
+        (STATION, "s2"): True,
+        (STATION, "s3"): True,
+    }
+
+
+def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
+    journal = MemoryJournal()
+    registry = new_registry(journal, Limits(closed_sessions=2))
+    for index in range(4):
+        opened(registry, STATION, f"s{index}")
+        registry.command(STATION, closing(-1, f"s{index}"), 0.0)
+    opened(registry, STATION, "s4")
+    assert names(registry, STATION) == ["s2", "s3", "s4"]
+    assert [name for _, name in journal.sessions()] == ["s2", "s3", "s4"]
+
+
+def test_one_station_too_many_is_overloaded():
+    registry = opened(new_registry(limits=Limits(stations=1)), STATION, "s1")
+    refusal = answer(registry.command(OTHER, opening(), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert (refusal.code, refusal.limit) == ("overloaded", 1)
+
+
+def test_a_board_that_was_read_does_not_change_under_the_reader():
+    registry = opened(new_registry(), STATION, "s1")
+    board = registry.board
+    standing = board.standings()[0]
+    registry.samples(STATION, batch(0), 0.0)
+    opened(registry, STATION, "s2")
+    assert len(board.standings()) == 1
+    assert standing.view.samples == 0
+    assert status_of(board.standings()[0]).samples == 20
+
+
+def test_ticks_reach_every_open_session():
+    registry = opened(opened(new_registry(), STATION, "s1"), OTHER, "s1")
+    registry.samples(STATION, heartbeat(1), 0.0)
+    registry.samples(OTHER, heartbeat(1), 0.0)
+    assert len([out for out in registry.tick(100.0) if not published([out], SessionStatus)]) == 2

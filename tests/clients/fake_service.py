@@ -1,4 +1,4 @@
-"""A service small enough to be right: takes batches in order, asks for holes, acknowledges. No mathematics."""
+"""A service small enough to be right: takes batches in order, asks for holes, acknowledges."""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
-from caesura_clients.bridge.sources.file import FAST, FileSource
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.errors import BadSource, Unreachable
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError

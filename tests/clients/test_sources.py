@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_clients.bridge.batching import Batcher
-from caesura_clients.bridge.sources.file import FAST, FileSource, parse_pace
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import FAST, parse_pace
 from caesura_clients.bridge.sources.table import SourceOptions, open_source
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording
@@ -123,6 +124,8 @@ def test_sources_are_found_by_name(tmp_path):
     ("name", "options", "message"),
     [
         ("nothing", SourceOptions(), "expected one of file"),
+        ("teacher", SourceOptions(scenario="juggling"), "juggling.*known"),
+        ("teacher", SourceOptions(wrench_source="guess"), "guess.*flange_sensor"),
         ("file", SourceOptions(), "--file"),
         ("file", SourceOptions(file="missing.npz"), "no such file"),
         ("file", SourceOptions(file="missing.txt"), "suffix"),
@@ -133,3 +136,11 @@ def test_a_source_that_cannot_be_opened_says_why(name, options, message, tmp_pat
         options = SourceOptions(file=tmp_path / options.file)
     with pytest.raises(BadSource, match=message):
         open_source(name, options)
+
+
+def test_the_simulated_teacher_is_a_source():
+    pytest.importorskip("pinocchio")
+    source = open_source("teacher", SourceOptions(scenario="pick_and_place", seed=1, pace=FAST))
+    chunk = next(source.chunks())
+    assert chunk.shape == (20, len(source.columns))
+    assert source.columns[0] == "t"

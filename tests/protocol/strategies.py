@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from hypothesis import strategies as st
@@ -13,7 +14,6 @@ from caesura_protocol.messages import Message
 
 NAMES = st.from_regex(NAME_PATTERN.replace("$", r"\Z"))
 SCALARS: dict[Any, st.SearchStrategy[Any]] = {
-    str: st.text(max_size=20),
     bytes: st.binary(max_size=64),
     bool: st.booleans(),
     type(None): st.none(),
@@ -41,20 +41,22 @@ def of(annotation: Any) -> st.SearchStrategy[Any]:
 
 def _bounded(annotation: Any, bounds: dict[str, Any]) -> st.SearchStrategy[Any]:
     origin, arguments = get_origin(annotation), get_args(annotation)
-    if "pattern" in bounds:
-        return NAMES
-    if annotation is int:
-        return st.integers(bounds.get("ge", 0), bounds.get("le", bounds.get("lt", 2**53) - 1))
-    if annotation is float:
-        return st.floats(bounds.get("ge"), bounds.get("le"), allow_nan=False, allow_infinity=False)
-    if origin is Literal:
-        return st.sampled_from(arguments)
-    if origin in {Union, types.UnionType}:
-        return st.one_of([of(argument) for argument in arguments])
-    if origin is dict:
-        return st.dictionaries(of(arguments[0]), of(arguments[1]), max_size=3)
-    if origin is tuple and arguments[-1] is Ellipsis:
-        return st.lists(of(arguments[0]), min_size=bounds.get("min_length", 0), max_size=4).map(tuple)
-    if origin is tuple:
-        return st.tuples(*map(of, arguments))
-    return messages(annotation) if annotation not in SCALARS else SCALARS[annotation]
+    strategies: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
+        int: lambda: st.integers(bounds.get("ge", 0), bounds.get("le", bounds.get("lt", 2**53) - 1)),
+        float: lambda: st.floats(bounds.get("ge"), bounds.get("le"), allow_nan=False, allow_infinity=False),
+        str: lambda: NAMES if "pattern" in bounds else st.text(max_size=20),
+        Literal: lambda: st.sampled_from(arguments),
+        Union: lambda: st.one_of([of(argument) for argument in arguments]),
+        types.UnionType: lambda: st.one_of([of(argument) for argument in arguments]),
+        dict: lambda: st.dictionaries(of(arguments[0]), of(arguments[1]), max_size=3),
+        tuple: lambda: _tuple(arguments, bounds.get("min_length", 0)),
+    }
+    if annotation in SCALARS:
+        return SCALARS[annotation]
+    return strategies.get(origin or annotation, lambda: messages(annotation))()
+
+
+def _tuple(arguments: tuple[Any, ...], min_length: int) -> st.SearchStrategy[Any]:
+    if arguments[-1] is Ellipsis:
+        return st.lists(of(arguments[0]), min_size=min_length, max_size=4).map(tuple)
+    return st.tuples(*map(of, arguments))

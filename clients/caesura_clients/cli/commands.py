@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.live import Live
 
 from caesura_clients.bridge import Bridge, BridgeSettings
-from caesura_clients.bridge.sources.file import parse_pace
+from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import program_view, segments_view, sessions_view
@@ -53,7 +53,7 @@ def bridge(
         samples = open_source(source, options)
         settings = BridgeSettings(batch_samples=batch)
         with (
-            connected(endpoint, config, timeout_s=None) as caesura,
+            connected(endpoint, config, patient=True) as caesura,
             caesura.bridge(station, samples, session=session, settings=settings) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
@@ -116,6 +116,8 @@ def _run(opened: Bridge) -> Ack:
     try:
         return opened.run()
     except KeyboardInterrupt:
+        if not opened.sent:
+            raise typer.Abort from None
         return opened.finish()
 
 

@@ -28,9 +28,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 
 
-def connected(endpoint: str, config: Path | None, timeout_s: float | None = CONNECT_TIMEOUT_S) -> Caesura:
-    """A connection as the options describe it; timeout_s: None tries for ever."""
-    return connect(endpoint, config_file=config, timeout_s=timeout_s)
+def connected(endpoint: str, config: Path | None, *, patient: bool = False) -> Caesura:
+    """A connection as the options describe it; a patient one is tried for ever."""
+    return connect(endpoint, config_file=config, timeout_s=None if patient else CONNECT_TIMEOUT_S)
 
 
 @contextmanager

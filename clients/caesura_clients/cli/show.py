@@ -1,4 +1,4 @@
-"""Sessions, segments and programs as a terminal shows them. What is provisional can be told without colours."""
+"""Sessions, segments and programs as a terminal shows them; what is provisional shows without colours too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sources that the command line offers, by name. What a source needs is imported only when it is asked for."""
+"""The sources that the command line offers, by name. What one needs is imported when it is asked for."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from caesura_clients.bridge.sources import Source
-from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.file import CHUNK_S, FileSource
+from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import RecordingError, load_recording
+from caesura_protocol.messages import WRENCH_SOURCES
+
+DEFAULT_SCENARIO = "pick_and_place"
 
 
 @dataclass(frozen=True)
@@ -44,4 +48,24 @@ def _file(options: SourceOptions) -> Source:
     return FileSource(recording, pace=options.pace)
 
 
-SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {"file": _file}
+def _teacher(options: SourceOptions) -> Source:
+    try:
+        from caesura_clients.bridge.teacher.teaching import Teaching  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError as error:
+        raise BadSource(f"the source teacher needs {error.name}: pip install 'caesura[teacher]'") from error
+    source = options.wrench_source or "flange_sensor"
+    if source not in WRENCH_SOURCES:
+        raise BadSource(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")
+    try:
+        teaching = Teaching(options.scenario or DEFAULT_SCENARIO, seed=options.seed, wrench_source=source)
+    except ValueError as error:
+        raise BadSource(str(error)) from error
+    return PacedSource(
+        lambda: teaching.chunks(CHUNK_S),
+        columns=teaching.columns,
+        wrench_source=teaching.wrench_source,
+        pace=options.pace,
+    )
+
+
+SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {"file": _file, "teacher": _teacher}

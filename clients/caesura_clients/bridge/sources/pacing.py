@@ -1,0 +1,67 @@
+"""Samples that are made ahead of time, played as if a robot sent them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+from caesura_clients.bridge.sources import Chunk
+from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+
+FAST = float("inf")
+
+
+class PacedSource:
+    """A Source that holds each chunk back until its last sample is due.
+
+    read: begins to read chunks (k, columns); pace: how many seconds of the demonstration pass in one
+    second, FAST for no waiting at all. Raises ValueError for a pace that is not above 0.
+    """
+
+    can_wait = True
+
+    def __init__(
+        self,
+        read: Callable[[], Iterator[Chunk]],
+        *,
+        columns: tuple[str, ...],
+        wrench_source: WrenchSource,
+        force_frame: ForceFrame = "base",
+        length_unit: LengthUnit = "m",
+        pace: float = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        if not pace > 0.0:
+            raise ValueError(f"pace is {pace}, expected more than 0")
+        self.columns = columns
+        self.wrench_source: WrenchSource = wrench_source
+        self.force_frame: ForceFrame = force_frame
+        self.length_unit: LengthUnit = length_unit
+        self._read = read
+        self._pace = pace
+        self._clock = clock
+        self._sleep = sleep
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Chunks as they were read, each when it is due. Times that repeat or go back wait for nothing."""
+        begun_s, first = self._clock(), None
+        for chunk in self._read():
+            times = chunk[:, 0]
+            first = float(times[0]) if first is None else first
+            wait_s = begun_s + (float(times.max()) - first) / self._pace - self._clock()
+            if wait_s > 0.0:
+                self._sleep(wait_s)
+            yield chunk
+
+
+def parse_pace(text: str) -> float:
+    """`real` is 1, `fast` does not wait, a number is a multiple of real time. Raises ValueError."""
+    named = {"real": 1.0, "fast": FAST}
+    try:
+        pace = named.get(text) or float(text)
+    except ValueError:
+        pace = 0.0
+    if not pace > 0.0:
+        raise ValueError(f"pace is {text!r}, expected real, fast or a number above 0")
+    return pace

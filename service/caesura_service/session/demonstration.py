@@ -17,7 +17,7 @@ from caesura_service.session import results
 from caesura_service.session.content import check_advance
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
-from caesura_service.session.standing import Standing
+from caesura_service.session.standing import Standing, Tally
 from caesura_service.session.state import Move, State, after
 from caesura_service.session.view import Pipeline
 
@@ -46,19 +46,18 @@ class Demonstration:
         return said
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
-        """Take a batch, (n, columns). One that leaps ahead in time is refused and leaves a gap."""
+        """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
         try:
             if self._last_t is not None:
                 check_advance(float(samples[0, 0]), self._last_t, self._limits)
+            _push(self._pipeline, samples)
         except ProtocolError as error:
             return [Refused(error), *self.refuse(error), *self.gap()]
-        try:
-            self._pipeline.push(samples)
         except Exception as error:
             return self._fail(error)
         self._last_t = float(samples[:, 0].max())
-        self._count(batches=1)
-        return self._look()
+        tally = self.standing.tally
+        return self._look(replace(tally, batches=tally.batches + 1))
 
     def gap(self) -> list[Output]:
         """Nothing more will come between the last sample and the next."""
@@ -84,7 +83,8 @@ class Demonstration:
 
     def duplicate(self) -> None:
         """Count a batch that came again."""
-        self._count(duplicates=1)
+        tally = self.standing.tally
+        self.standing = replace(self.standing, tally=replace(tally, duplicates=tally.duplicates + 1))
 
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
@@ -97,10 +97,12 @@ class Demonstration:
         self.standing, said = results.with_status(self.standing)
         return said
 
-    def _look(self) -> list[Output]:
+    def _look(self, tally: Tally | None = None) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""
         gaps = self.standing.view.gaps
-        self.standing, changes = results.with_view(self.standing, self._pipeline.view)
+        self.standing, changes = results.with_view(
+            self.standing, self._pipeline.view, tally or self.standing.tally
+        )
         self.standing, program = results.with_program(self.standing)
         view = self.standing.view
         due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
@@ -116,7 +118,15 @@ class Demonstration:
     def _move(self, move: Move) -> None:
         self.standing = replace(self.standing, state=after(self.state, move))
 
-    def _count(self, *, batches: int = 0, duplicates: int = 0) -> None:
-        tally = self.standing.tally
-        tally = replace(tally, batches=tally.batches + batches, duplicates=tally.duplicates + duplicates)
-        self.standing = replace(self.standing, tally=tally)
+
+def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> None:
+    """Raises ProtocolError `malformed` where the pipeline finds that the samples cannot be right.
+
+    It says so by a plain ValueError, and has not changed then; every other error is ours.
+    """
+    try:
+        pipeline.push(samples)
+    except ValueError as error:
+        if type(error) is not ValueError:
+            raise
+        raise ProtocolError("malformed", str(error)) from error

@@ -20,7 +20,8 @@ from caesura_service.session.view import Pipeline, View
 PRESETS = ("fake", "default", "raising", "raising-at-the-end")
 STRIDE = 10  # samples an observation
 JUMP = 0.5
-BROKEN_AT = 13.0  # a value that the preset `raising` cannot stand
+BROKEN_AT = 13.0  # a value that the preset `raising` breaks at
+IMPOSSIBLE = -1.0  # a value that a robot cannot send
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -76,7 +77,9 @@ class FakePipeline:
         )
 
     def push(self, samples: NDArray[np.float64]) -> None:
-        """Take samples (n, columns). Raises ValueError at BROKEN_AT in the preset `raising`."""
+        """Take samples (n, columns). Raises ValueError, and has not changed then, for IMPOSSIBLE ones."""
+        if (samples[:, 1] == IMPOSSIBLE).any():
+            raise ValueError(f"px is {IMPOSSIBLE}, expected what a robot can send")
         for row in samples:
             self._push_one(float(row[0]), float(row[1]))
 
@@ -85,14 +88,14 @@ class FakePipeline:
         self._gap_pending = self._last_t is not None
 
     def finish(self) -> None:
-        """Make everything final. Raises ValueError in the preset `raising-at-the-end`."""
+        """Make everything final. Raises RuntimeError in the preset `raising-at-the-end`."""
         if self.preset == "raising-at-the-end":
-            raise ValueError("cannot finish")
+            raise RuntimeError("cannot finish")
         self.finished = True
 
     def _push_one(self, t: float, value: float) -> None:
         if self.preset == "raising" and value == BROKEN_AT:
-            raise ValueError(f"cannot stand {value}")
+            raise RuntimeError(f"cannot stand {value}")
         if self._last_t is None:
             self._start = t
         elif t <= self._last_t:

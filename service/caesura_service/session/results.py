@@ -62,9 +62,9 @@ def with_status(standing: Standing) -> tuple[Standing, Publish]:
     return standing, Publish(status_of(standing))
 
 
-def with_view(standing: Standing, view: View) -> tuple[Standing, list[Publish]]:
+def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, list[Publish]]:
     """Take a new view and say what differs from the old one."""
-    old, standing = standing.view, replace(standing, view=view)
+    old, standing = standing.view, replace(standing, view=view, tally=tally)
     said = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
         standing = _bump(standing, "changepoints")
@@ -81,17 +81,19 @@ def with_view(standing: Standing, view: View) -> tuple[Standing, list[Publish]]:
 def with_program(standing: Standing, *, note: str | None = None) -> tuple[Standing, list[Publish]]:
     """The next version of the task program, where it differs from the last one."""
     program, view = standing.program, standing.view
+    notes = (*view.notes, note) if note else view.notes
+    complete = not standing.is_open
+    if (view.apps, notes, complete) == (program.apps, program.notes, program.complete):
+        return standing, []
     fresh = program.model_copy(
         update={
             "version": program.version + 1,
             "t": time_of(view),
-            "complete": not standing.is_open,
+            "complete": complete,
             "apps": view.apps,
-            "notes": (*view.notes, note) if note else view.notes,
+            "notes": notes,
         }
     )
-    if (fresh.apps, fresh.notes, fresh.complete) == (program.apps, program.notes, program.complete):
-        return standing, []
     return replace(standing, program=fresh), [Publish(fresh)]
 
 

@@ -149,7 +149,7 @@ def test_an_error_in_one_sessions_mathematics_leaves_the_others_alone(peer):
         peer.send(batch_of([[0.0, 13.0]], seq=0))
         assert "cannot stand 13" in heard.until(Program, lambda program: bool(program.notes)).notes[0]
         status = heard.until(SessionStatus, lambda status: status.state == "closed")
-        assert "ValueError: cannot stand 13.0" in status.last_refusal.message
+        assert "RuntimeError: cannot stand 13.0" in status.last_refusal.message
         peer.send(batch(0), "cell-2")
         heard.until(Posterior, lambda posterior: posterior.station == "cell-2")
 

@@ -274,6 +274,7 @@ ABSURD = batch_of([[1e11, 0.0]], seq=1)
 LASTING = batch_of([[0.2, 0.0], [90.0, 0.0]], seq=1)
 LEAPING = batch_of([[5000.0, 0.0]], seq=1)
 OTHER_COLUMNS = batch_of([[0.2, 0.0]], seq=1, columns=("t", "py"))
+IMPOSSIBLE = batch_of([[0.2, -1.0]], seq=1)
 CUT = batch(1, samples=b"\0" * 12)
 
 
@@ -286,6 +287,7 @@ CUT = batch(1, samples=b"\0" * 12)
         (LEAPING, "leaps ahead"),
         (OTHER_COLUMNS, "columns differ"),
         (CUT, "do not fit"),
+        (IMPOSSIBLE, "what a robot can send"),
     ],
 )
 def test_a_batch_with_refused_content_is_counted_reported_and_leaves_a_gap(bad, words):
@@ -326,7 +328,7 @@ def test_an_error_in_the_pipeline_closes_the_session_and_says_so():
     session, _ = open_session(preset="raising")
     session.receive(batch(0), 0.0)
     said = session.receive(batch_of([[0.2, 13.0]], seq=1), 0.0)
-    assert [type(out.error) for out in said if isinstance(out, Failed)] == [ValueError]
+    assert [type(out.error) for out in said if isinstance(out, Failed)] == [RuntimeError]
     status = published(said, SessionStatus)[-1]
     assert status.state == "closed"
     assert "cannot stand 13" in status.last_refusal.message

@@ -43,7 +43,7 @@ class Person:
     motion_noise_n: float = 0.2
     bias_n: float = 2.0
     bias_wander_n: float = 0.3  # over a recording, with the pose and slowly by itself
-    impact_m: float = 0.008  # how far below a surface a movement towards it aims
+    impact_m: float = 0.012  # how far below a surface a movement towards it aims
 
 
 THESIS = Person(name="thesis", correction=0.0)
@@ -54,8 +54,8 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
     return Person(
         name=name,
         profile=PROFILES[rng.choice(3, p=(0.6, 0.15, 0.25))],
-        speed_factor=rng.uniform(0.75, 1.3),
-        pause_factor=rng.lognormal(0.0, 0.35),
+        speed_factor=rng.uniform(0.7, 1.2),
+        pause_factor=rng.lognormal(0.2, 0.35),
         force_factor=rng.uniform(0.85, 1.15),
         load_kg=rng.uniform(0.15, 0.6),
         stiffness_n_per_m=rng.uniform(450.0, 800.0),
@@ -73,5 +73,5 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
         motion_noise_n=rng.uniform(0.1, 0.6),
         bias_n=rng.uniform(1.0, 5.0),
         bias_wander_n=rng.lognormal(np.log(0.6), 0.5),
-        impact_m=rng.uniform(0.004, 0.015),
+        impact_m=rng.uniform(0.008, 0.03),
     )

@@ -69,10 +69,9 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
         planner.add(step, duration)
     n = round(planner.now / DT)
     t = np.arange(n) / float(TICKS_PER_S)
-    position = gaussian_filter1d(
-        path(scenario.start, planner.strokes, t), MUSCLE_S / DT, axis=0, mode="nearest"
-    )
-    velocity: Array = np.gradient(position, DT, axis=0)
+    moved = gaussian_filter1d(path(scenario.start, planner.strokes, t), MUSCLE_S / DT, axis=0, mode="nearest")
+    velocity: Array = np.gradient(moved, DT, axis=0)
+    position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
     pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
     force = (
@@ -96,6 +95,7 @@ class _Planner:
         self.push = np.zeros(3)  # [N] what the hand adds to holding its place
         self.press = 0.0  # [N] what it means the surface to feel
         self.strokes: list[Stroke] = []
+        self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
         self.presses: list[Stroke] = []
         self.closed_s: list[float] = []
@@ -133,15 +133,19 @@ class _Planner:
     def _press(self, step: Step, duration: float) -> None:
         surface, force = self._surface_below(self.place), self._force(step)
         rise = min(PRESS_RISE_S, 0.7 * duration)
+        place = np.array([*self.place[:2], surface.touch_height_m - tips(0.0) - surface.depth_for(force)])
         if surface.travel_m > 0.0:
-            self._stroke(np.array([*self.place[:2], self._rest_height(surface, force)]), rise)
-        self._press_down(surface, force, rise)
+            self._stroke(place, rise)
+        else:
+            self.shifts.append(Stroke(self.now, rise, place - self.place))
+            self.place = place
+        self._press_down(force, rise)
 
     def _slide(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
         goal[2] = self.place[2]
-        self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing))
-        self._press_down(self._surface_below(goal), self._force(step), duration)
+        self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing), flat=True)
+        self._press_down(self._force(step), duration)
 
     def _grasp(self, step: Step, duration: float) -> None:
         self._press(step, duration)
@@ -158,10 +162,11 @@ class _Planner:
             goal = self.place + length / np.linalg.norm(direction) * direction
             self._stroke(goal, self.rng.uniform(0.3, 0.5), delay=begin * duration)
 
-    def _stroke(self, goal: Array, duration: float, *, delay: float = 0.0) -> None:
+    def _stroke(self, goal: Array, duration: float, *, delay: float = 0.0, flat: bool = False) -> None:
         by = goal - self.place
         size = self.person.deviation * float(np.linalg.norm(by))
         deviation = size * self.rng.normal(size=(4, 3)) / np.array([[1.0], [1.2], [1.6], [2.0]])
+        deviation[:, 2] *= not flat
         self.strokes.append(Stroke(self.now + delay, duration, by, self.person.profile, deviation))
         self.place = goal
 
@@ -170,11 +175,9 @@ class _Planner:
         self.presses.append(Stroke(self.now, duration, np.array([0.0, 0.0, press - self.press])))
         self.push, self.press = push, press
 
-    def _press_down(self, surface: Surface, force: float, duration: float) -> None:
-        """Push so that the surface feels a force; holding a place below it gives part of that."""
-        held = self.person.stiffness_n_per_m * (self._rest_height(surface, force) - self.place[2])
+    def _press_down(self, force: float, duration: float) -> None:
         aside = LATERAL_PRESS_SHARE * force * self.rng.normal(size=2)
-        self._push_with(np.array([*aside, held - force]), force, duration)
+        self._push_with(np.array([*aside, -force]), force, duration)
 
     def _scattered(self, step: Step) -> Array:
         goal = np.array(step.to)
@@ -189,11 +192,6 @@ class _Planner:
     def _surface_below(self, place: Array) -> Surface:
         below = [s for s in self.scenario.surfaces if s.covers(*place[:2])]
         return max(below, key=lambda s: s.touch_height_m)
-
-    @staticmethod
-    def _rest_height(surface: Surface, force: float) -> float:
-        """Height of the flange [m] at which the surface carries the force."""
-        return surface.touch_height_m - tips(0.0) - surface.depth_for(force)
 
 
 def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> list[float]:

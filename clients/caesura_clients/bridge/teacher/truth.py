@@ -19,6 +19,7 @@ from caesura_clients.bridge.teacher.intentions import Array
 
 Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding"]
 Level = Literal["major", "optional"]
+MOVING = ("motion", "transport", "sliding")
 Mask = NDArray[np.bool_]
 
 RULE = (
@@ -31,12 +32,14 @@ START_M_PER_S, SURE_M_PER_S = 0.005, 0.010  # motion is above the first, and exc
 REST_S = 0.3
 SMALL_M_PER_S, SMALL_M = 0.025, 0.010
 SMOOTH_S = 0.06
+SLIDE_S = 0.5  # shorter slips belong to the touching or the letting go
 BOUNCE_S = 0.15  # contact lost for less is not lost
 TOUCH_S, TOUCH_N = 0.05, 1.0  # contact shorter or weaker is none
 TOL_S, CORNER_TOL_S = 0.15, 0.2
 CORNER_DEG, CORNER_DIP, CORNER_LOOK_S = 45.0, 0.6, 0.25
 DECAY_BEGINS = 0.8  # of the force before
-PLATEAU_END_S = 0.1
+PLATEAU_SHARE = 0.7  # of the force that a tenth of the contact exceeds
+DECAY_LEAST_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -119,31 +122,44 @@ def _spans(state: State, contacts: list[tuple[int, int]]) -> list[Span]:
 
 def _motion_spans(state: State, first: int, last: int, names: tuple[Class, Class]) -> list[Span]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
-    axes = 2 if names[0] == "sliding" else 3
-    velocity = state.velocity[first:last, :axes]
+    sliding = names[0] == "sliding"
+    velocity = state.velocity[first:last, : 2 if sliding else 3]
     speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
-    moves = [(a, b) for a, b in runs(speed > START_M_PER_S) if speed[a:b].max() > SURE_M_PER_S]
-    moves = _joined(moves, last - first, round(REST_S / state.dt))
-    spans, at = [], 0
-    for a, b in moves:
+    moves: list[Span] = []
+    for a, b in runs(speed > START_M_PER_S):
         way = np.linalg.norm(np.sum(velocity[a:b], axis=0) * state.dt)
         small = bool(speed[a:b].max() < SMALL_M_PER_S or way < SMALL_M)
-        spans += [Span(first + at, first + a, names[1])] * (a > at)
-        spans.append(Span(first + a, first + b, names[0], small))
-        at = b
-    spans += [Span(first + at, last, names[1])] * (last > first + at)
-    return spans
+        short = sliding and (b - a) * state.dt < SLIDE_S
+        if speed[a:b].max() > SURE_M_PER_S:
+            moves.append(Span(a, b, names[0], small or short))
+    at, spans = 0, []
+    for move in _joined(moves, last - first, round(REST_S / state.dt)):
+        spans += [Span(at, move.first, names[1])] * (move.first > at)
+        spans.append(move)
+        at = move.last
+    spans += [Span(at, last - first, names[1])] * (last - first > at)
+    return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
 
 
-def _joined(moves: list[tuple[int, int]], length: int, rest: int) -> list[tuple[int, int]]:
-    """Movements with the rests between them that are too short to part them; so too at both ends."""
-    joined: list[tuple[int, int]] = []
-    for a, b in moves:
-        begin, end = (0 if a < rest else a), (length if length - b < rest else b)
-        if joined and begin - joined[-1][1] < rest:
-            joined[-1] = (joined[-1][0], end)
-        else:
-            joined.append((begin, end))
+def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
+    """Movements without the rests that are too short to part them: two that are alike become one.
+
+    A small movement takes a short rest beside it, so that the large one starts and stops where it does.
+    """
+    joined: list[Span] = []
+    for move in moves:
+        begin = 0 if move.first < rest else move.first
+        end = length if length - move.last < rest else move.last
+        if joined and begin - joined[-1].last < rest:
+            before = joined.pop()
+            if before.small == move.small:
+                begin = before.first
+            elif before.small:
+                joined.append(before._replace(last=begin))
+            else:
+                joined.append(before)
+                begin = before.last
+        joined.append(move._replace(first=begin, last=end))
     return joined
 
 
@@ -151,23 +167,23 @@ def _boundaries(state: State, spans: list[Span], contacts: list[tuple[int, int]]
     on, off = {a for a, _ in contacts}, {b for _, b in contacts}
     marks = []
     for before, after in pairwise(spans):
-        tick = after.first
-        kind = "contact_on" if tick in on else "contact_off" if tick in off else None
-        small = kind is None and (before.small or after.small)
-        resting = after.cls in ("steady", "hold", "contact")
-        marks.append(
-            _mark(
-                _time(state, tick), "optional" if small else "major", kind or ("stop" if resting else "start")
-            )
-        )
+        edge = "contact_on" if after.first in on else "contact_off" if after.first in off else None
+        level: Level = "major" if edge or _large(before) or _large(after) else "optional"
+        starts = _large(after) or (after.small and not _large(before))
+        kind = edge or ("start" if starts else "stop")
+        marks.append(_mark(_time(state, after.first), level, kind))
     return marks
+
+
+def _large(span: Span) -> bool:
+    return span.cls in MOVING and not span.small
 
 
 def _within_motions(state: State, spans: list[Span]) -> list[dict[str, Any]]:
     """Corners, speed dips and short rests inside of movements."""
     marks = []
     for span in spans:
-        if span.cls in ("motion", "transport", "sliding") and not span.small:
+        if _large(span):
             marks += _dips(state, span)
     return marks
 
@@ -179,7 +195,7 @@ def _dips(state: State, span: Span) -> list[dict[str, Any]]:
     )
     speed = np.linalg.norm(velocity, axis=1)
     marks, look = [], round(CORNER_LOOK_S / state.dt)
-    for tick in _clear_minima(speed, look):
+    for tick in _clear_minima(speed):
         time = _time(state, span.first + tick)
         turn = _turn_deg(velocity, tick, look)
         corner = turn > CORNER_DEG
@@ -189,16 +205,15 @@ def _dips(state: State, span: Span) -> list[dict[str, Any]]:
     return marks
 
 
-def _clear_minima(speed: Array, look: int) -> list[int]:
+def _clear_minima(speed: Array) -> list[int]:
     """Ticks of the lowest speed between two peaks that are clearly faster."""
     minima = []
     peak, low = 0.0, 0
     for tick, value in enumerate(speed):
         if value < speed[low]:
             low = tick
-        elif speed[low] < CORNER_DIP * min(peak, value) and speed[low:].max() >= value:
-            if low > look // 2:
-                minima.append(low)
+        elif speed[low] < CORNER_DIP * min(peak, value) and min(peak, value) > SMALL_M_PER_S:
+            minima.append(low)
             peak, low = float(value), tick
         if value > peak:
             peak, low = float(value), tick
@@ -218,13 +233,14 @@ def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any
     for first, last in contacts:
         normal = uniform_filter1d(state.normal[first:last], round(SMOOTH_S / state.dt), mode="nearest")
         strong = np.flatnonzero(normal > DECAY_BEGINS * _plateau(normal))
-        if (last - first - strong[-1]) * state.dt > PLATEAU_END_S:
+        if (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
             marks.append(_mark(_time(state, first + int(strong[-1])), "optional", "decay"))
     return marks
 
 
 def _plateau(normal: Array) -> float:
-    return float(np.median(normal[normal > 0.5 * np.median(normal)]))
+    """Force [N] of the press proper: approach, travel of a button and release left out."""
+    return float(np.median(normal[normal >= PLATEAU_SHARE * np.quantile(normal, 0.9)]))
 
 
 def _force(state: State, first: int, last: int) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
-from caesura_clients.errors import BadSource, Unreachable
+from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
@@ -309,6 +309,33 @@ def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, me
         bridge.send(samples(10, t0=0.01))
         bridge.finish()
     assert service.rows() == 20
+
+
+@pytest.mark.parametrize("can_wait", [True, False])
+def test_a_name_that_is_taken_is_refused_before_anything_is_lost(memory, can_wait):
+    source = file_source(100)
+    source.can_wait = can_wait
+    with FakeService(memory.transport()) as service:
+        with Bridge(memory.transport(), "cell-1", file_source(200), session="mine") as bridge:
+            bridge.run()
+        with Bridge(memory.transport(), "cell-1", source, session="mine") as bridge:
+            with pytest.raises(CaesuraError, match="cell-1/mine already has 10 batches"):
+                bridge.wait_open(5.0)
+            with pytest.raises(CaesuraError, match="another name"):
+                bridge.run()
+        assert service.next_seq == 10
+
+
+def test_a_restarted_bridge_takes_its_session_up_where_the_service_stands(memory):
+    with FakeService(memory.transport()) as service:
+        with Bridge(memory.transport(), "cell-1", LiveSource(), session="mine", settings=QUICK) as bridge:
+            bridge.send(samples(100))
+            eventually(lambda: service.next_seq == 5)
+        source = LiveSource([samples(100, t0=0.2)])
+        with Bridge(memory.transport(), "cell-1", source, session="mine", epoch=1, settings=QUICK) as bridge:
+            assert bridge.run().next_seq == 10
+    assert [batch.epoch for batch in service.batches] == [0] * 5 + [1] * 5
+    assert service.duplicates == 0
 
 
 def test_a_bridge_is_seen_while_it_is_there(network):

@@ -109,6 +109,7 @@ def test_watch_marks_what_may_still_change(caesura, service):
     service.snapshots = [whole.model_copy(update={"segments": listed})]
     result = caesura("watch", "--once")
     assert result.exit_code == 0, result.output
+    assert "from [s]" in result.stdout
     assert "~contact" in result.stdout
     assert "~motion" not in result.stdout
     assert "0.50 kg ± 0.06" in result.stdout

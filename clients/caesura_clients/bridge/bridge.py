@@ -31,7 +31,7 @@ from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.sender import Sender
 from caesura_clients.bridge.sources import Chunk, Source
-from caesura_clients.errors import Unreachable
+from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.transport import Transport
 from caesura_protocol.errors import ProtocolError
@@ -63,10 +63,14 @@ class BridgeSettings:
 class Bridge:
     """One session of one station, from its first sample to its acknowledged end.
 
+    epoch: 0 for a new session; a bridge that was restarted takes one up with a higher epoch than before,
+    and then must not send before `wait_open`.
+
     >>> with Bridge(transport, "cell-1", source) as bridge:  # doctest: +SKIP
     ...     bridge.run()
 
-    Raises ProtocolError where the service refuses, Unreachable where it does not acknowledge the end.
+    Raises ProtocolError where the service refuses, Unreachable where it does not acknowledge the end,
+    CaesuraError where the session's name is taken.
     """
 
     def __init__(
@@ -103,6 +107,7 @@ class Bridge:
             clock=clock,
         )
         self._clock = clock
+        self._known = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
         self._failure: Exception | None = None
@@ -111,8 +116,13 @@ class Bridge:
 
     @property
     def sent(self) -> int:
-        """Batches that were put."""
+        """Batches of the session so far, those of a predecessor included."""
         return self._sender.last_seq + 1
+
+    @property
+    def is_open(self) -> bool:
+        """Has a service acknowledged the session?"""
+        return self._known
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -133,7 +143,7 @@ class Bridge:
 
     def run(self) -> Ack:
         """Send everything that the source has and close the session; returns the service's last word."""
-        if self._source.can_wait:
+        if self._source.can_wait or self._open.epoch > 0:
             self.wait_open()
         for chunk in self._source.chunks():
             self.send(chunk)
@@ -240,10 +250,23 @@ class Bridge:
         """Open the session; a service that knew nothing of it learns its last number at once."""
         if not self._ask_to_open():
             return False
+        if not self._known:
+            self._begin()
         if self.sent:
             self._sender.heartbeat()
         self._answered.set()
         return True
+
+    def _begin(self) -> None:
+        """Make sure that the session is ours: new, or what a predecessor with a lower epoch has left."""
+        if self._open.epoch > 0:
+            self._sender.continue_from(self.acknowledged)
+        elif self.acknowledged > self.sent:
+            raise CaesuraError(
+                f"{self.station}/{self.session} already has {self.acknowledged} batches; "
+                "give the session another name, or the bridge a higher epoch"
+            )
+        self._known = True
 
     def _check(self) -> None:
         if self._failure is not None:

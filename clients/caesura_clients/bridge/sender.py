@@ -74,6 +74,13 @@ class Sender:
             for entry in entries:
                 self._transport.put(self._key, entry.content)
 
+    def continue_from(self, seq: int) -> None:
+        """Number the next batch `seq`: a predecessor sent those before. Only while nothing was put."""
+        with self._lock:
+            if len(self.ring):
+                raise ValueError(f"batches up to {self.last_seq} were put before the session was open")
+            self.last_seq = seq - 1
+
     def _put(self, batch: Matrix) -> None:
         seq = self.last_seq + 1
         packed = pack_samples(

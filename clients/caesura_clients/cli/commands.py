@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 
 from caesura_clients.bridge import Bridge, BridgeSettings
@@ -17,12 +18,14 @@ from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_so
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import program_view, segments_view, sessions_view
 from caesura_clients.client import Caesura
-from caesura_clients.errors import Absent
+from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.query import snapshots
+from caesura_clients.results import Update
 from caesura_clients.transport import DEFAULT_ENDPOINT
 from caesura_protocol.messages import Ack
 
 DEFAULT_STATION = "cell-1"
+PATIENCE_S = 2.0  # until the command line says what it waits for
 
 
 def register(app: typer.Typer) -> None:
@@ -114,6 +117,10 @@ def _pace(text: str) -> float:
 
 def _run(opened: Bridge) -> Ack:
     try:
+        with suppress(Unreachable):
+            opened.wait_open(PATIENCE_S)
+        if not opened.is_open:
+            typer.echo("no service answers yet, waiting for one", err=True)
         return opened.run()
     except KeyboardInterrupt:
         if not opened.sent:
@@ -131,9 +138,12 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
-    with Live(f"waiting for {station or 'any station'}", refresh_per_second=10) as live:
-        try:
-            for update in caesura.results(station or "*"):
-                live.update(segments_view(update.status, update.segments))
-        except KeyboardInterrupt:
-            return
+    newest: dict[str, Update] = {}  # by station
+    with (
+        Live(f"waiting for {station or 'any station'}", refresh_per_second=10) as live,
+        suppress(KeyboardInterrupt),
+    ):
+        for update in caesura.results(station or "*"):
+            newest[update.station] = update
+            views = [segments_view(newest[name].status, newest[name].segments) for name in sorted(newest)]
+            live.update(Group(*views))

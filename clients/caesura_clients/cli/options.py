@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.client import Caesura, connect
-from caesura_clients.errors import Absent, CaesuraError
+from caesura_clients.errors import Absent, CaesuraError, Unreachable
 from caesura_protocol.errors import ProtocolError
 
 Connect = Annotated[
@@ -21,7 +21,9 @@ Connect = Annotated[
 ]
 Config = Annotated[
     Path | None,
-    typer.Option(help="Zenoh json5 file with certificates or a password.", exists=True, dir_okay=False),
+    typer.Option(
+        "--zenoh-config", help="zenoh json5 with certificates or a password.", exists=True, dir_okay=False
+    ),
 ]
 Station = Annotated[str | None, typer.Option(help="Teaching station.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -29,8 +31,14 @@ CONNECT_TIMEOUT_S = 5.0
 
 
 def connected(endpoint: str, config: Path | None, *, patient: bool = False) -> Caesura:
-    """A connection as the options describe it; a patient one is tried for ever."""
-    return connect(endpoint, config_file=config, timeout_s=None if patient else CONNECT_TIMEOUT_S)
+    """A connection as the options describe it; a patient one says what it waits for, and waits."""
+    try:
+        return connect(endpoint, config_file=config, timeout_s=CONNECT_TIMEOUT_S)
+    except Unreachable as error:
+        if not patient:
+            raise
+        typer.echo(f"waiting: {error}", err=True)
+        return connect(endpoint, config_file=config, timeout_s=None)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
 def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> RenderableType:
     """The segments of one session, and a line on how it is doing."""
-    table = Table("#", "from [s]", "to [s]", "kind", "force, load", "p", "or else", title=_title(status))
+    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=_title(status))
     for index, segment in enumerate(segments):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
@@ -55,7 +55,9 @@ def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, version {program.version}, {state}"
-    table = Table("#", "app", "target [m]", "force, load", "from [s]", "to [s]", "confidence", title=title)
+    table = Table(
+        "#", "app", "target \\[m]", "force, load", "from \\[s]", "to \\[s]", "confidence", title=title
+    )
     for index, app in enumerate(program.apps):
         table.add_row(
             str(index),
@@ -71,7 +73,7 @@ def program_view(program: Program) -> RenderableType:
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
     """All sessions, one a line."""
-    table = Table("station", "session", "state", "t [s]", "segments", "instance")
+    table = Table("station", "session", "state", "t \\[s]", "segments", "instance")
     for info in infos:
         table.add_row(
             info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance

@@ -1,0 +1,115 @@
+"""The clients and the real service, as two processes with Zenoh between them."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from caesura_clients import connect
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import FAST
+from clients.conftest import free_port
+from clients.examples import LiveSource, recording, samples
+from clients.fake_service import eventually
+from clients.test_bridge import QUICK
+
+pytest.importorskip("caesura_service.commands")
+
+SERVE = [
+    sys.executable,
+    "-c",
+    "from caesura_clients.cli import main; main()",
+    "serve",
+    "--log-level",
+    "warning",
+]
+
+
+@contextmanager
+def serving(endpoint: str, end: signal.Signals = signal.SIGTERM) -> Iterator[None]:
+    with subprocess.Popen([*SERVE, "--listen", endpoint], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert "ready" in process.stdout.readline()
+            yield
+        finally:
+            process.send_signal(end)
+            process.wait(10.0)
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    with serving(address):
+        yield address
+
+
+def test_a_recording_becomes_segments_and_a_program(endpoint):
+    with connect(endpoint) as caesura:
+        with caesura.bridge("cell-1", FileSource(recording(3000), pace=FAST)) as bridge:
+            assert bridge.run().next_seq == 150
+        snapshot = caesura.snapshot("cell-1")
+        assert (snapshot.status.samples, snapshot.status.gaps, snapshot.status.state) == (3000, (), "closed")
+        assert snapshot.segments.segments
+        assert caesura.program("cell-1").complete
+        assert [(one.station, one.session) for one in caesura.sessions("cell-1")] == [
+            ("cell-1", bridge.session)
+        ]
+
+
+def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
+    last = []
+
+    def follow() -> None:
+        with connect(endpoint) as watching:
+            for update in watching.results("cell-2", silence_s=5.0):
+                last[:] = [update]
+                if update.closed and update.program.complete:
+                    return
+
+    reader = threading.Thread(target=follow, daemon=True)
+    reader.start()
+    with (
+        connect(endpoint) as caesura,
+        caesura.bridge("cell-2", FileSource(recording(3000), pace=FAST)) as bridge,
+    ):
+        bridge.run()
+        reader.join(10.0)
+        snapshot = caesura.snapshot("cell-2")
+    assert last[0].segments == snapshot.segments.segments
+    assert last[0].changepoints == snapshot.changepoints.changepoints
+    assert last[0].program == snapshot.program
+
+
+def test_a_service_that_is_killed_and_comes_back_has_everything():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with (
+        connect_once_served(endpoint) as caesura,
+        Bridge(caesura.transport, "cell-3", LiveSource(), settings=QUICK) as bridge,
+    ):
+        with serving(endpoint, signal.SIGKILL):
+            bridge.wait_open(5.0)
+            for start in range(10):
+                bridge.send(samples(100, t0=start / 10))
+            eventually(lambda: caesura.snapshot("cell-3").status.samples == 1000)
+        bridge.send(samples(500, t0=1.0))
+        with serving(endpoint):
+            bridge.send(samples(500, t0=1.5))
+            assert bridge.finish().next_seq == 100
+            status = caesura.snapshot("cell-3").status
+            assert (status.samples, status.gaps) == (2000, ())
+
+
+@contextmanager
+def connect_once_served(endpoint: str) -> Iterator:
+    """A connection that outlives the service it was made with."""
+    with serving(endpoint):
+        caesura = connect(endpoint)
+    with caesura:
+        yield caesura

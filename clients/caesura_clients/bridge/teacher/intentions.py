@@ -24,7 +24,7 @@ PROFILES: tuple[Profile, ...] = get_args(Profile)
 # Overdamped: roots of s² + D s + K with K = 60, D = 20 in units of the duration; 99 % settled at its end.
 ROOTS = (-16.32, -3.68)
 # Lognormal speed: its median and width in units of the duration, peak at about a third (Plamondon 1995).
-MEDIAN, WIDTH = 0.38, 0.35
+MEDIAN, WIDTH = 0.44, 0.42
 
 _erf = np.vectorize(erf, otypes=[np.float64])
 

@@ -7,6 +7,7 @@ demonstration is the same however it is cut into chunks. What comes of it, the s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,7 +246,7 @@ def _gripper(
     width = np.full(t.size, WIDTH_OPEN_M if used else 0.0)
     held = np.zeros(t.size, dtype=bool)
     stroke = Stroke(0.0, FINGER_TRAVEL_S, np.array([WIDTH_OPEN_M - WIDTH_OBJECT_M, 0.0, 0.0]))
-    for closed, opened in zip(closed_s, opened_s, strict=True):
+    for closed, opened in zip_longest(closed_s, opened_s, fillvalue=np.inf):
         closing = replace(stroke, start_s=closed - FINGER_TRAVEL_S).positions(t)
         width += replace(stroke, start_s=opened).positions(t)[:, 0] - closing[:, 0]
         held |= (t >= closed) & (t < opened)

@@ -28,6 +28,7 @@ GRID_HZ = 100
 MARGIN_S = 0.15  # kept away from boundaries when noise is measured
 TREND_S = 0.1  # slower than this is signal, faster is noise
 IMPACT_S = 0.15
+LET_GO_S = 0.8  # looked at before the end of a contact
 RISE_TO_N = 8.0
 
 # Unit, and the range in real recordings (the statistics of several robots that this simulation was built to).
@@ -80,7 +81,7 @@ def _forces(
     for contact in truth.get("forces", []):
         figures.setdefault("impact", []).append(_impact(t, force, contact))
         figures.setdefault("rise_to_8N", []).append(_rise(t, force, contact))
-        figures.setdefault("release", []).append(_release(truth, contact))
+        figures.setdefault("release", []).append(_release(t, force, contact))
     return figures
 
 
@@ -97,11 +98,12 @@ def _rise(t: Array, force: Array, contact: dict[str, float]) -> float:
     return float(t[reached[0]] - contact["t0"]) if reached.size else np.nan
 
 
-def _release(truth: dict[str, Any], contact: dict[str, float]) -> float:
-    """Time [s] from the begin of the decay to the end of the contact."""
-    decays = [c["t"] for c in truth["changepoints"] if c.get("kind") == "decay"]
-    inside = [d for d in decays if contact["t0"] < d < contact["t1"]]
-    return contact["t1"] - inside[-1] if inside else np.nan
+def _release(t: Array, force: Array, contact: dict[str, float]) -> float:
+    """Time [s] that the force at the end of a contact takes to go."""
+    end = (t > contact["t1"] - LET_GO_S) & (t < contact["t1"])
+    size = np.linalg.norm(force[end], axis=1)
+    held = np.flatnonzero(size > 0.9 * np.quantile(size, 0.9))
+    return float(contact["t1"] - t[end][held[-1]])
 
 
 def _power(t: Array, force: Array) -> tuple[list[float], list[float]]:

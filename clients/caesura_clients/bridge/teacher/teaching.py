@@ -22,7 +22,7 @@ from caesura_clients.bridge.teacher.guiding import Guiding
 from caesura_clients.bridge.teacher.intentions import Array, Profile
 from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person
 from caesura_clients.bridge.teacher.plan import DT, make_plan
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
 from caesura_clients.bridge.teacher.sensor import Sensors
 from caesura_clients.bridge.teacher.truth import State, annotate
 from caesura_clients.recording import Recording
@@ -45,13 +45,14 @@ class Demonstration:
 class Teaching:
     """One demonstration, simulated as it is read.
 
-    columns: names of the sample columns, time first; signals: names of the signals that they make up.
+    A scenario is one of `SCENARIOS`, by name, or one of your own. columns: names of the sample columns, time
+    first; signals: names of the signals that they make up; duration_s: how long it will take.
     Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
     """
 
     def __init__(
         self,
-        scenario: str,
+        scenario: str | Scenario,
         *,
         seed: int = 0,
         person: Person | None = None,
@@ -61,7 +62,7 @@ class Teaching:
         tared: bool = True,
         robot: Robot | None = None,
     ) -> None:
-        if scenario not in SCENARIOS:
+        if isinstance(scenario, str) and scenario not in SCENARIOS:
             raise ValueError(f"unknown scenario {scenario!r}, known: {list(SCENARIOS)}")
         if not 1.0 <= rate_hz <= 1.0 / DT:
             raise ValueError(f"rate is {rate_hz} Hz, expected 1 to {1.0 / DT:g} Hz")
@@ -69,7 +70,8 @@ class Teaching:
         drawn = THESIS if seed == 0 else draw_person(rng, f"person-{seed}")
         person = person or drawn
         self.person = replace(person, profile=profile) if profile else person
-        self.scenario, self.seed, self.wrench_source = SCENARIOS[scenario], seed, wrench_source
+        self.scenario = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
+        self.seed, self.wrench_source = seed, wrench_source
         robot = robot or load_panda()
         plan = make_plan(self.scenario, self.person, rng)
         self.duration_s = DT * plan.ticks
@@ -116,7 +118,7 @@ class Teaching:
 
 
 def teach(
-    scenario: str,
+    scenario: str | Scenario,
     *,
     seed: int = 0,
     person: Person | None = None,

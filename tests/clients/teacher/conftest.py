@@ -1,0 +1,34 @@
+"""One simulation of every scenario serves all tests that look at the thesis' person."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.teaching import Demonstration, teach
+from caesura_service.robot import Robot, load_panda
+
+nominal_once = cache(teach)
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_panda()
+
+
+@pytest.fixture(params=list(SCENARIOS))
+def nominal(request: pytest.FixtureRequest) -> Demonstration:
+    """Each scenario in turn, by the thesis' person."""
+    return nominal_once(request.param)
+
+
+@pytest.fixture(scope="session")
+def pick_and_place() -> Demonstration:
+    return nominal_once("pick_and_place")
+
+
+@pytest.fixture(scope="session")
+def dispenser() -> Demonstration:
+    return nominal_once("dispenser")

@@ -1,0 +1,90 @@
+"""Truth from states made by hand, where the right answer is plain to see."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caesura_clients.bridge.teacher.truth import State, annotate
+
+Array = NDArray[np.float64]
+
+
+def state(
+    seconds: float, moves: list[tuple[float, float, tuple[float, float, float]]], **more: Array
+) -> State:
+    """Constant velocity [m/s] within each move (from, to, velocity), rest elsewhere."""
+    t = np.arange(round(1000 * seconds)) / 1000
+    velocity = np.zeros((t.size, 3))
+    for begin, end, speed in moves:
+        velocity[(t >= begin) & (t < end)] = speed
+    nothing = np.zeros(t.size)
+    return State(t, velocity, more.get("normal", nothing), more.get("load_kg", nothing))
+
+
+def during(seconds: float, begin: float, end: float, value: float) -> Array:
+    t = np.arange(round(1000 * seconds)) / 1000
+    return np.where((t >= begin) & (t < end), value, 0.0)
+
+
+def classes(truth: dict[str, Any]) -> list[str]:
+    return [s["cls"] for s in truth["segments"]]
+
+
+def majors(truth: dict[str, Any]) -> list[tuple[str, float]]:
+    return [(c["kind"], round(c["t"], 1)) for c in truth["changepoints"] if c["level"] == "major"]
+
+
+def test_a_rest_of_half_a_second_parts_two_movements() -> None:
+    truth = annotate(state(5.0, [(1.0, 2.0, (0.1, 0, 0)), (2.6, 4.0, (0.1, 0, 0))]))
+    assert classes(truth) == ["steady", "motion", "steady", "motion", "steady"]
+    assert majors(truth) == [("start", 1.0), ("stop", 2.0), ("start", 2.6), ("stop", 4.0)]
+
+
+def test_a_shorter_rest_is_optional() -> None:
+    truth = annotate(state(5.0, [(1.0, 2.0, (0.1, 0, 0)), (2.2, 4.0, (0.1, 0, 0))]))
+    assert classes(truth) == ["steady", "motion", "steady"]
+    assert [(c["kind"], c["level"]) for c in truth["changepoints"]][1] == ("dip", "optional")
+
+
+def test_a_turn_through_a_dip_is_a_corner() -> None:
+    truth = annotate(state(5.0, [(1.0, 2.0, (0.1, 0, 0)), (2.2, 4.0, (0, 0.1, 0))]))
+    assert ("corner", 2.1) in [(kind, t) for kind, t in majors(truth)] or ("corner", 2.0) in majors(truth)
+
+
+def test_a_small_correction_is_optional_and_unclear() -> None:
+    truth = annotate(state(5.0, [(1.0, 2.0, (0.1, 0, 0)), (3.0, 3.3, (0.015, 0, 0))]))
+    assert classes(truth) == ["steady", "motion", "steady", "steady"]
+    assert majors(truth) == [("start", 1.0), ("stop", 2.0)]
+
+
+def test_contact_edges_are_major_and_the_decay_optional() -> None:
+    normal = during(5.0, 2.0, 3.5, 15.0) + during(5.0, 3.5, 4.0, 3.0)
+    truth = annotate(state(5.0, [(0.5, 2.0, (0, 0, -0.1)), (4.0, 4.6, (0, 0, 0.1))], normal=normal))
+    assert classes(truth) == ["steady", "motion", "contact", "motion", "steady"]
+    assert [kind for kind, _ in majors(truth)] == ["start", "contact_on", "contact_off", "stop"]
+    assert [c["t"] for c in truth["changepoints"] if c["kind"] == "decay"] == pytest.approx([3.5], abs=0.05)
+    assert truth["forces"] == [{"t0": 2.0, "t1": 4.0, "newton": 15.0}]
+
+
+def test_a_bounce_is_one_contact_and_a_graze_none() -> None:
+    normal = during(5.0, 1.0, 1.05, 20.0) + during(5.0, 1.1, 2.0, 8.0) + during(5.0, 3.0, 3.02, 5.0)
+    truth = annotate(state(5.0, [], normal=normal))
+    assert [(f["t0"], f["t1"]) for f in truth["forces"]] == [(1.0, 2.0)]
+
+
+def test_motion_in_contact_is_sliding() -> None:
+    truth = annotate(state(5.0, [(2.0, 3.5, (0.1, 0, 0))], normal=during(5.0, 1.0, 4.5, 10.0)))
+    assert classes(truth) == ["steady", "contact", "sliding", "contact", "steady"]
+
+
+def test_a_load_is_carried_from_lift_off_to_touch_down() -> None:
+    normal = during(6.0, 0.5, 1.5, 10.0) + during(6.0, 4.0, 5.0, 10.0)
+    load = during(6.0, 1.0, 4.6, 0.3)
+    truth = annotate(state(6.0, [(2.0, 3.5, (0.1, 0, 0))], normal=normal, load_kg=load))
+    assert truth["loads"] == [{"t0": 1.5, "t1": 4.0, "kg": 0.3}]
+    assert classes(truth) == ["steady", "contact", "hold", "transport", "hold", "contact", "steady"]
+    assert truth["gripper"] == [{"t": 1.0, "event": "grasp"}, {"t": 4.6, "event": "release"}]

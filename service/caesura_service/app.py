@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import threading
@@ -18,11 +19,13 @@ from typing import Self
 
 from caesura_protocol.messages import Open, ServiceStatus
 from caesura_service.config import ServiceConfig
-from caesura_service.edge import Edge
+from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal
 from caesura_service.session.ports import Owner, PipelineFactory
 from caesura_service.session.registry import Registry
 from caesura_service.session.view import Pipeline
+
+logger = logging.getLogger(__name__)
 
 # A busy Python thread keeps the network's threads waiting for the interpreter: the 99th percentile of the
 # latency was 8.3 ms at the default of 5 ms, and 1.6 ms at this.
@@ -39,8 +42,9 @@ class Service:
         *,
         pipeline_factory: PipelineFactory | None = None,
         journal: Journal | None = None,
+        stop: threading.Event | None = None,
     ) -> None:
-        """journal: what is in it is rebuilt before the service can be found."""
+        """journal: its sessions are rebuilt before the service can be found; stop: ends a wait for a router."""
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, self.config.epoch_now())
         self.registry = Registry(
@@ -57,13 +61,15 @@ class Service:
             version=_version(),
             queue=self.config.queue,
             clock=steady_clock(),
+            stop=stop,
         )
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(_switching_often())
-            self.registry.restore()
+            for failed in self.registry.restore():
+                logger.error("%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error)
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
         return self
@@ -91,10 +97,15 @@ def run_service(
 ) -> None:
     """Run until SIGINT or SIGTERM, then leave cleanly. `ready` is called once the service can be found."""
     over = threading.Event()
-    with _signals_set(over), Service(config, pipeline_factory=pipeline_factory) as service:
-        ready(service)
-        while not over.wait(_WAKE_S):
-            pass
+    with _signals_set(over):
+        try:
+            with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
+                ready(service)
+                while not over.wait(_WAKE_S):
+                    pass
+        except NetworkError:
+            if not over.is_set():
+                raise
 
 
 def segmenting_pipeline(opening: Open, default_preset: str) -> Pipeline:

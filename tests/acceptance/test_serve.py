@@ -39,6 +39,16 @@ def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number):
         assert process.wait(DEADLINE_S) == 0
 
 
+def test_it_can_be_stopped_while_it_waits_for_a_router():
+    command = [sys.executable, "-m", "caesura_service", "serve", "--connect", "tcp/127.0.0.1:9"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert any("no router at tcp/127.0.0.1:9" in line for line in process.stderr)
+        process.send_signal(signal.SIGTERM)
+        assert process.communicate(timeout=DEADLINE_S)[0] == ""
+        assert process.returncode == 0
+
+
 def test_a_second_one_on_the_same_endpoint_says_why_not():
     with serving("--listen", "tcp/127.0.0.1:0") as (_, endpoint):
         command = [sys.executable, "-m", "caesura_service", "serve", "--listen", endpoint]

@@ -9,6 +9,7 @@ interpreter.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -51,7 +52,9 @@ class Edge:
         version: str,
         queue: QueueSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
+        stop: threading.Event | None = None,
     ) -> None:
+        """stop: set by whoever no longer wants to wait for a router."""
         queue = queue or QueueSettings()
         self.endpoint = network.connect or network.listen  # once entered, with its real port
         self._registry = registry
@@ -59,12 +62,13 @@ class Edge:
         self._settings = network
         self._version = version
         self._clock = clock
+        self._stop = stop or threading.Event()
         self._inbox: Inbox[Arrival] = Inbox(queue.capacity, queue.station_share)
         self._worker: Worker | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        network, self.endpoint = join(self._settings)
+        network, self.endpoint = join(self._settings, self._stop)
         with ExitStack() as stack:
             stack.callback(network.close)
             outgoing = Outgoing(network, self._inbox)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import socket
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -55,21 +56,19 @@ class NetworkSettings:
     connect_timeout_s: float | None = None  # None: until there is a router
 
 
-def join(settings: NetworkSettings) -> tuple[zenoh.Session, str]:
-    """A zenoh session and the endpoint that it is reached by. Raises NetworkError."""
+def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
+    """A zenoh session and the endpoint that it is reached by. Raises NetworkError, also once told to stop."""
     if settings.connect is None:
         endpoint = _with_port(settings.listen)
         router = {"mode": "router", "listen/endpoints": [endpoint]}
-        return _open(_config(settings.config_file, router), endpoint, deadline=None), endpoint
+        return _open(_config(settings.config_file, router), endpoint), endpoint
     client = {
         "mode": "client",
         "connect/endpoints": [settings.connect],
         "connect/timeout_ms": ATTEMPT_MS,
         "connect/exit_on_failure": True,
     }
-    until = float("inf") if settings.connect_timeout_s is None else settings.connect_timeout_s
-    deadline = time.monotonic() + until
-    return _open(_config(settings.config_file, client), settings.connect, deadline=deadline), settings.connect
+    return _connect(_config(settings.config_file, client), settings, stop), settings.connect
 
 
 def _config(config_file: Path | None, where: Mapping[str, Any]) -> zenoh.Config:
@@ -82,15 +81,24 @@ def _config(config_file: Path | None, where: Mapping[str, Any]) -> zenoh.Config:
     return config
 
 
-def _open(config: zenoh.Config, endpoint: str, *, deadline: float | None) -> zenoh.Session:
-    """Open a session; with a deadline, try until then."""
+def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise NetworkError(f"{endpoint}: {error}") from error
+
+
+def _connect(config: zenoh.Config, settings: NetworkSettings, stop: threading.Event) -> zenoh.Session:
+    """Try until there is a router, the time is over, or somebody says stop."""
+    endpoint, patience_s = str(settings.connect), settings.connect_timeout_s
+    deadline = float("inf") if patience_s is None else time.monotonic() + patience_s
     said = False
     while True:
         try:
-            return zenoh.open(config)
-        except zenoh.ZError as error:
-            if deadline is None or time.monotonic() >= deadline:
-                raise NetworkError(f"{endpoint}: {error}") from error
+            return _open(config, endpoint)
+        except NetworkError:
+            if stop.is_set() or time.monotonic() >= deadline:
+                raise
         if not said:
             logger.warning("no router at %s yet: trying until there is one", endpoint)
             said = True

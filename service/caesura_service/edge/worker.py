@@ -89,7 +89,7 @@ class Worker:
             station = station or parse_station_key(content.key)[0]
             message = _batch(content)
         except ProtocolError as error:
-            logger.info("refused on %s: %s", content.key, error)
+            logger.debug("refused on %s: %s", content.key, error)
             self._say(self._registry.refuse(station, error))
             return
         self._say(self._registry.samples(station, message, self._clock()))
@@ -100,7 +100,7 @@ class Worker:
             station = parse_station_key(arrival.content.key)[0]
             command = _command(arrival.content)
         except ProtocolError as error:
-            logger.info("refused on %s: %s", arrival.content.key, error)
+            logger.debug("refused on %s: %s", arrival.content.key, error)
             refuse(arrival.query, error)
             self._say(self._registry.refuse(station, error))
             return
@@ -118,7 +118,7 @@ class Worker:
                 case AskReplay():
                     self._outgoing.ask(output)
                 case Refused(error):
-                    logger.info("refused: %s", error)
+                    logger.debug("refused: %s", error)
                 case Failed(station, session, error):
                     logger.error("%s/%s was closed by an error", station, session, exc_info=error)
                 case Answer():

@@ -16,7 +16,15 @@ from caesura_protocol.messages import Close, Heartbeat, Open, SampleBatch
 from caesura_service.journal import Journal
 from caesura_service.session.content import check_columns
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Answer, Output, Owner, PipelineFactory, Refused, ReplayEnded
+from caesura_service.session.ports import (
+    Answer,
+    Failed,
+    Output,
+    Owner,
+    PipelineFactory,
+    Refused,
+    ReplayEnded,
+)
 from caesura_service.session.session import Session
 from caesura_service.session.standing import Standing, Tally
 
@@ -57,16 +65,18 @@ class Registry:
         self.board = Board({})
         self.tally = Tally()
 
-    def restore(self) -> None:
-        """Rebuild every session of the journal. One that cannot be opened any more raises."""
+    def restore(self) -> list[Failed]:
+        """Rebuild every session of the journal. Those that cannot be rebuilt are left out and named."""
+        failed = []
         for station, name in self._journal.sessions():
-            records = self._journal.replay(station, name)
-            opening = next(records).message
-            if isinstance(opening, Open):
-                session = self._build(station, opening)
-                session.restore(records)
+            try:
+                session = self._rebuild(station, name)
+            except Exception as error:
+                failed.append(Failed(station, name, error))
+            else:
                 self._stations.setdefault(station, {})[name] = session
         self._show()
+        return failed
 
     def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
@@ -120,6 +130,15 @@ class Registry:
         return Session(
             station, opening, pipeline, owner=self._owner, journal=self._journal, limits=self._limits
         )
+
+    def _rebuild(self, station: str, name: str) -> Session:
+        records = self._journal.replay(station, name)
+        opening = next(records).message
+        if not isinstance(opening, Open):
+            raise TypeError(f"the journal begins with {type(opening).__name__}, expected Open")
+        session = self._build(station, opening)
+        session.restore(records)
+        return session
 
     def _make_room(self, station: str, now: float) -> list[Output]:
         """Close the oldest open session and forget the oldest closed one of a station that has its fill."""

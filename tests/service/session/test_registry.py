@@ -6,7 +6,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
-from caesura_service.journal import MemoryJournal
+from caesura_service.journal import MemoryJournal, Record
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import ReplayEnded
 from caesura_service.session.standing import status_of
@@ -187,3 +187,14 @@ def test_ticks_reach_every_open_session():
     registry.samples(STATION, heartbeat(1), 0.0)
     registry.samples(OTHER, heartbeat(1), 0.0)
     assert len([out for out in registry.tick(100.0) if not published([out], SessionStatus)]) == 2
+
+
+def test_a_session_that_cannot_be_rebuilt_is_left_out_and_named():
+    journal = MemoryJournal()
+    opened(new_registry(journal), STATION, "s1", "s2")
+    journal.append(Record(STATION, "s3", 0.0, opening("s3", preset="gone")))
+    journal.append(Record(STATION, "s4", 0.0, batch(0, "s4")))
+    rebuilt = new_registry(journal)
+    failed = rebuilt.restore()
+    assert [(each.session, type(each.error)) for each in failed] == [("s3", ProtocolError), ("s4", TypeError)]
+    assert names(rebuilt, STATION) == ["s1", "s2"]

@@ -44,7 +44,7 @@ class Service:
         journal: Journal | None = None,
         stop: threading.Event | None = None,
     ) -> None:
-        """journal: its sessions are rebuilt before the service can be found; stop: ends a wait for a router."""
+        """journal: its sessions are rebuilt on entry; stop: ends a wait for a router."""
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, self.config.epoch_now())
         self.registry = Registry(

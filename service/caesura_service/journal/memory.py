@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from caesura_protocol.messages import SampleBatch
 from caesura_service.journal.journal import Record
+
+CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
+_OVERHEAD_BYTES = 1000  # of a record beside its samples
 
 
 class MemoryJournal:
-    """Records in lists, one a session."""
+    """Records in lists, one a session. Over its capacity it drops whole sessions, oldest first."""
 
-    def __init__(self) -> None:
+    def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
+        self.capacity_bytes = capacity_bytes
         self._records: dict[tuple[str, str], list[Record]] = {}
+        self._sizes: dict[tuple[str, str], int] = {}  # [bytes]
 
     def append(self, record: Record) -> None:
-        """Keep a record."""
-        self._records.setdefault((record.station, record.session), []).append(record)
+        """Keep a record, and make room for it; the session that it belongs to is never dropped."""
+        key = (record.station, record.session)
+        self._records.setdefault(key, []).append(record)
+        self._sizes[key] = self._sizes.get(key, 0) + _size(record)
+        while sum(self._sizes.values()) > self.capacity_bytes and len(self._sizes) > 1:
+            self.forget(*next(known for known in self._sizes if known != key))
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session as they are now; later ones do not appear in the iteration."""
@@ -28,3 +38,9 @@ class MemoryJournal:
     def forget(self, station: str, session: str) -> None:
         """Drop the records of a session."""
         self._records.pop((station, session), None)
+        self._sizes.pop((station, session), None)
+
+
+def _size(record: Record) -> int:
+    samples = record.message.samples if isinstance(record.message, SampleBatch) else b""
+    return len(samples) + _OVERHEAD_BYTES

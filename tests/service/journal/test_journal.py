@@ -63,6 +63,17 @@ def test_a_replay_that_has_begun_does_not_see_what_is_appended_meanwhile(journal
     assert len(list(replay)) == 1
 
 
+def test_a_journal_in_memory_drops_the_oldest_session_when_it_is_full_and_never_the_one_in_hand():
+    journal = MemoryJournal(capacity_bytes=10_000)
+    for session in ("s1", "s2"):
+        for seq in range(6):
+            journal.append(record(session, seq))
+    assert journal.sessions() == (("cell-1", "s2"),)
+    for seq in range(6, 20):
+        journal.append(record("s2", seq))
+    assert len(list(journal.replay("cell-1", "s2"))) == 20
+
+
 class FullJournal(MemoryJournal):
     """A disk without room."""
 

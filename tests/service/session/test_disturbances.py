@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_protocol.messages import Ack, Changepoints, Posterior, Program, SampleBatch, Segments
@@ -57,6 +57,7 @@ def delivered(fate: list[tuple[int, int]]) -> list[SampleBatch]:
     return [batch for _, batch in sorted(placed, key=lambda place: place[0])]
 
 
+@settings(deadline=None, max_examples=60)
 @given(fates, st.integers(1, 8), st.integers(1, 6))
 def test_duplication_reordering_and_loss_with_replay_change_no_result(fate, held, at_once):
     session, said = open_session(limits=Limits(held_batches=held, replay_batches=at_once))
@@ -69,6 +70,7 @@ def test_duplication_reordering_and_loss_with_replay_change_no_result(fate, held
     assert results(said + closed) == EXPECTED
 
 
+@settings(deadline=None, max_examples=60)
 @given(fates, st.integers(0, COUNT))
 def test_a_session_rebuilt_from_its_journal_equals_the_original(fate, oldest):
     journal = MemoryJournal()
@@ -108,6 +110,7 @@ def test_a_rebuilt_session_goes_on_like_the_original():
     assert snapshot_of(first) == snapshot_of(second)
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.lists(st.booleans(), min_size=2 * COUNT, max_size=2 * COUNT))
 def test_two_interleaved_sessions_equal_the_same_two_alone(turns):
     registry = new_registry()

@@ -1,10 +1,12 @@
 """One contract for both transports, and what only a real network can do."""
 
+import doctest
 import threading
 import time
 
 import pytest
 
+from caesura_clients import memory
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.memory import intersect
@@ -109,8 +111,18 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
             with there.watch(pattern, after):
                 assert after.get(5.0) == Presence(key, alive=True)
             assert there.alive(pattern) == (key,)
-        assert before.get(5.0) == Presence(key, alive=False)
+        seen = iter(lambda: before.get(5.0), None)
+        assert Presence(key, alive=False) in seen  # it may have been reported as there once more
         assert there.alive(pattern) == ()
+
+
+def test_no_token_is_overlooked(network):
+    """A liveliness query of zenoh 1.10.2 ends before its answers in 1 to 3 % of all cases on a busy machine."""
+    here, there = network.transport(), network.transport()
+    pattern = "caesura/v1/station/*/alive"
+    with here.token("caesura/v1/station/cell-1/alive"), there.watch(pattern, Inbox()):
+        eventually(lambda: there.alive(pattern) != ())
+        assert all(there.alive(pattern) for _ in range(20))
 
 
 def test_a_question_that_an_inbox_has_no_room_for_is_refused_as_overloaded(network):
@@ -136,6 +148,7 @@ def test_a_full_inbox_drops_the_oldest_and_counts():
 
 
 def test_key_expressions_meet_part_by_part():
+    assert doctest.testmod(memory).failed == 0
     assert intersect(ANY, KEY)
     assert not intersect(ANY, KEY + "/more")
     assert not intersect("a/b", "a/c")

@@ -1,3 +1,4 @@
+import doctest
 import math
 import random
 import struct
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from caesura_protocol import codec
 from caesura_protocol.codec import (
     MESSAGE_TYPES,
     decode,
@@ -55,6 +57,7 @@ def test_every_message_round_trips(model, data):
 
 
 def test_the_encoding_names_type_and_version():
+    assert doctest.testmod(codec).failed == 0
     assert encode(Close(session="s1", last_seq=7)).encoding == "application/msgpack;caesura.Close.v1"
 
 

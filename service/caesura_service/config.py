@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from caesura_protocol.keys import check_name
-from caesura_service.edge.edge import QueueSettings
+from caesura_service.edge.inbox import QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings
 from caesura_service.session.limits import Limits
 

@@ -18,7 +18,7 @@ import zenoh
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, refuse
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of
@@ -36,7 +36,9 @@ class Answers:
     def __init__(self, registry: Registry, status: Callable[[], ServiceStatus]) -> None:
         self._registry = registry
         self._status = status
-        self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(QUESTIONS)
+        self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
+            QueueSettings(capacity=QUESTIONS, shares=1)
+        )
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="caesura-answers", daemon=True)
 

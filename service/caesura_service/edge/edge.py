@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -24,20 +23,12 @@ from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.answers import Answers
 from caesura_service.edge.arrivals import Arrival, Command, Samples, content_of, content_of_query
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, refuse
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner
 from caesura_service.session.registry import Registry
-
-
-@dataclass(frozen=True)
-class QueueSettings:
-    """How much may wait for the worker."""
-
-    capacity: int = 4096  # arrivals; commands have as much again
-    station_share: int = 1024  # of them from one station
 
 
 class Edge:
@@ -55,7 +46,6 @@ class Edge:
         stop: threading.Event | None = None,
     ) -> None:
         """stop: set by whoever no longer wants to wait for a router."""
-        queue = queue or QueueSettings()
         self.endpoint = network.connect or network.listen  # once entered, with its real port
         self._registry = registry
         self._owner = owner
@@ -63,7 +53,7 @@ class Edge:
         self._version = version
         self._clock = clock
         self._stop = stop or threading.Event()
-        self._inbox: Inbox[Arrival] = Inbox(queue.capacity, queue.station_share)
+        self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings())
         self._worker: Worker | None = None
         self._stack = ExitStack()
 
@@ -120,7 +110,7 @@ class Edge:
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
         content = content_of(sample)
-        self._inbox.offer(Samples(content), content.key)
+        self._inbox.offer(Samples(content), content.key, len(content.payload))
 
     def _take_command(self, query: zenoh.Query) -> None:
         if not self._inbox.insist(Command(content_of_query(query), query)):

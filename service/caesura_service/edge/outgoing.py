@@ -30,6 +30,10 @@ from caesura_service.session.ports import AskReplay, Publish
 
 logger = logging.getLogger(__name__)
 
+# Questions under way at once. Their answers fit into the inbox together; those of every station after an
+# outage would not, and would be asked for again and again.
+QUESTIONS = 8
+
 STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
     Segments: "segments",
@@ -44,6 +48,8 @@ class Outgoing:
     def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival]) -> None:
         self._network = network
         self._inbox = inbox
+        self._under_way = 0
+        self._waiting: dict[tuple[str, str], AskReplay] = {}
 
     def publish(self, publish: Publish) -> None:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
@@ -62,7 +68,27 @@ class Outgoing:
             logger.exception("%s was not published", type(message).__name__)
 
     def ask(self, ask: AskReplay) -> None:
-        """Ask a bridge for batches; they, and the end of the answer, arrive in the inbox."""
+        """Ask a bridge for batches, now or in turn; they and the answer's end arrive in the inbox."""
+        self._waiting[ask.station, ask.session] = ask
+        self._ask_next()
+
+    def ended(self) -> None:
+        """An answer has ended: the next question may go."""
+        self._under_way -= 1
+        self._ask_next()
+
+    def _ask_next(self) -> None:
+        while self._waiting and self._under_way < QUESTIONS:
+            ask = self._waiting.pop(next(iter(self._waiting)))
+            self._under_way += 1
+            try:
+                self._ask(ask)
+            except zenoh.ZError:
+                logger.exception("%s was not asked", ask)
+                self._end(Asked(ask))
+
+    def _ask(self, ask: AskReplay) -> None:
+        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
         asked = Asked(ask)
         wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1)
         selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)};session={ask.session}"
@@ -73,7 +99,8 @@ class Outgoing:
             selector,
             handler,
             consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.DROP,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
             timeout=QUERY_TIMEOUT_S,
         )
 
@@ -81,12 +108,12 @@ class Outgoing:
         if reply.ok is not None:
             asked.replies += 1
             arrival = Replayed(content_of(reply.ok), asked.ask.station)
-            asked.dropped += not self._inbox.offer(arrival, asked.ask.station)
+            asked.dropped += not self._inbox.offer(arrival, asked.ask.station, len(arrival.content.payload))
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.insist(Ended(asked))
+        self._inbox.deliver(Ended(asked))
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:

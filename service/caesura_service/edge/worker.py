@@ -78,6 +78,7 @@ class Worker:
             case Replayed(content, station):
                 self._take_samples(content, station)
             case Ended(asked):
+                self._outgoing.ended()
                 self._say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
             case Command():
                 with arrival.query:

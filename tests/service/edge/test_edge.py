@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -99,6 +100,22 @@ def until_closed(peer: Peer, last_seq: int, station: str = "cell-1") -> Ack:
             if refusal.code != "conflict":
                 raise
     raise TimeoutError("not closed in time")
+
+
+def test_an_outage_of_many_stations_is_made_good(peer):
+    stations = [f"cell-{index}" for index in range(20)]
+    sent = batches(40)
+    with ExitStack() as stack:
+        for station in stations:
+            stack.enter_context(peer.replaying(sent, station=station))
+            peer.command(opening(), station)
+        for station in stations:
+            peer.send(heartbeat(39), station)
+        for station in stations:
+            assert until_closed(peer, 39, station).next_seq == 40
+    snapshots = peer.ask(session_key("*", "*", "snapshot"), Snapshot).values()
+    assert {snapshot.status.samples for snapshot in snapshots} == {800}
+    assert peer.service_status().dropped == 0
 
 
 def test_what_the_bridge_no_longer_has_is_a_gap(peer):

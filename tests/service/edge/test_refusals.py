@@ -19,7 +19,8 @@ from caesura_protocol.messages import (
     SampleBatch,
     SessionStatus,
 )
-from harness.sessions import batch, batch_of, closing, opening
+from harness.peer import Peer
+from harness.sessions import batch, batch_of, batches, closing, opening
 
 BATCH = "application/msgpack;caesura.SampleBatch.v1"
 CONTROL = "application/msgpack;caesura.Control.v1"
@@ -164,3 +165,16 @@ def test_a_replay_of_rubbish_is_given_up_as_a_gap(peer):
         status = heard.until(SessionStatus, lambda status: bool(status.gaps))
     assert status.refused == {"malformed": 3}
     assert status.batches == 2
+
+
+def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service):
+    peer.command(opening())
+    with Peer(service.endpoint) as hostile, peer.replaying(batches(20)):
+        for _ in range(3000):
+            hostile.put(station_key("cell-9", "samples"), b"\xc1", BATCH)
+        for made in batches(20):
+            peer.send(made)
+        peer.until_service(lambda status: status.queue == 0)
+        assert peer.command(closing(19)).next_seq == 20
+    status = peer.snapshot().status
+    assert (status.batches, status.refused, status.gaps) == (20, {}, ())

@@ -9,9 +9,10 @@ from typing import Self
 
 from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.network import DEFAULT_ENDPOINT, Transport
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update, follow
-from caesura_clients.transport import DEFAULT_ENDPOINT, Transport, ZenohTransport
+from caesura_clients.transport import ZenohTransport
 from caesura_protocol.messages import Program, ServiceStatus, Snapshot
 
 

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.transport import QUERY_TIMEOUT_S, Answers, Priority
+from caesura_clients.network import QUERY_TIMEOUT_S, Answers, Priority
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 

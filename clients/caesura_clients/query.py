@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from caesura_clients.errors import Absent, Unreachable
-from caesura_clients.transport import Answers, Transport
+from caesura_clients.network import Answers, Transport
 from caesura_protocol.codec import decode
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Message, Program, ServiceStatus, Snapshot

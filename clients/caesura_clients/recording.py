@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +118,11 @@ def load_recording(
         raise RecordingError(f"{path}: suffix {path.suffix!r}, expected one of {list(readers)}")
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    arrays, options = reader(path)
+    try:
+        arrays, options = reader(path)
+        arrays = {name: np.asarray(values, dtype=np.float64) for name, values in arrays.items()}
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        raise RecordingError(f"{path}: not a readable {path.suffix[1:]} file ({error})") from error
     if "t" not in arrays:
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
     if "force_base" in arrays:
@@ -127,20 +132,16 @@ def load_recording(
     if "force" not in arrays and "tau" not in arrays:
         options["wrench_source"] = "none"
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
-    return Recording(np.asarray(arrays["t"], dtype=np.float64), signals, name=path.name, **options)  # type: ignore[arg-type]
+    return Recording(arrays["t"], signals, name=path.name, **options)  # type: ignore[arg-type]
 
 
 def _as_matrix(values: Array) -> Array:
-    values = np.asarray(values, dtype=np.float64)
     return values[:, None] if values.ndim == 1 else values
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files}
-    except (ValueError, OSError, EOFError) as error:
-        raise RecordingError(f"{path}: not a readable npz file ({error})") from error
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {key: file[key] for key in file.files}
     options = {key: str(arrays.pop(key)) for key in _OPTIONS if key in arrays}
     return arrays, options
 
@@ -151,12 +152,11 @@ def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     options = {key.strip(): value.strip() for key, _, value in comments if key.strip() in _OPTIONS}
     rows = list(csv.reader(line for line in lines if line and not line.startswith("#")))
     if len(rows) < 2:
-        raise RecordingError(f"{path}: {len(rows)} rows, expected a header and at least one sample")
+        raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
     header = [name.strip() for name in rows[0]]
-    try:
-        table = np.array(rows[1:], dtype=np.float64)
-    except ValueError as error:
-        raise RecordingError(f"{path}: {error}") from error
+    table = np.array(rows[1:], dtype=np.float64)
+    if table.shape[1] != len(header):
+        raise ValueError(f"{table.shape[1]} values a row, expected {len(header)} as in the header")
     column = dict(zip(header, table.T, strict=True))
     arrays = {
         signal: np.column_stack([column[name] for name in names])

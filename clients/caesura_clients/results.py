@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.network import Transport
 from caesura_clients.query import snapshots
-from caesura_clients.transport import Transport
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key

@@ -1,4 +1,4 @@
-"""The network as the clients see it, and the only module of the clients that imports zenoh.
+"""The transport over Zenoh; the only module of the clients that imports zenoh.
 
 Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
 network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
@@ -12,20 +12,19 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Protocol, Self
+from typing import Any, Self
 
 import zenoh
 
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-QUERY_TIMEOUT_S = 2.0
 SETTINGS: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -37,62 +36,15 @@ SETTINGS: Mapping[str, Any] = {
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
-# A liveliness query may end before its answers have come (1 to 3 % of the time on a busy machine, zenoh 1.10.2);
-# a subscription made beside it gets those that are late.
+# A liveliness query may end before its answers have come (zenoh 1.10.2, 1 to 3 % of the time on a busy
+# machine); a subscription made beside it gets those that are late.
 LATE_S = 0.02
 
-Priority = Literal["data_high", "data", "data_low"]
 _PRIORITIES: Mapping[Priority, zenoh.Priority] = {
     "data_high": zenoh.Priority.DATA_HIGH,
     "data": zenoh.Priority.DATA,
     "data_low": zenoh.Priority.DATA_LOW,
 }
-
-
-class Answers(NamedTuple):
-    """What came back from a query. Nothing at all means: nobody is there, or it is forbidden."""
-
-    replies: tuple[Delivery, ...]
-    refusals: tuple[ProtocolError, ...]
-
-
-class Transport(Protocol):
-    """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
-
-    @property
-    def endpoint(self) -> str:
-        """Where it is connected, as errors name it."""
-
-    def close(self) -> None:
-        """Leave the network; everything declared through this session goes with it."""
-
-    def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
-        """Publish, without ever blocking; what a full queue drops is dropped silently."""
-
-    def query(
-        self,
-        key: str,
-        content: Encoded | None = None,
-        *,
-        parameters: str = "",
-        timeout_s: float = QUERY_TIMEOUT_S,
-    ) -> Answers:
-        """Ask, and wait for every answer or the timeout."""
-
-    def alive(self, key: str) -> tuple[str, ...]:
-        """Keys of the liveliness tokens that exist now, sorted."""
-
-    def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Delivery for everything that is put on the key."""
-
-    def answer(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Question for every query on the key."""
-
-    def token(self, key: str) -> AbstractContextManager[None]:
-        """Be seen on the key."""
-
-    def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Presence for every token that is there, comes or goes."""
 
 
 class ZenohTransport:

@@ -8,7 +8,7 @@ from typing import Self
 
 from caesura_clients.inbox import Delivery, Inbox, Presence, Question
 from caesura_clients.memory import intersect
-from caesura_clients.transport import Transport
+from caesura_clients.network import Transport
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot

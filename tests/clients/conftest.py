@@ -9,7 +9,8 @@ import pytest
 import zenoh
 
 from caesura_clients.memory import MemoryNetwork
-from caesura_clients.transport import SETTINGS, Transport, ZenohTransport
+from caesura_clients.network import Transport
+from caesura_clients.transport import SETTINGS, ZenohTransport
 
 
 def free_port() -> int:

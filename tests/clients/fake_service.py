@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from caesura_clients.inbox import Delivery, Inbox, Presence, Question
-from caesura_clients.transport import Transport
+from caesura_clients.network import Transport
 from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, parse_station_key, replay_parameters, service_key, station_key

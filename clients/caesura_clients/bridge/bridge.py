@@ -33,7 +33,7 @@ from caesura_clients.bridge.sender import Sender
 from caesura_clients.bridge.sources import Chunk, Source
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
-from caesura_clients.transport import Transport
+from caesura_clients.network import Transport
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Open

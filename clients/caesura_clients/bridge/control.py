@@ -6,7 +6,7 @@ service waits for, so asking again is also the way to learn how far it has come.
 
 from __future__ import annotations
 
-from caesura_clients.transport import QUERY_TIMEOUT_S, Transport
+from caesura_clients.network import QUERY_TIMEOUT_S, Transport
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Close, Control, Open

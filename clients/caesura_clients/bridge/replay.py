@@ -10,7 +10,7 @@ from typing import Self
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.errors import CaesuraError
 from caesura_clients.inbox import Delivery, Inbox, Presence, Question
-from caesura_clients.transport import Transport
+from caesura_clients.network import Transport
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, station_key

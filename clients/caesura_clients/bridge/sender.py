@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from caesura_clients.bridge.batching import Batcher, Matrix
 from caesura_clients.bridge.ring import Entry, ReplayRing
-from caesura_clients.transport import Transport
+from caesura_clients.network import Transport
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Heartbeat, Open

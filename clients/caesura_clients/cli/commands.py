@@ -19,9 +19,9 @@ from caesura_clients.cli.options import Config, Connect, Json, Station, connecte
 from caesura_clients.cli.show import program_view, segments_view, sessions_view
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
+from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.query import snapshots
 from caesura_clients.results import Update
-from caesura_clients.transport import DEFAULT_ENDPOINT
 from caesura_protocol.messages import Ack
 
 DEFAULT_STATION = "cell-1"

@@ -1,0 +1,60 @@
+"""What a transport must do, as the clients see it. `transport` does it with Zenoh, `memory` without."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Literal, NamedTuple, Protocol
+
+from caesura_clients.inbox import Delivery, Inbox
+from caesura_protocol.codec import Encoded
+from caesura_protocol.errors import ProtocolError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+QUERY_TIMEOUT_S = 2.0
+Priority = Literal["data_high", "data", "data_low"]
+
+
+class Answers(NamedTuple):
+    """What came back from a query. Nothing at all means: nobody is there, or it is forbidden."""
+
+    replies: tuple[Delivery, ...]
+    refusals: tuple[ProtocolError, ...]
+
+
+class Transport(Protocol):
+    """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
+
+    @property
+    def endpoint(self) -> str:
+        """Where it is connected, as errors name it."""
+
+    def close(self) -> None:
+        """Leave the network; everything declared through this session goes with it."""
+
+    def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
+        """Publish, without ever blocking; what a full queue drops is dropped silently."""
+
+    def query(
+        self,
+        key: str,
+        content: Encoded | None = None,
+        *,
+        parameters: str = "",
+        timeout_s: float = QUERY_TIMEOUT_S,
+    ) -> Answers:
+        """Ask, and wait for every answer or the timeout."""
+
+    def alive(self, key: str) -> tuple[str, ...]:
+        """Keys of the liveliness tokens that exist now, sorted."""
+
+    def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a Delivery for everything that is put on the key."""
+
+    def answer(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a Question for every query on the key."""
+
+    def token(self, key: str) -> AbstractContextManager[None]:
+        """Be seen on the key."""
+
+    def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a Presence for every token that is there, comes or goes."""

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_service.changepoint.evidence import known_mean_log_evidence
+from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
 from caesura_service.changepoint.profiles import whiten
 
 Array = NDArray[np.float64]
@@ -66,9 +66,10 @@ def signal(observed: Observed, channel: Channel) -> Array:
 class Noise:
     """Prior of the residuals: Student-t about the model, with the variance integrated out.
 
-    Their scale [unit] is `floor`, what sensor and hand leave at rest, joined by `share` of how far the
+    Their scale [unit] is `floor`, what sensor and hand leave at rest, joined by a share of how far the
     segment goes: a person's path leaves any profile by a few per cent of its length (signal-dependent
-    noise, Harris & Wolpert 1998). nu0: how many values the prior scale is worth.
+    noise, Harris & Wolpert 1998). People differ: `shares` are equally likely, the evidence is their
+    mixture. nu0: how many values the prior scale is worth.
 
     `joint` pools the three axes, which makes the model turn with the base frame. `correlation` is that of
     residuals one sample apart: what a person does wrong now, he does wrong for a while, and white noise
@@ -77,7 +78,7 @@ class Noise:
 
     nu0: float
     floor: float
-    share: float = 0.0
+    shares: tuple[float, ...] = (0.0,)
     joint: bool = False
     correlation: float = 0.0
 
@@ -102,10 +103,11 @@ class Noise:
         entry an axis, or a single one where they are pooled.
         """
         shape = (-1,) + (1,) * (ssr.ndim - 1)
-        scale2 = (self.floor**2 + self.share**2 * np.asarray(extent2, float)).reshape(shape)
-        count, jacobian = (np.asarray(a, float).reshape(shape) for a in (n, whitened))
+        count, extent2, jacobian = (np.asarray(a, float).reshape(shape) for a in (n, extent2, whitened))
         jacobian = -0.5 * np.log1p(-(self.correlation**2)) * jacobian
         if self.joint:
             count, jacobian, ssr = AXES * count, AXES * jacobian, ssr.sum(axis=1, keepdims=True)
-        result: Array = known_mean_log_evidence(count, ssr, self.nu0, scale2) + jacobian
+        scales2 = [self.floor**2 + share**2 * extent2 for share in self.shares]
+        each = [known_mean_log_evidence(count, ssr, self.nu0, scale2) for scale2 in scales2]
+        result: Array = log_mean_exp(np.stack(each), axis=0) + jacobian
         return result

@@ -16,25 +16,27 @@ from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
+TARED_BIAS_N = 1.5  # what wanders within a recording
+UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free space
 
 
 @dataclass(frozen=True)
 class Preset:
     """How a demonstration is segmented.
 
-    channels and kinds: of the whole lattice; `mean_segment_s` [s] sets the hazard; segments shorter than
+    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice; `mean_segment_s` [s] sets the hazard; segments shorter than
     `least_segment_s` [s] become no app (the thesis' minimum time filter). `continuous`: a segment begins
     where the one before it ends, at its last sample, and there the changepoint lies in time; otherwise it
     begins with its own first sample, as in the thesis.
     """
 
     name: str
-    channels: Callable[[], Mapping[str, ChannelModel]]
+    channels: Callable[[float], Mapping[str, ChannelModel]]
     kinds: tuple[Kind, ...]
     maximum: bool = False
     tempering: float = 1.0
@@ -43,10 +45,13 @@ class Preset:
     least_segment_s: float = 0.3
     filter: FilterParameters = field(default_factory=FilterParameters)
 
-    def lattice(self, *, contact: bool = True, transport: bool = True) -> Lattice:
+    def lattice(
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
+    ) -> Lattice:
         """The lattice over what the wrench can carry.
 
-        Without contact the force is not looked at, and what remains is whether the arm moves.
+        Without contact the force is not looked at, and what remains is whether the arm moves. bias_n [N]:
+        scale of what free space may read.
         """
         kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         if not contact:
@@ -55,13 +60,16 @@ class Preset:
                 Kind("steady", "steady", "free", ("still",)),
             )
         used = {channel for kind in kinds for channel in kind.channels}
-        channels = {name: model for name, model in self.channels().items() if name in used}
+        channels = {name: model for name, model in self.channels(bias_n).items() if name in used}
         return Lattice(channels, kinds, "maximum" if self.maximum else "mixture", self.tempering)
 
-    def online(self, *, contact: bool = True, transport: bool = True) -> OnlineFilter:
-        """A filter at its beginning."""
+    def online(
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
+    ) -> OnlineFilter:
+        """A filter at its beginning; arguments as for `lattice`."""
         hazard = Geometric(self.mean_segment_s * SEGMENTATION_HZ)
-        return OnlineFilter(self.lattice(contact=contact, transport=transport), hazard, self.filter)
+        lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
+        return OnlineFilter(lattice, hazard, self.filter)
 
 
 def thesis_motion_library() -> ProfileLibrary:
@@ -75,7 +83,7 @@ def thesis_force_library() -> ProfileLibrary:
     return ProfileLibrary([first_order(float(np.exp(0.15 * i))) for i in range(21)], STEP_S)
 
 
-def _integrated_channels() -> Mapping[str, ChannelModel]:
+def _integrated_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     return {
         "moving": Profiled("position", thesis_motion_library(), Noise(1.0, 0.025), "maximum"),
         "still": Constant("position", Noise(1.0, 0.025)),
@@ -90,42 +98,52 @@ def correlation(time_s: float) -> float:
     return float(np.exp(-STEP_S / time_s))
 
 
-# What a person does wrong on the way stays for about one submovement; half the power of the force of a
-# guiding hand lies below 0.8 Hz, which is a time constant of 1/(2π 0.8 Hz).
-PATH_MEMORY_S = 0.5
-FORCE_MEMORY_S = 0.2
+# How long residuals stay alike: what a person does wrong on the way, or presses too much, he does for about
+# one submovement, and a sensor's bias wanders with the pose, that is with the movement.
+MEMORY_S = 0.5
 
 
 def human_motion_library() -> ProfileLibrary:
     """Minimum-jerk moves of 16 durations from 0.4 s to 5 s. Flash & Hogan 1985; real moves last 0.3–3.4 s."""
     moves = [minimum_jerk(float(duration)) for duration in np.geomspace(0.4, 5.0, 16)]
-    return ProfileLibrary(moves, STEP_S, correlation(PATH_MEMORY_S))
+    return ProfileLibrary(moves, STEP_S, correlation(MEMORY_S))
 
 
 def human_force_library() -> ProfileLibrary:
-    """First-order changes of force, from within a sample to about a second: contact rises within 0.1 s."""
-    changes = [first_order(float(rate)) for rate in np.geomspace(1.0, 40.0, 10)]
-    return ProfileLibrary(changes, STEP_S, correlation(FORCE_MEMORY_S))
+    """Changes of force: first order, as the thesis has them, and as smooth as a movement.
 
-
-def _default_channels() -> Mapping[str, ChannelModel]:
-    """Scales from what sensors and hands do, none from our scenarios.
-
-    A hand at rest keeps within 0.3–1 mm, a moving arm's wrench is uncertain by 0.1–1 N, both known to about
-    a quarter (nu0 = 10: the log scale has a deviation of 1/√(2 nu0)). A path leaves its profile by about
-    4 % of its length and a pressing hand its level by about a fifth, which says little about one movement
-    (nu0 = 2). A teacher reaches 0.2 m and presses with 10 N, give or take a factor of two.
+    From within a sample, as a contact rises, to some seconds, as a hand builds up force.
     """
-    path = Noise(nu0=2.0, floor=0.0007, share=0.04, joint=True, correlation=correlation(PATH_MEMORY_S))
-    rest = replace(path, nu0=10.0, share=0.0)
-    push = Noise(nu0=10.0, floor=0.5, share=0.2, joint=True, correlation=correlation(FORCE_MEMORY_S))
-    quiet = replace(push, share=0.0)
+    sudden = [first_order(float(rate)) for rate in np.geomspace(1.0, 40.0, 10)]
+    smooth = [minimum_jerk(float(duration)) for duration in np.geomspace(0.1, 3.0, 12)]
+    return ProfileLibrary([*sudden, *smooth], STEP_S, correlation(MEMORY_S))
+
+
+def _default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    """Scales from what sensors and hands do (statistics of real recordings), none from our scenarios.
+
+    A hand at rest keeps within 0.3–1 mm; a wrench is uncertain by 0.1–1 N while the arm moves; its bias
+    wanders by 2.3 N within a recording. A path leaves its profile by about 4 % of its length and a pressing
+    hand its level by about a fifth. How much it is in one segment is nearly unknown where a person acts
+    (nu0 = 2) and known to about a third where only sensor and hand tremble (nu0 = 5: the log scale has a
+    deviation of 1/√(2 nu0)). A teacher reaches 0.2 m and presses with 10 N, give or take a factor of two.
+    """
+    path = Noise(
+        nu0=5.0, floor=0.0007, shares=(0.01, 0.03, 0.1), joint=True, correlation=correlation(MEMORY_S)
+    )
+    rest = replace(path, shares=(0.0,))
+    push = Noise(nu0=2.0, floor=0.5, shares=(0.02, 0.06, 0.2), joint=True, correlation=correlation(MEMORY_S))
+    quiet = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))
+    beyond = 1.5 * bias_n  # a force that the bias does not explain
+    somewhere, some_force = Target(reach=0.2, least=0.005), Target(reach=10.0, least=beyond)
     return {
-        "moving": Profiled("position", human_motion_library(), path, origin="previous", reach=0.2),
+        "moving": Profiled("position", human_motion_library(), path, origin="previous", target=somewhere),
         "still": Constant("position", rest, origin="previous"),
-        "untouched": Biased(quiet, bias=1.5),
-        "pressed": Profiled("force", human_force_library(), push, origin="previous", reach=10.0),
-        "laden": Laden(quiet, bias=1.5),
+        "untouched": Biased(quiet, bias=bias_n),
+        "pressed": Profiled(
+            "force", human_force_library(), push, origin="previous", target=some_force, presence=beyond
+        ),
+        "laden": Laden(quiet, bias=bias_n),
         "empty": Held(0.03),
         "gripping": Held(0.5, change=0.05),
         "holding": Held(0.97),

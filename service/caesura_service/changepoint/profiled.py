@@ -25,6 +25,29 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Target:
+    """Prior of where a segment goes: normal about its start, but not so near zero that nothing explains it.
+
+    reach [unit]: standard deviation an axis; least [unit]: what rest or a sensor's bias comes to. The
+    density at z is that of the normal, times 1 − exp(−z²/2 least²), normalised: a movement is a
+    displacement that no resting hand makes, a contact a force that no bias accounts for.
+    """
+
+    reach: float
+    least: float
+
+    def log_density(self, start: Array, moved: Array) -> Array:
+        """(h,) of start + moved, both (h, 3) [unit]."""
+        start2, moved2, end2 = ((v**2).sum(axis=1) for v in (start, moved, start + moved))
+        both = self.reach**2 + self.least**2
+        left_out = (self.least**2 / both) ** (AXES / 2) * np.exp(-0.5 * start2 / both)
+        something = -np.expm1(-0.5 * end2 / self.least**2)
+        normal = normal_log_density(moved2, AXES, self.reach**2)
+        density: Array = normal + np.log(np.maximum(something, np.finfo(float).tiny)) - np.log1p(-left_out)
+        return density
+
+
+@dataclass(frozen=True)
 class Profiled:
     """The channel goes from where the segment starts to where it is now along one profile of a library.
 
@@ -35,9 +58,11 @@ class Profiled:
     is linear in the segment's length; SSR_k = Σy² − 2 y_n Σ y_j φ_k(j) + y_n² Σ φ_k(j)² needs only
     running sums. They are kept of whitened values, the target is not whitened.
 
-    `reach` [unit] is the scale of the target's prior: its density takes the place of that of the last
-    sample, which the target explains by construction, so that a movement is not chosen where nothing
-    moves. None leaves it out, as the thesis does.
+    `target` is the target's prior: its density takes the place of that of the last sample, which the
+    target explains by construction, so that a movement is not chosen where nothing moves. None leaves it
+    out, as the thesis does. `presence` [unit] weighs every sample by 1 − exp(−z²/2 presence²): a contact
+    is there all the time, and does not last on into free space because its release explains that too.
+    The weight is at most 1, so that a contact is never overrated.
     """
 
     channel: Channel
@@ -45,7 +70,8 @@ class Profiled:
     noise: Noise
     choice: Choice = "mixture"
     origin: Origin = "first"
-    reach: float | None = None
+    target: Target | None = None
+    presence: float = 0.0
 
     def __post_init__(self) -> None:
         if self.library.correlation != self.noise.correlation:
@@ -60,9 +86,9 @@ class Profiled:
         return int(self.origin == "previous")
 
     def empty(self) -> Rows:
-        """Rows: n, origin, y, Σy², Σyφ."""
+        """Rows: n, origin, y, Σy², Σyφ, Σ log presence."""
         vectors = [np.zeros((0, AXES)) for _ in range(3)]
-        return np.zeros(0, np.int64), *vectors, np.zeros((0, AXES, len(self.library)))
+        return np.zeros(0, np.int64), *vectors, np.zeros((0, AXES, len(self.library))), np.zeros(0)
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
@@ -73,11 +99,18 @@ class Profiled:
         fresh = self.noise.fresh(y, before, n, self.origin)
         phi = self.library.values(n + self._offset)
         moments = append(rows[4], np.zeros(rows[4].shape[1:])) + fresh[:, :, None] * phi[:, None, :]
-        return n + 1, start, y, squares + fresh**2, moments
+        present = append(rows[5], 0.0) + self._log_presence(z)
+        return n + 1, start, y, squares + fresh**2, moments, present
+
+    def _log_presence(self, z: Array) -> float:
+        if not self.presence:
+            return 0.0
+        beyond = -np.expm1(-0.5 * float(z @ z) / self.presence**2)
+        return float(np.log(max(beyond, np.finfo(float).tiny)))
 
     def residuals(self, rows: Rows) -> Array:
         """(h, 3, profiles) sum of squared residuals [unit²] under each profile."""
-        n, _, y, squares, moments = rows
+        n, _, y, squares, moments, _ = rows
         norms = self.library.sums_of_squares(n - 1 + self._offset)[:, None, :]
         y, squares = y[:, :, None], squares[:, :, None]
         return np.maximum(squares - 2.0 * y * moments + y**2 * norms, 0.0)
@@ -87,7 +120,7 @@ class Profiled:
         n, start, y = rows[:3]
         moved2 = (y**2).sum(axis=1)
         level2 = (start**2).sum(axis=1) if self.channel == "force" else 0.0
-        explained = 0 if self.reach is None else 1
+        explained = 0 if self.target is None else 1
         each = self.noise.log_evidence(
             n - explained,
             self.residuals(rows),
@@ -95,10 +128,11 @@ class Profiled:
             whitened=n - 1 + self._offset - explained,
         )
         best = each.max(axis=-1) if self.choice == "maximum" else log_mean_exp(each)
-        total: Array = best.sum(axis=1)
-        if self.reach is not None:
-            total = total + normal_log_density(moved2, AXES, self.reach**2)
-        return total
+        total: Array = best.sum(axis=1) + rows[5]
+        if self.target is None:
+            return total
+        given = start if self.channel == "force" else np.zeros_like(start)
+        return total + self.target.log_density(given, y)
 
 
 def origin_of(origin: Origin, rows: Rows, z: Array) -> Array:

@@ -161,10 +161,9 @@ def _carries(group: _Group) -> Iterable[App]:
     load: dict[str, object] = {}
     if weighed:
         seconds = [step.seconds for step in weighed]
-        load["load_kg"] = float(np.average([step.segment.load_kg or 0.0 for step in weighed], weights=seconds))
-        load["load_sd_kg"] = float(
-            np.average([step.segment.load_sd_kg or 0.0 for step in weighed], weights=seconds)
-        )
+        loads = [(step.segment.load_kg, step.segment.load_sd_kg) for step in weighed]
+        kg, sd_kg = np.average(np.array(loads, float), axis=0, weights=seconds).tolist()
+        load = {"load_kg": kg, "load_sd_kg": sd_kg}
     for step in group.steps:
         yield group.app("transport" if step.segment.kind == "transport" else "hold", [step], **load)
 

@@ -60,7 +60,7 @@ class History:
         return x, y, z
 
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
-        """Mean [N] and variance [N²] of the vertical force over observations start to end, end not included."""
+        """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
         before = self._rows[start - 1, _SUM : _SUM2 + 1] if start else np.zeros(2)
         mean, mean2 = (self._rows[end - 1, _SUM : _SUM2 + 1] - before) / (end - start)
         return float(mean), max(float(mean2 - mean * mean), 0.0)

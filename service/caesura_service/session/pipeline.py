@@ -1,4 +1,4 @@
-"""The mathematics behind a session, end to end: sample → observation → evidence → posterior → segment → app."""
+"""The mathematics behind a session: sample → observation → evidence → posterior → segment → app."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.presets import PRESETS, TARED_BIAS_N, UNTARED_BIAS_N, Preset
 from caesura_service.changepoint.segments import Stretch, stretches
 from caesura_service.program import Grip, Step, task_program
 from caesura_service.robot import load_panda
@@ -22,7 +23,7 @@ EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
-    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that do not work."""
+    """The pipeline of a session. Raises ProtocolError `malformed` for an unknown preset or unusable columns."""
     name = opening.preset or default_preset
     if name not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
@@ -49,9 +50,7 @@ class SegmentationPipeline:
         self._preset = preset
         self._source = WRENCH_SOURCES[layout.wrench_source]
         self._conditioner = Conditioner(layout)
-        self._online = preset.online(
-            contact=self._source.contact_models, transport=self._source.transport_models
-        )
+        self._online = self._filter(TARED_BIAS_N)
         self._history = History()
         self._gaps: list[Gap] = []
         self._grips: list[Grip] = []
@@ -67,7 +66,7 @@ class SegmentationPipeline:
         return self._view
 
     def push(self, samples: NDArray[np.float64]) -> None:
-        """Take the next samples. Raises ValueError for samples that cannot be right, and has not changed then."""
+        """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
         self._take(self._conditioner.push(samples))
 
     def declare_gap(self) -> None:
@@ -85,10 +84,18 @@ class SegmentationPipeline:
             self._gaps.append(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
             self._lost = False
         self._grips += [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        if conditioned.observations and not self._online.count and self._conditioner.tare is None:
+            self._online = self._filter(UNTARED_BIAS_N)
         for observation in conditioned.observations:
             self._history.append(observation)
             self._online.step(_observed(observation), boundary=observation.after_gap)
         self._view = self._look()
+
+    def _filter(self, bias_n: float) -> OnlineFilter:
+        source = self._source
+        return self._preset.online(
+            contact=source.contact_models, transport=source.transport_models, bias_n=bias_n
+        )
 
     def _look(self) -> View:
         parts = self._parts()

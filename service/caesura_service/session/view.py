@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from caesura_protocol.messages import App, Changepoint, Gap, Segment, WrenchReport
 from numpy.typing import NDArray
+
+from caesura_protocol.messages import App, Changepoint, Gap, Segment, WrenchReport
 
 
 @dataclass(frozen=True)

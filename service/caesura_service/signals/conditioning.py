@@ -37,7 +37,7 @@ class ConditioningParameters:
     segmentation_hz: float = 10.0  # divides grid_hz
     gap_limit_s: float = 0.25  # a longer hole between samples is a gap, a shorter one is interpolated
     tare_window_s: float = 0.4  # from the first sample on
-    rest_speed_limit_m_per_s: float = 0.01
+    rest_speed_limit_m_per_s: float = 0.05
     rest_force_scatter_limit_n: float = 0.5  # standard deviation on the worst axis
     gripper: GripperParameters = field(default_factory=GripperParameters)
 

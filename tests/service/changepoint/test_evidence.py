@@ -1,0 +1,229 @@
+"""Evidence against quadrature, direct sums and known densities."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
+from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
+from caesura_service.changepoint.presets import PRESETS, thesis_force_library, thesis_motion_library
+from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk, overdamped, whiten
+
+
+def rows_after(model: ChannelModel, data: np.ndarray, channel: str = "position") -> Rows:
+    """All hypotheses after some values (n, 3) in one channel."""
+    rows = model.empty()
+    for value in data:
+        position, force = (value, np.zeros(3)) if channel == "position" else (np.zeros(3), value)
+        rows = model.extend(rows, Observed(position, force))
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("n", "ssr", "nu0", "scale2"), [(1, 0.0, 1.0, 0.25), (5, 2.0, 1.0, 0.5), (9, 0.3, 10.0, 1.5)]
+)
+def test_known_mean_evidence_is_the_integral_over_the_variance(
+    n: int, ssr: float, nu0: float, scale2: float
+) -> None:
+    def integrand(log_variance: float) -> float:
+        variance = np.exp(log_variance)
+        likelihood = (2 * np.pi * variance) ** (-n / 2) * np.exp(-ssr / (2 * variance))
+        return likelihood * stats.invgamma.pdf(variance, nu0 / 2, scale=nu0 * scale2 / 2) * variance
+
+    expected, _ = integrate.quad(integrand, -40, 60, limit=500)
+    assert known_mean_log_evidence(n, ssr, nu0, scale2) == pytest.approx(np.log(expected), abs=1e-6)
+
+
+def test_known_mean_evidence_is_the_product_of_its_predictives() -> None:
+    values = np.random.default_rng(0).normal(0, 0.7, 12)
+    nu0, scale2 = 3.0, 0.4
+    total, ssr = 0.0, 0.0
+    for i, value in enumerate(values):
+        scale = np.sqrt((nu0 * scale2 + ssr) / (nu0 + i))
+        total += stats.t.logpdf(value, nu0 + i, 0.0, scale)
+        ssr += value**2
+    assert known_mean_log_evidence(values.size, ssr, nu0, scale2) == pytest.approx(total, abs=1e-10)
+
+
+def test_log_sums_do_not_overflow_and_know_nothing_from_nothing() -> None:
+    assert log_sum_exp(np.array([-1000.0, -1000.0])) == pytest.approx(-1000.0 + np.log(2.0))
+    assert log_mean_exp(np.array([700.0, 700.0])) == pytest.approx(700.0)
+    assert log_sum_exp(np.array([-np.inf, -np.inf])) == -np.inf
+
+
+@pytest.mark.parametrize("origin", ["previous", "first", "zero"])
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_recursive_sums_of_a_profiled_channel_equal_the_direct_ones(origin: str, correlation: float) -> None:
+    rng = np.random.default_rng(1)
+    data = np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0) + [0.4, -0.3, 0.2]
+    profiles = [overdamped(8.0, 32.5), minimum_jerk(1.3), minimum_jerk(0.4)]
+    model = Profiled(
+        "position",
+        ProfileLibrary(profiles, 0.1, correlation),
+        Noise(1.0, 0.01, correlation=correlation),
+        origin=origin,
+    )  # type: ignore[arg-type]
+    got = model.residuals(rows_after(model, data))
+    for start in range(len(data)):
+        offset = int(origin == "previous")
+        begin = {"previous": data[max(start - 1, 0)], "first": data[start], "zero": np.zeros(3)}[origin]
+        y = data[start:] - begin
+        t = 0.1 * (np.arange(len(y)) + offset)
+        for k, profile in enumerate(profiles):
+            residual = y - y[-1] * profile(t)[:, None]
+            before = np.vstack([np.zeros(3), residual[:-1]])
+            fresh = whiten(residual, before, correlation)
+            if origin != "previous":
+                fresh[0] = residual[0]
+            np.testing.assert_allclose(got[start, :, k], (fresh**2).sum(axis=0), atol=1e-9)
+
+
+def test_sums_stay_good_far_from_the_origin_and_after_a_long_time() -> None:
+    rng = np.random.default_rng(2)
+    data = 1000.0 + rng.normal(0, 1e-3, (3000, 3))
+    model = Profiled("position", thesis_motion_library(), Noise(1.0, 0.025))
+    rows = model.empty()
+    for value in data:
+        rows = select(model.extend(rows, Observed(value, np.zeros(3))), np.array([0]))
+    y = data - data[0]
+    phi = np.column_stack([p(0.1 * np.arange(len(y))) for p in model.library.profiles])
+    direct = ((y[:, :, None] - y[-1][None, :, None] * phi[:, None, :]) ** 2).sum(axis=0)
+    np.testing.assert_allclose(model.residuals(rows)[0], direct, atol=1e-9)
+
+
+def test_correlated_residuals_have_the_density_of_an_autoregression() -> None:
+    rng = np.random.default_rng(3)
+    data = rng.normal(0, 0.5, (6, 3))
+    correlation, floor = 0.7, 0.4
+    model = Constant("force", Noise(1e9, floor, correlation=correlation), origin="zero")
+    covariance = floor**2 * correlation ** np.abs(np.subtract.outer(np.arange(6), np.arange(6)))
+    expected = sum(
+        stats.multivariate_normal.logpdf(data[:, axis], np.zeros(6), covariance) for axis in range(3)
+    )
+    assert model.log_evidence(rows_after(model, data, "force"))[0] == pytest.approx(expected, abs=1e-4)
+
+
+def test_free_space_integrates_its_bias_out() -> None:
+    rng = np.random.default_rng(4)
+    data = rng.normal([0.8, -1.0, 2.0], 0.3, (7, 3))
+    floor, bias = 0.3, 1.5
+    model = Biased(Noise(1e9, floor, joint=True), bias=bias)
+    covariance = floor**2 * np.eye(7) + bias**2
+    expected = sum(
+        stats.multivariate_normal.logpdf(data[:, axis], np.zeros(7), covariance) for axis in range(3)
+    )
+    assert model.log_evidence(rows_after(model, data, "force"))[0] == pytest.approx(expected, abs=1e-4)
+
+
+def test_free_space_with_correlated_noise_integrates_its_bias_out() -> None:
+    data = np.random.default_rng(5).normal(0, 0.3, (6, 3))
+    floor, bias, correlation = 0.3, 1.5, 0.8
+    model = Biased(Noise(1e9, floor, joint=True, correlation=correlation), bias=bias)
+    lag = np.abs(np.subtract.outer(np.arange(6), np.arange(6)))
+    covariance = floor**2 * correlation**lag + bias**2
+    expected = sum(
+        stats.multivariate_normal.logpdf(data[:, axis], np.zeros(6), covariance) for axis in range(3)
+    )
+    assert model.log_evidence(rows_after(model, data, "force"))[0] == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_load_has_a_density_that_integrates_to_one() -> None:
+    model = Laden(Noise(2.0, 0.3, joint=True), bias=1.5)
+    down = np.linspace(-60, 60, 120_001)
+    mean = np.column_stack([np.zeros_like(down), np.zeros_like(down), down])
+    variance = np.full((down.size, 1), 0.01)
+    sideways = 2 * stats.norm.logpdf(0.0, 0.0, np.sqrt(1.5**2 + 0.01))
+    density = np.exp(model.mean_log_density(mean, variance) - sideways)
+    assert integrate.trapezoid(density, down) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_target_of_a_movement_has_a_density_that_integrates_to_one() -> None:
+    target = Target(reach=2.0, least=1.0)
+    axis = np.linspace(-14, 14, 113)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    for start in (np.zeros(3), np.array([1.0, 0.0, -0.5])):
+        density = np.exp(target.log_density(np.broadcast_to(start, grid.shape), grid))
+        assert density.sum() * (axis[1] - axis[0]) ** 3 == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_the_gripper_holds_is_a_probability_over_all_sequences() -> None:
+    model = Held(0.2, change=0.1)
+    total = 0.0
+    for code in range(2**5):
+        rows = model.empty()
+        for bit in range(5):
+            rows = model.extend(rows, Observed(np.zeros(3), np.zeros(3), float(code >> bit & 1)))
+        total += float(np.exp(model.log_evidence(rows)[0]))
+    assert total == pytest.approx(1.0, abs=1e-12)
+
+
+def test_an_unknown_gripper_says_nothing() -> None:
+    rows = Held(0.2).extend(Held(0.2).empty(), Observed(np.zeros(3), np.zeros(3)))
+    assert Held(0.2).log_evidence(rows).tolist() == [0.0]
+
+
+def test_a_load_is_told_from_the_weight_and_has_a_least() -> None:
+    model = Carried(Noise(1.0, 0.5), least_kg=0.2)
+    heavy = rows_after(model, np.tile([0.0, 0.0, -0.5 * 9.81], (10, 1)), "force")
+    none = rows_after(model, np.zeros((10, 3)), "force")
+    assert model.log_evidence(heavy)[0] > model.log_evidence(none)[0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_pooled_axes_turn_with_the_base_frame(share: float) -> None:
+    rng = np.random.default_rng(6)
+    data = np.cumsum(rng.normal(0, 0.02, (15, 3)), axis=0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    noise = Noise(2.0, 0.001, shares=(share,), joint=True, correlation=0.8)
+    library = ProfileLibrary([minimum_jerk(0.7), minimum_jerk(1.5)], 0.1, 0.8)
+    model = Profiled("position", library, noise, origin="previous", target=Target(0.2, 0.005))
+    straight = model.log_evidence(rows_after(model, data))
+    turned = model.log_evidence(rows_after(model, data @ turn.T))
+    np.testing.assert_allclose(turned, straight, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_rows_are_pure_and_the_work_for_old_hypotheses_does_not_depend_on_new_ones(name: str) -> None:
+    rng = np.random.default_rng(7)
+    for model in PRESETS[name].channels(1.5).values():
+        rows = model.empty()
+        for i in range(12):
+            observed = Observed(rng.normal(0, 0.01, 3), rng.normal(0, 1.0, 3), float(i > 6))
+            frozen = [array.copy() for array in rows]
+            extended = model.extend(rows, observed)
+            for before, after in zip(frozen, rows, strict=True):
+                np.testing.assert_array_equal(before, after)
+            kept = model.extend(select(rows, np.arange(len(rows[0])) % 2 == 0), observed)
+            every_other = [*range(0, i, 2), i]
+            np.testing.assert_allclose(
+                model.log_evidence(kept), model.log_evidence(extended)[every_other], atol=1e-10
+            )
+            rows = extended
+
+
+def test_profiles_begin_at_zero_and_settle_at_one() -> None:
+    late = np.array([0.0, 500.0])
+    for profile in (*thesis_motion_library().profiles, *thesis_force_library().profiles, minimum_jerk(1.0)):
+        np.testing.assert_allclose(profile(late), [0.0, 1.0], atol=1e-6)
+
+
+def test_an_overdamped_response_obeys_its_equation_of_motion() -> None:
+    stiffness, damping, t, h = 12.0, 32.5, np.linspace(0.05, 2.0, 9), 1e-4
+    x = overdamped(stiffness, damping)
+    velocity = (x(t + h) - x(t - h)) / (2 * h)
+    acceleration = (x(t + h) - 2 * x(t) + x(t - h)) / h**2
+    np.testing.assert_allclose(acceleration + damping * velocity + stiffness * x(t), stiffness, atol=1e-4)
+
+
+def test_a_profile_that_is_not_overdamped_is_refused() -> None:
+    with pytest.raises(ValueError, match="not overdamped"):
+        overdamped(30.0, 10.0)
+
+
+def test_a_library_whitened_for_another_correlation_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"correlation 0\.5"):
+        Profiled("position", ProfileLibrary([minimum_jerk(1.0)], 0.1, 0.5), Noise(1.0, 0.1, correlation=0.8))

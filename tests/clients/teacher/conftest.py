@@ -25,6 +25,11 @@ def nominal(request: pytest.FixtureRequest) -> Demonstration:
 
 
 @pytest.fixture(scope="session")
+def demonstrations() -> list[Demonstration]:
+    return [nominal_once(name) for name in SCENARIOS]
+
+
+@pytest.fixture(scope="session")
 def pick_and_place() -> Demonstration:
     return nominal_once("pick_and_place")
 

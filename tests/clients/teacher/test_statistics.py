@@ -11,11 +11,10 @@ from caesura_service.robot import Robot
 
 
 @pytest.fixture(scope="module")
-def figures(robot: Robot) -> dict[str, list[float]]:
-    """Figures of a few people in a few scenarios."""
+def figures(demonstrations: list[Demonstration]) -> dict[str, list[float]]:
+    """Figures of the thesis' person in every scenario together."""
     together: dict[str, list[float]] = {}
-    for scenario, seed in [("three_point", 2), ("button", 4), ("wiping", 7)]:
-        demonstration = teach(scenario, seed=seed, robot=robot)
+    for demonstration in demonstrations:
         for name, values in measure(demonstration.recording, demonstration.truth).items():
             together.setdefault(name, []).extend(values)
     return together
@@ -50,7 +49,7 @@ def test_medians_are_like_real_ones(
 
 
 def test_a_hand_in_the_wrench_has_most_power_below_a_few_hertz(robot: Robot) -> None:
-    demonstration = teach("three_point", seed=1, wrench_source="flange_sensor_with_hand", robot=robot)
+    demonstration = teach("three_point", wrench_source="flange_sensor_with_hand", robot=robot)
     found = measure(demonstration.recording, demonstration.truth)
     assert found["half_power"][0] < 0.8
     assert found["power_90"][0] < 5.5

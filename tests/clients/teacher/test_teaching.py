@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from caesura_clients.bridge.teacher.guiding import GRAVITY
 from caesura_clients.bridge.teacher.person import THESIS, draw_person
 from caesura_clients.bridge.teacher.scenarios import PICK_AND_PLACE, SCENARIOS, Scenario, Step
 from caesura_clients.bridge.teacher.teaching import Demonstration, Teaching, teach
+from caesura_clients.recording import load_recording
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
 from caesura_service.robot import Robot
 
@@ -27,6 +29,7 @@ LIFT = Scenario(
 SHORT = Scenario(
     "short", "one move", (0.4, 0.0, 0.3), (Step("dwell", 0.3), Step("move", 1.3, (0.4, 0.1, 0.3)))
 )
+DATA = Path(__file__).parents[3] / "data"
 CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding"}
 
 
@@ -175,3 +178,14 @@ def test_misuse_is_named() -> None:
         Teaching("button", rate_hz=5000.0)
     with pytest.raises(RuntimeError, match="read all chunks first"):
         Teaching("button").truth()
+
+
+def test_the_recordings_in_the_repository_are_what_the_teacher_makes(nominal: Demonstration) -> None:
+    # Rounding differs between machines and grows in contact, so the signals agree to a fraction of a step.
+    name = nominal.truth["scenario"]
+    stored = load_recording(DATA / f"{name}.npz")
+    assert_array_equal(stored.t, nominal.recording.t)
+    assert_allclose(stored.signals["pos"], nominal.recording.signals["pos"], atol=1e-4)
+    assert_allclose(stored.signals["force"], nominal.recording.signals["force"], atol=0.5)
+    truth = json.loads((DATA / f"{name}.ann.json").read_text(encoding="utf-8"))
+    assert [m["kind"] for m in truth["changepoints"]] == [m["kind"] for m in nominal.truth["changepoints"]]

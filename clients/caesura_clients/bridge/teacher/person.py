@@ -31,6 +31,7 @@ class Person:
     damping_ns_per_m: float = 90.0
     tremor_n: float = 0.12  # 8 to 12 Hz
     wander_n: float = 0.4  # slow change of the hand's force
+    unrest_n: float = 0.7  # quick changes of the hand's force while it moves
     deviation: float = 0.015  # by which a path leaves its profile, as a share of its length
     scatter: float = 0.005  # of a movement's end, as a share of its length
     irregularity: float = 0.0  # of times and forces from one step to the next, relative
@@ -62,6 +63,7 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
         damping_ns_per_m=rng.uniform(70.0, 120.0),
         tremor_n=rng.uniform(0.08, 0.3),
         wander_n=rng.uniform(0.3, 0.9),
+        unrest_n=rng.uniform(0.5, 2.0),
         deviation=rng.uniform(0.01, 0.04),
         scatter=rng.uniform(0.005, 0.02),
         irregularity=rng.uniform(0.03, 0.12),
@@ -72,6 +74,6 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
         force_noise_n=np.exp(rng.uniform(np.log(0.02), np.log(0.2))),
         motion_noise_n=rng.uniform(0.1, 0.6),
         bias_n=rng.uniform(1.0, 5.0),
-        bias_wander_n=rng.lognormal(np.log(0.6), 0.5),
+        bias_wander_n=rng.lognormal(np.log(0.9), 0.5),
         impact_m=rng.uniform(0.008, 0.03),
     )

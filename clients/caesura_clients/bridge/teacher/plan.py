@@ -23,7 +23,7 @@ TICKS_PER_S = 1000
 DT = 1.0 / TICKS_PER_S  # [s]
 FINGER_TRAVEL_S = 0.56
 WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
-PASSING_OVERLAP = 0.35  # of a stroke's duration, into the next
+PASSING_OVERLAP = 0.13  # of a stroke's duration, by which it and the next reach into each other
 LET_GO_S = 0.3  # in which a force is let go when the hand leaves
 PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
 MUSCLE_S = 0.03  # a hand's own smoothing of what it means to do
@@ -31,7 +31,8 @@ PRELOAD_LEAD_S = 0.16
 CREEP_M_PER_S = 0.005  # intended speed at which the hand fully overcomes the arm's friction
 FELT_MASS_KG, FELT_DAMPING_NS_PER_M = 8.0, 20.0  # what a person expects of the guided arm
 FEED_FORWARD_LIMIT_N = 20.0
-TREMOR_HZ = (8.0, 12.0)
+TREMOR_HZ, UNREST_HZ = (8.0, 12.0), (1.5, 6.0)
+FULL_UNREST_M_PER_S = 0.1
 WANDER_S = 0.8
 TURN_WANDER_NM = 0.05
 LATERAL_PRESS_SHARE = 0.07  # nobody presses exactly along the normal
@@ -75,9 +76,7 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
     pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
-    force = (
-        pushed + _feed_forward(velocity, person) + _tremor(n, person, rng) + _wander(n, rng) * person.wander_n
-    )
+    force = pushed + _feed_forward(velocity, person) + _unsteadiness(velocity, person, rng)
     width, held = _gripper(
         t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
     )
@@ -92,6 +91,7 @@ class _Planner:
     def __init__(self, scenario: Scenario, person: Person, rng: np.random.Generator) -> None:
         self.scenario, self.person, self.rng = scenario, person, rng
         self.now = 0.0  # [s]
+        self.lead = 0.0  # [s] by which the next step begins early, because the last one does not stop
         self.place = np.array(scenario.start)  # [m] where the strokes so far lead
         self.push = np.zeros(3)  # [N] what the hand adds to holding its place
         self.press = 0.0  # [N] what it means the surface to feel
@@ -104,8 +104,10 @@ class _Planner:
 
     def add(self, step: Step, duration: float) -> None:
         """Append a step that takes a duration [s]."""
-        getattr(self, f"_{step.kind}")(step, duration)
-        self.now += duration
+        self.now -= self.lead
+        getattr(self, f"_{step.kind}")(step, duration + self.lead)
+        self.now += self.lead + duration
+        self.lead = PASSING_OVERLAP * duration if step.passing else 0.0
 
     def _move(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
@@ -222,12 +224,21 @@ def _feed_forward(velocity: Array, person: Person) -> Array:
     )
 
 
-def _tremor(n: int, person: Person, rng: np.random.Generator) -> Array:
-    """Physiological tremor of the hand [N], (n, 3), a narrow band of noise."""
-    band = butter(2, TREMOR_HZ, btype="bandpass", fs=1.0 / DT, output="sos")
-    shake: Array = sosfilt(band, rng.normal(size=(n, 3)), axis=0)
-    shake *= person.tremor_n / np.sqrt(2.0 * DT * (TREMOR_HZ[1] - TREMOR_HZ[0]))
-    return shake
+def _unsteadiness(velocity: Array, person: Person, rng: np.random.Generator) -> Array:
+    """Force of the hand that it does not mean [N], (n, 3): tremor, slow wander, and unrest while it moves."""
+    n = len(velocity)
+    moving = np.minimum(1.0, np.linalg.norm(velocity, axis=1, keepdims=True) / FULL_UNREST_M_PER_S)
+    unrest = person.unrest_n * moving * _band(n, UNREST_HZ, rng)
+    force: Array = person.tremor_n * _band(n, TREMOR_HZ, rng) + person.wander_n * _wander(n, rng) + unrest
+    return force
+
+
+def _band(n: int, hertz: tuple[float, float], rng: np.random.Generator) -> Array:
+    """Noise of unit variance in a band of frequencies, (n, 3)."""
+    band = butter(2, hertz, btype="bandpass", fs=float(TICKS_PER_S), output="sos")
+    noise: Array = sosfilt(band, rng.normal(size=(n, 3)), axis=0)
+    noise /= np.sqrt(2.0 * DT * (hertz[1] - hertz[0]))
+    return noise
 
 
 def _wander(n: int, rng: np.random.Generator) -> Array:

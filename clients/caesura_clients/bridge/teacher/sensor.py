@@ -24,7 +24,7 @@ POSITION_STEP, ANGLE_STEP, FORCE_STEP, TORQUE_STEP = 2.0**-20, 2.0**-20, 2.0**-1
 
 HAND_KG = 0.76  # gripper below the sensor
 TORQUE_NOISE_M = 0.03  # noise of a moment per noise of a force
-REACH_M = 1.0  # joint noise per position noise
+REACH_M = 0.8  # joint noise per position noise
 MOTION_NOISE_HZ = 15.0
 FULL_MOTION_M_PER_S = 0.1  # speed from which motion noise is at its full size
 WANDER_REACH_M = 0.15  # change of position over which the bias wanders by its nominal size

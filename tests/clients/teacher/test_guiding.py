@@ -9,11 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from caesura_clients.bridge.teacher.guiding import (
-    CARTESIAN_DAMPING,
+    DAMPING,
     FRICTION_NM,
     JOINT_DAMPING,
     STICK_RAD_PER_S,
-    TURN_DAMPING,
     Guiding,
     Trace,
     start_posture,
@@ -61,8 +60,7 @@ def test_each_step_obeys_the_robots_forward_dynamics(robot: Robot) -> None:
     trace = Guiding(robot, make_plan(SCENARIOS["dispenser"], THESIS, np.random.default_rng(0))).run(3200)
     for k in range(0, 3100, 97):
         q, v, ahead = trace.q[k], trace.v[k], trace.v[k + 1]
-        damping = np.array([CARTESIAN_DAMPING] * 3 + [TURN_DAMPING] * 3) * trace.twist[k]
-        wrench = trace.hand[k] + trace.environment[k] - damping
+        wrench = trace.hand[k] + trace.environment[k] - DAMPING * trace.twist[k]
         resist = (FRICTION_NM / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING) * ahead
         torques = robot.nonlinear_torques(q, v) + robot.joint_torques_of_wrench(q, wrench) - resist
         assert_allclose((ahead - v) / DT, robot.forward_dynamics(q, v, torques), atol=1e-6)

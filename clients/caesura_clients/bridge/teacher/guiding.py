@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_clients.bridge.teacher.contact import Touch
-from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
-from caesura_service.robot import Robot
+from caesura_service.robot import HandDynamics, Robot
 
 GRAVITY = 9.81
-CARTESIAN_DAMPING = 20.0  # [Ns/m] of the guiding controller
-TURN_DAMPING = 1.5  # [Nms/rad]
+FALL = np.array([0.0, 0.0, -GRAVITY])
+DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
 FRICTION_NM = np.array([0.7, 0.7, 0.7, 0.7, 0.3, 0.3, 0.3])
 STICK_RAD_PER_S = 2e-4  # below it friction acts like a very stiff damper
@@ -83,7 +83,7 @@ class Guiding:
             self._step(tick, row)
         self._tick = last
         q, v, twist, environment, hand, contact = np.split(rows, [7, 14, 20, 26, 32], axis=1)
-        t = np.arange(first, last) / float(TICKS_PER_S)
+        t = np.arange(first, last) / TICKS_PER_S
         width, load_kg = self._plan.width[first:last], self._plan.load_kg[first:last]
         return Trace(t, q, v, twist, environment, hand, contact, width, load_kg)
 
@@ -92,41 +92,39 @@ class Guiding:
         arm = self._robot.hand_dynamics(self._q)
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
-        hand = self._hand_wrench(tick, arm.position_base, arm.rotation_base, twist)
-        vx, vy, vz, wx, wy, wz = twist.tolist()
-        lx, ly, lz = lever.tolist()
-        tip_velocity = (vx + wy * lz - wz * ly, vy + wz * lx - wx * lz, vz + wx * ly - wy * lx)
-        contact = self._touch.force((arm.position_base + lever).tolist(), tip_velocity, DT)
-        load = float(self._plan.load_kg[tick])
-        self._feel(tick, load, contact[2])
-        given = hand + _wrench_at_flange(contact, -GRAVITY * load, (lx, ly, lz))
-        given[:3] -= CARTESIAN_DAMPING * twist[:3]
-        given[3:] -= TURN_DAMPING * twist[3:]
-        mass, jacobian = arm.mass_matrix, arm.jacobian
-        if load > 0.0:
-            at_tip = jacobian[:3] - _cross(lx, ly, lz) @ jacobian[3:]
-            mass = mass + load * at_tip.T @ at_tip
-        resist = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
-        change = np.linalg.solve(mass + DT * np.diag(resist), DT * (jacobian.T @ given - resist * self._v))
-        pull = (0.0, 0.0, -GRAVITY * load)
-        if load > 0.0:
-            ax, ay, az = (load / DT * (at_tip @ change)).tolist()
-            pull = (-ax, -ay, -az - GRAVITY * load)
-        carried = (contact[0] + pull[0], contact[1] + pull[1], contact[2] + pull[2])
+        hand = self._hand_wrench(tick, arm, twist)
+        contact = np.array(self._touch.force(*_tip_motion(arm.position_base, twist, lever), DT))
+        load_kg = float(self._plan.load_kg[tick])
+        self._feel(tick, load_kg, float(contact[2]))
+        outside = contact + load_kg * FALL
+        given = hand + _at_flange(outside, lever) - DAMPING * twist
+        change = self._velocity_change(arm, given, load_kg, lever)
+        if load_kg > 0.0:
+            outside = outside - load_kg / DT * (_tip_jacobian(arm.jacobian, lever) @ change)
         row[:7], row[7:14], row[14:20] = self._q, self._v, twist
-        row[20:26] = _wrench_at_flange(carried, 0.0, (lx, ly, lz))
-        row[26:32], row[32:] = hand, contact
+        row[20:26], row[26:32], row[32:] = _at_flange(outside, lever), hand, contact
         self._v = self._v + change
         self._q = self._q + DT * self._v
 
-    def _hand_wrench(self, tick: int, position: Array, rotation: Array, twist: Array) -> Array:
+    def _velocity_change(self, arm: HandDynamics, given: Array, load_kg: float, lever: Array) -> Array:
+        """Change of joint velocity (7,) in one tick under a wrench at the flange; a load adds its mass."""
+        mass = arm.mass_matrix
+        if load_kg > 0.0:
+            at_tip = _tip_jacobian(arm.jacobian, lever)
+            mass = mass + load_kg * at_tip.T @ at_tip
+        resist = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
+        push = DT * (arm.jacobian.T @ given - resist * self._v)
+        change: Array = np.linalg.solve(mass + DT * np.diag(resist), push)
+        return change
+
+    def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""
         plan, person = self._plan, self._plan.person
         wrench = np.empty(6)
-        wrench[:3] = person.stiffness_n_per_m * (plan.position[tick] - position)
+        wrench[:3] = person.stiffness_n_per_m * (plan.position[tick] - arm.position_base)
         wrench[:3] += person.damping_ns_per_m * (plan.velocity[tick] - twist[:3]) + plan.force[tick]
         wrench[2] += self._weight_n - self._press_n
-        turn = self._orientation @ rotation.T
+        turn = self._orientation @ arm.rotation_base.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
         wrench[3:] = HAND_TURN_STIFFNESS * error - HAND_TURN_DAMPING * twist[3:] + plan.torque[tick]
         return wrench
@@ -154,13 +152,24 @@ def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[A
     return q, robot.hand_dynamics(q).rotation_base
 
 
-def _wrench_at_flange(
-    force: tuple[float, float, float], more_z: float, lever: tuple[float, float, float]
-) -> Array:
-    fx, fy, fz = force[0], force[1], force[2] + more_z
-    lx, ly, lz = lever
+def _tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:
+    """Position and velocity of the fingertips, as plain numbers: faster than arrays of three."""
+    vx, vy, vz, wx, wy, wz = twist.tolist()
+    lx, ly, lz = lever.tolist()
+    velocity = (vx + wy * lz - wz * ly, vy + wz * lx - wx * lz, vz + wx * ly - wy * lx)
+    return (position + lever).tolist(), velocity
+
+
+def _at_flange(force: Array, lever: Array) -> Array:
+    """Wrench (6,) at the flange of a force (3,) at the end of a lever (3,)."""
+    fx, fy, fz = force.tolist()
+    lx, ly, lz = lever.tolist()
     return np.array([fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx])
 
 
-def _cross(x: float, y: float, z: float) -> Array:
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def _tip_jacobian(jacobian: Array, lever: Array) -> Array:
+    """Velocity of the fingertips per joint velocity, (3, 7)."""
+    x, y, z = lever.tolist()
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    at_tip: Array = jacobian[:3] - cross @ jacobian[3:]
+    return at_tip

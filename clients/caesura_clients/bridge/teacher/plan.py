@@ -6,20 +6,21 @@ demonstration is the same however it is cut into chunks. What comes of it, the s
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
-from scipy.signal import butter, sosfilt
 
 from caesura_clients.bridge.teacher.contact import Surface
 from caesura_clients.bridge.teacher.intentions import Array, Stroke, path, time_of_share
+from caesura_clients.bridge.teacher.noise import band_noise, wandering
 from caesura_clients.bridge.teacher.person import Person
-from caesura_clients.bridge.teacher.scenarios import Scenario, Step, tips
+from caesura_clients.bridge.teacher.scenarios import Kind, Scenario, Step, tips
 
-TICKS_PER_S = 1000
+TICKS_PER_S = 1000.0
 DT = 1.0 / TICKS_PER_S  # [s]
 FINGER_TRAVEL_S = 0.56
 WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
@@ -70,7 +71,7 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     for step, duration in zip(scenario.steps, _durations(scenario.steps, person, rng), strict=True):
         planner.add(step, duration)
     n = round(planner.now / DT)
-    t = np.arange(n) / float(TICKS_PER_S)
+    t = np.arange(n) / TICKS_PER_S
     moved = gaussian_filter1d(path(scenario.start, planner.strokes, t), MUSCLE_S / DT, axis=0, mode="nearest")
     velocity: Array = np.gradient(moved, DT, axis=0)
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
@@ -80,7 +81,7 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     width, held = _gripper(
         t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
     )
-    torque: Array = TURN_WANDER_NM * _wander(n, rng)
+    torque = TURN_WANDER_NM * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
     load_kg = person.load_kg * held.astype(np.float64)
     return Plan(scenario, person, position, velocity, force, torque, press, width, load_kg)
 
@@ -105,7 +106,7 @@ class _Planner:
     def add(self, step: Step, duration: float) -> None:
         """Append a step that takes a duration [s]."""
         self.now -= self.lead
-        getattr(self, f"_{step.kind}")(step, duration + self.lead)
+        _ACTS[step.kind](self, step, duration + self.lead)
         self.now += self.lead + duration
         self.lead = PASSING_OVERLAP * duration if step.passing else 0.0
 
@@ -197,6 +198,17 @@ class _Planner:
         return max(below, key=lambda s: s.touch_height_m)
 
 
+_ACTS: Mapping[Kind, Callable[[_Planner, Step, float], None]] = {
+    "move": _Planner._move,
+    "touch": _Planner._touch,
+    "press": _Planner._press,
+    "slide": _Planner._slide,
+    "grasp": _Planner._grasp,
+    "release": _Planner._release,
+    "dwell": _Planner._dwell,
+}
+
+
 def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> list[float]:
     """How long each step takes this person [s]."""
     nominal = np.diff([0.0, *(step.until_s for step in steps)])
@@ -228,26 +240,10 @@ def _unsteadiness(velocity: Array, person: Person, rng: np.random.Generator) -> 
     """Force of the hand that it does not mean [N], (n, 3): tremor, slow wander, and unrest while it moves."""
     n = len(velocity)
     moving = np.minimum(1.0, np.linalg.norm(velocity, axis=1, keepdims=True) / FULL_UNREST_M_PER_S)
-    unrest = person.unrest_n * moving * _band(n, UNREST_HZ, rng)
-    force: Array = person.tremor_n * _band(n, TREMOR_HZ, rng) + person.wander_n * _wander(n, rng) + unrest
+    force = person.tremor_n * band_noise(n, 3, TREMOR_HZ, TICKS_PER_S, rng)
+    force += person.wander_n * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
+    force += person.unrest_n * moving * band_noise(n, 3, UNREST_HZ, TICKS_PER_S, rng)
     return force
-
-
-def _band(n: int, hertz: tuple[float, float], rng: np.random.Generator) -> Array:
-    """Noise of unit variance in a band of frequencies, (n, 3)."""
-    band = butter(2, hertz, btype="bandpass", fs=float(TICKS_PER_S), output="sos")
-    noise: Array = sosfilt(band, rng.normal(size=(n, 3)), axis=0)
-    noise /= np.sqrt(2.0 * DT * (hertz[1] - hertz[0]))
-    return noise
-
-
-def _wander(n: int, rng: np.random.Generator) -> Array:
-    """Slow change of unit variance, (n, 3), from 0."""
-    keep = np.exp(-DT / WANDER_S)
-    drive = np.sqrt(1.0 - keep**2) * rng.normal(size=(n, 3))
-    sos = np.array([[1.0, 0.0, 0.0, 1.0, -keep, 0.0]])
-    wander: Array = sosfilt(sos, drive, axis=0)
-    return wander
 
 
 def _gripper(

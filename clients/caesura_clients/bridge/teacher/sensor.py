@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfilt
 
 from caesura_clients.bridge.teacher.guiding import Trace
 from caesura_clients.bridge.teacher.intentions import Array
-from caesura_clients.bridge.teacher.plan import DT, Plan
+from caesura_clients.bridge.teacher.noise import band_noise
+from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_protocol.messages import WrenchSource
 from caesura_service.robot import Robot
 
@@ -25,7 +25,7 @@ POSITION_STEP, ANGLE_STEP, FORCE_STEP, TORQUE_STEP = 2.0**-20, 2.0**-20, 2.0**-1
 HAND_KG = 0.76  # gripper below the sensor
 TORQUE_NOISE_M = 0.03  # noise of a moment per noise of a force
 REACH_M = 0.8  # joint noise per position noise
-MOTION_NOISE_HZ = 15.0
+MOTION_NOISE_HZ = (0.0, 15.0)
 FULL_MOTION_M_PER_S = 0.1  # speed from which motion noise is at its full size
 WANDER_REACH_M = 0.15  # change of position over which the bias wanders by its nominal size
 WANDER_TIME_S = 10.0
@@ -128,21 +128,13 @@ def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance
     return _Chance(
         joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
-        coloured=person.motion_noise_n * scale * _coloured(n, 6, rng),
-        joint_coloured=_coloured(n, 7, rng),
+        coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
+        joint_coloured=band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
         joint_friction=JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
     )
-
-
-def _coloured(n: int, width: int, rng: np.random.Generator) -> Array:
-    """Low-pass noise of unit variance, (n, width)."""
-    low = butter(2, MOTION_NOISE_HZ, fs=1.0 / DT, output="sos")
-    noise: Array = sosfilt(low, rng.normal(size=(n, width)), axis=0)
-    noise /= np.sqrt(2.0 * DT * MOTION_NOISE_HZ * 1.11)
-    return noise
 
 
 def _stepped(values: Array, step: float) -> Array:

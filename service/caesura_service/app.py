@@ -17,20 +17,18 @@ from importlib.metadata import PackageNotFoundError, version
 from types import FrameType, TracebackType
 from typing import Self
 
-from caesura_protocol.messages import Open, ServiceStatus
+from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal
 from caesura_service.session.ports import Owner, PipelineFactory
 from caesura_service.session.registry import Registry
-from caesura_service.session.view import Pipeline
 
 logger = logging.getLogger(__name__)
 
 # A busy Python thread keeps the network's threads waiting for the interpreter: the 99th percentile of the
 # latency was 8.3 ms at the default of 5 ms, and 1.6 ms at this.
 SWITCH_INTERVAL_S = 0.0005
-_WAKE_S = 0.5  # how often a waiting main thread looks up; a signal wakes it at once
 
 
 class Service:
@@ -49,7 +47,7 @@ class Service:
         owner = Owner(self.config.instance, self.config.epoch_now())
         self.registry = Registry(
             owner=owner,
-            pipeline_factory=pipeline_factory or segmenting_pipeline,
+            pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
             journal=MemoryJournal() if journal is None else journal,
             limits=self.config.limits,
@@ -101,18 +99,17 @@ def run_service(
         try:
             with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
                 ready(service)
-                while not over.wait(_WAKE_S):
-                    pass
+                over.wait()
         except NetworkError:
             if not over.is_set():
                 raise
 
 
-def segmenting_pipeline(opening: Open, default_preset: str) -> Pipeline:
-    """The real mathematics, imported when the first session needs it."""
+def segmenting_pipeline() -> PipelineFactory:
+    """The real mathematics. Imported here, so that a service with another one does not wait for it."""
     from caesura_service.session.pipeline import make_pipeline  # noqa: PLC0415
 
-    return make_pipeline(opening, default_preset)
+    return make_pipeline
 
 
 def steady_clock() -> Callable[[], float]:

@@ -22,7 +22,7 @@ BATCH = 20
 def registry_of(journal: MemoryJournal) -> Registry:
     return Registry(
         owner=OWNER,
-        pipeline_factory=segmenting_pipeline,
+        pipeline_factory=segmenting_pipeline(),
         default_preset="default",
         journal=journal,
         limits=Limits(),

@@ -6,6 +6,7 @@ is raised. Samples arrive here in order and once; ordering is the session's busi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -47,34 +48,39 @@ class Demonstration:
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
-        try:
+
+        def step() -> list[Output]:
             if self._last_t is not None:
                 check_advance(float(samples[0, 0]), self._last_t, self._limits)
             _push(self._pipeline, samples)
+            self._last_t = float(samples[:, 0].max())
+            tally = self.standing.tally
+            return self._look(replace(tally, batches=tally.batches + 1))
+
+        try:
+            return self._guarded(step)
         except ProtocolError as error:
             return [Refused(error), *self.refuse(error), *self.gap()]
-        except Exception as error:
-            return self._fail(error)
-        self._last_t = float(samples[:, 0].max())
-        tally = self.standing.tally
-        return self._look(replace(tally, batches=tally.batches + 1))
 
     def gap(self) -> list[Output]:
-        """Nothing more will come between the last sample and the next."""
-        try:
-            self._pipeline.declare_gap()
-        except Exception as error:
-            return self._fail(error)
-        return [*self._look(), self.status()]
+        """Nothing more will come between the last sample and the next; a lost beginning divides nothing."""
+
+        def step() -> list[Output]:
+            if self.standing.view.samples:
+                self._pipeline.declare_gap()
+            return [*self._look(), self.status()]
+
+        return self._guarded(step)
 
     def finish(self) -> list[Output]:
         """Decide what is still open; the state tells whether that went well."""
-        try:
+
+        def step() -> list[Output]:
             self._pipeline.finish()
-        except Exception as error:
-            return self._fail(error)
-        self._move("close")
-        return [*self._look(), self.status()]
+            self._move("close")
+            return [*self._look(), self.status()]
+
+        return self._guarded(step)
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""
@@ -107,6 +113,17 @@ class Demonstration:
         view = self.standing.view
         due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *program, *([self.status()] if due else [])]
+
+    def _guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
+        """What a step says; if it breaks, it has said nothing, and the demonstration ends where it stood."""
+        before = self.standing
+        try:
+            return step()
+        except ProtocolError:
+            raise
+        except Exception as error:
+            self.standing = before
+            return self._fail(error)
 
     def _fail(self, error: Exception) -> list[Output]:
         self._move("fail")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
 from caesura_service.session.view import Pipeline, View
 
-PRESETS = ("fake", "default", "raising", "raising-at-the-end")
+PRESETS = ("fake", "default", "raising", "raising-at-the-end", "unspeakable")
 STRIDE = 10  # samples an observation
 JUMP = 0.5
 BROKEN_AT = 13.0  # a value that the preset `raising` breaks at
@@ -65,7 +66,7 @@ class FakePipeline:
             observations=self.observations,
             changepoints=self._changepoints(),
             segments=self._segments(),
-            posterior_starts=(self._start, max(self.t, 0.0)),
+            posterior_starts=(self._start, self._latest_start()),
             posterior_probabilities=(0.75, 0.25),
             apps=self._apps(),
             notes=(),
@@ -91,7 +92,12 @@ class FakePipeline:
         """Make everything final. Raises RuntimeError in the preset `raising-at-the-end`."""
         if self.preset == "raising-at-the-end":
             raise RuntimeError("cannot finish")
+        self.observations += self.preset == "unspeakable"
         self.finished = True
+
+    def _latest_start(self) -> Any:
+        """In the preset `unspeakable`, nothing that a message takes from the third observation on."""
+        return "now" if self.preset == "unspeakable" and self.observations > 2 else max(self.t, 0.0)
 
     def _push_one(self, t: float, value: float) -> None:
         if self.preset == "raising" and value == BROKEN_AT:

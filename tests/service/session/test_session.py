@@ -190,6 +190,13 @@ def test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on():
     assert (gap.t0, gap.tn) == (pytest.approx(0.19), pytest.approx(0.8))
 
 
+def test_a_lost_beginning_is_skipped_and_divides_nothing():
+    session, _ = open_session()
+    Ring(batches(10), oldest=4).feed(session, batch(6), 0.0)
+    assert session.next_seq == 7
+    assert session.standing.view.gaps == ()
+
+
 def test_an_eviction_that_names_nothing_goes_on_with_what_is_held():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
@@ -335,6 +342,15 @@ def test_an_error_in_the_pipeline_closes_the_session_and_says_so():
     assert "cannot stand 13" in published(said, Program)[-1].notes[0]
     with pytest.raises(ProtocolError, match="the session is failed"):
         session.receive(batch(2), 0.0)
+
+
+@pytest.mark.parametrize("ending", [batch(1), closing(0)])
+def test_a_view_that_cannot_be_published_closes_the_session_too(ending):
+    session, _ = open_session(preset="unspeakable")
+    session.receive(batch(0), 0.0)
+    said = session.receive(ending, 0.0)
+    assert [type(out.error).__name__ for out in said if isinstance(out, Failed)] == ["ValidationError"]
+    assert published(said, SessionStatus)[-1].state == "closed"
 
 
 # --- close ----------------------------------------------------------------------------------------------

@@ -105,11 +105,19 @@ class Worker:
             refuse(arrival.query, error)
             self._say(self._registry.refuse(station, error))
             return
-        for output in self._registry.command(station, command, self._clock()):
+        for output in self._carry_out(station, command, arrival.query):
             if isinstance(output, Answer):
                 _reply(arrival.query, station, output)
             else:
                 self._say([output])
+
+    def _carry_out(self, station: str, command: Open | Close, query: zenoh.Query) -> list[Output]:
+        """What comes of a command. An error of ours asks the sender to try again, and is raised."""
+        try:
+            return self._registry.command(station, command, self._clock())
+        except Exception as error:
+            refuse(query, ProtocolError("overloaded", f"not carried out: {type(error).__name__}"))
+            raise
 
     def _say(self, outputs: Iterable[Output]) -> None:
         for output in outputs:

@@ -19,6 +19,9 @@ from caesura_protocol.messages import (
     SampleBatch,
     SessionStatus,
 )
+from caesura_service.app import Service
+from caesura_service.journal import MemoryJournal, Record
+from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
 from harness.sessions import batch, batch_of, batches, closing, opening
 
@@ -178,3 +181,18 @@ def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service
         assert peer.command(closing(19)).next_seq == 20
     status = peer.snapshot().status
     assert (status.batches, status.refused, status.gaps) == (20, {}, ())
+
+
+class FullJournal(MemoryJournal):
+    """A disk without room."""
+
+    def append(self, record: Record) -> None:
+        raise OSError("no space left on device")
+
+
+def test_a_command_that_cannot_be_recorded_is_to_be_tried_again(config):
+    service = Service(config, pipeline_factory=make_fake_pipeline, journal=FullJournal())
+    with service, Peer(service.endpoint) as peer:
+        with pytest.raises(ProtocolError, match="overloaded: not carried out: OSError"):
+            peer.command(opening())
+        assert peer.service_status().sessions_open == 0

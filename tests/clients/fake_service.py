@@ -36,7 +36,7 @@ class FakeService:
         self.beats: list[Heartbeat] = []
         self.state = "open"
         self.hold = False
-        self.deaf = False
+        self.asks = True  # for what it misses
         self.refuse: ProtocolError | None = None
         self.duplicates = 0
         self.refusals: list[ProtocolError] = []
@@ -87,7 +87,7 @@ class FakeService:
         else:
             self._held[message.seq] = message
         self._drain()
-        if not self.hold and self.openings and self.next_seq <= self._newest:
+        if self.asks and not self.hold and self.openings and self.next_seq <= self._newest:
             self._ask(parse_station_key(key)[0])
 
     def _ask(self, station: str) -> None:
@@ -104,8 +104,6 @@ class FakeService:
             self.batches.append(self._held.pop(self.next_seq))
 
     def _command(self, question: Question) -> None:
-        if self.deaf:
-            return
         command = decode(*question.content, Control).command
         station = parse_station_key(question.key)[0]
         refusal = self.refuse

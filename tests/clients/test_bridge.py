@@ -253,14 +253,35 @@ def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
 
 def test_what_a_waiting_bridge_lost_is_sent_again_without_being_asked(memory):
     settings = BridgeSettings(window_batches=8, tick_s=0.005, stall_s=0.02, heartbeat_s=60.0)
-    memory.lose = Losing(*range(8))
+    memory.lose = Losing(2, *range(8, 12))
     source = file_source(400)
     with (
         FakeService(memory.transport()) as service,
         Bridge(memory.transport(), "cell-1", source, settings=settings) as bridge,
     ):
+        service.asks = False
         bridge.run()
     assert_everything_arrived(service, source)
+
+
+def test_what_is_missing_at_the_close_is_sent_again_without_being_asked(memory):
+    memory.lose = Losing(1, 4)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        service.asks = False
+        bridge.wait_open(5.0)
+        bridge.send(samples(100))
+        assert bridge.finish().next_seq == 5
+
+
+def test_a_service_that_comes_late_learns_at_once_what_was_sent_before(memory):
+    settings = BridgeSettings(heartbeat_s=60.0, retry_s=0.02)
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+        bridge.send(samples(100))
+        with FakeService(memory.transport()) as service:
+            eventually(lambda: service.next_seq == 5)
 
 
 def replayed(transport, first, last, limit=100):

@@ -113,7 +113,7 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
             assert there.alive(pattern) == (key,)
         seen = iter(lambda: before.get(5.0), None)
         assert Presence(key, alive=False) in seen  # it may have been reported as there once more
-        assert there.alive(pattern) == ()
+        eventually(lambda: there.alive(pattern) == ())
 
 
 def test_no_token_is_overlooked(network):

@@ -81,6 +81,12 @@ def test_motion_in_contact_is_sliding() -> None:
     assert classes(truth) == ["steady", "contact", "sliding", "contact", "steady"]
 
 
+def test_what_is_dropped_in_the_air_is_no_longer_held() -> None:
+    truth = annotate(state(4.0, [], load_kg=during(4.0, 0.0, 2.0, 0.3)))
+    assert [(s["cls"], s["t1"]) for s in truth["segments"]] == [("hold", 2.0), ("steady", 4.0)]
+    assert truth["loads"] == [{"t0": 0.0, "t1": 2.0, "kg": 0.3}]
+
+
 def test_a_load_is_carried_from_lift_off_to_touch_down() -> None:
     normal = during(6.0, 0.5, 1.5, 10.0) + during(6.0, 4.0, 5.0, 10.0)
     load = during(6.0, 1.0, 4.6, 0.3)

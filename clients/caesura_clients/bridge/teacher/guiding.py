@@ -112,10 +112,9 @@ class Guiding:
         if load_kg > 0.0:
             at_tip = _tip_jacobian(arm.jacobian, lever)
             mass = mass + load_kg * at_tip.T @ at_tip
-        resist = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
-        push = DT * (arm.jacobian.T @ given - resist * self._v)
-        change: Array = np.linalg.solve(mass + DT * np.diag(resist), push)
-        return change
+        resist: Array = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
+        push: Array = DT * (arm.jacobian.T @ given - resist * self._v)
+        return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""

@@ -109,11 +109,13 @@ def contact_spans(state: State) -> list[tuple[int, int]]:
 
 def _spans(state: State, contacts: list[tuple[int, int]]) -> list[Span]:
     """The whole demonstration as consecutive spans."""
-    edges = sorted({0, state.t.size, *(e for contact in contacts for e in contact)})
+    edges = {0, state.t.size, *(e for contact in contacts for e in contact)}
+    taken = {e for held in runs(state.load_kg > 0.0) for e in held}
+    edges |= {e for e in taken if not any(a <= e < b for a, b in contacts)}
     touching = {first for first, _ in contacts}
     spans: list[Span] = []
-    for first, last in pairwise(edges):
-        held = bool(np.mean(state.load_kg[first:last]) > 0.0) and first not in touching
+    for first, last in pairwise(sorted(edges)):
+        held = bool(state.load_kg[first] > 0.0)
         names: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
         names = ("sliding", "contact") if first in touching else names
         spans += _motion_spans(state, first, last, names)

@@ -251,6 +251,25 @@ def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
     assert service.refusals == []
 
 
+def test_a_late_batch_beside_a_full_window_evicts_nothing(memory):
+    settings = BridgeSettings(window_batches=4, tick_s=0.005, ring_span_s=0.001, max_latency_s=0.02)
+    source = LiveSource([samples(30, t0=0.07), samples(150, t0=0.1)])
+    source.can_wait = True
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", source, settings=settings))
+        bridge.wait_open(5.0)
+        service.hold = True
+        bridge.send(samples(70))
+        eventually(lambda: bridge.sent == 4)
+        thread = threading.Thread(target=bridge.run, daemon=True)
+        thread.start()
+        eventually(lambda: bridge.sent == 5)
+        assert len(replayed(memory.transport(), 0, 4).replies) == 5
+        service.hold = False
+        thread.join(5.0)
+    assert service.rows() == 250
+
+
 def test_what_a_waiting_bridge_lost_is_sent_again_without_being_asked(memory):
     settings = BridgeSettings(window_batches=8, tick_s=0.005, stall_s=0.02, heartbeat_s=60.0)
     memory.lose = Losing(2, *range(8, 12))

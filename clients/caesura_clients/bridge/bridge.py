@@ -1,6 +1,6 @@
 """A bridge between one robot and the service: samples go out numbered, and are kept for a while.
 
-Three threads, none of which holds up another:
+Three threads:
   the caller's  takes chunks from the source and sends them;
   replay        answers the service's questions for batches that it missed;
   keeper        opens the session, again whenever a service comes or goes; sends late batches and heartbeats.
@@ -94,7 +94,8 @@ class Bridge:
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
-            min_batches=self.settings.window_batches,
+            min_batches=self.settings.window_batches
+            + 1,  # the keeper may send a late one beside a full window
         )
         self._transport = transport
         self._control = ControlLine(transport, self.station)
@@ -174,6 +175,7 @@ class Bridge:
         Raises Unreachable where the service does not acknowledge everything in `close_timeout_s`, or
         ProtocolError where it refuses to.
         """
+        self._check()
         self._sender.flush()
         close = Close(session=self.session, last_seq=self._sender.last_seq)
         deadline = self._clock() + self.settings.close_timeout_s

@@ -18,7 +18,12 @@ MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
 def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> RenderableType:
     """The segments of one session, and a line on how it is doing."""
-    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=_title(status))
+    return Group(segments_table(segments, _title(status)), status_line(status))
+
+
+def segments_table(segments: Sequence[Segment], title: str) -> Table:
+    """One segment a row."""
+    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title)
     for index, segment in enumerate(segments):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
@@ -31,7 +36,7 @@ def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> Rendera
             segment.runner_up or "",
             style=STYLE_OF_CERTAINTY[segment.certainty],
         )
-    return Group(table, status_line(status))
+    return table
 
 
 def status_line(status: SessionStatus) -> Text:
@@ -55,20 +60,25 @@ def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, version {program.version}, {state}"
+    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in program.notes))
+
+
+def apps_table(apps: Sequence[App], title: str) -> Table:
+    """One app a row."""
     table = Table(
-        "#", "app", "target \\[m]", "force, load", "from \\[s]", "to \\[s]", "confidence", title=title
+        "#", "app", "target \\[mm]", "force, load", "from \\[s]", "to \\[s]", "confidence", title=title
     )
-    for index, app in enumerate(program.apps):
+    for index, app in enumerate(apps):
         table.add_row(
             str(index),
-            app.kind,
-            "" if app.target is None else "  ".join(f"{x:.3f}" for x in app.target),
+            app.kind.replace("_", " ").title(),
+            "" if app.target is None else " ".join(f"{1000 * x:4.0f}" for x in app.target),
             _effort_of_app(app),
             f"{app.t0:.2f}",
             f"{app.tn:.2f}",
             f"{app.confidence:.2f}",
         )
-    return Group(table, *(Text(note, style="dim") for note in program.notes))
+    return table
 
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:

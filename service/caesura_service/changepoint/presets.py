@@ -29,10 +29,11 @@ UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free sp
 class Preset:
     """How a demonstration is segmented.
 
-    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice; `mean_segment_s` [s] sets the hazard; segments shorter than
-    `least_segment_s` [s] become no app (the thesis' minimum time filter). `continuous`: a segment begins
-    where the one before it ends, at its last sample, and there the changepoint lies in time; otherwise it
-    begins with its own first sample, as in the thesis.
+    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice;
+    `mean_segment_s` [s] sets the hazard; segments shorter than `least_segment_s` [s] become no app (the
+    thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
+    sample, and there the changepoint lies in time; otherwise it begins with its own first sample, as in the
+    thesis.
     """
 
     name: str

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
-    """The pipeline of a session. Raises ProtocolError `malformed` for an unknown preset or unusable columns."""
+    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that fail."""
     name = opening.preset or default_preset
     if name not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
@@ -72,7 +74,7 @@ class SegmentationPipeline:
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next are lost for good."""
         self._conditioner.declare_gap()
-        self._lost = True
+        self._lost = self._conditioner.samples > 0
 
     def finish(self) -> None:
         """The demonstration is over: what is still open is decided as it stands."""
@@ -89,7 +91,11 @@ class SegmentationPipeline:
         for observation in conditioned.observations:
             self._history.append(observation)
             self._online.step(_observed(observation), boundary=observation.after_gap)
-        self._view = self._look()
+        if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
+            self._view = self._look()
+        else:
+            counts = self._conditioner
+            self._view = replace(self._view, samples=counts.samples, repeats=counts.repeats)
 
     def _filter(self, bias_n: float) -> OnlineFilter:
         source = self._source

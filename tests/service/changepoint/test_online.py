@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Lattice
@@ -61,7 +62,7 @@ class BruteForce:
     @staticmethod
     def log_joint(path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], float]) -> float:
         result = 0.0
-        for start, end in zip(path[:-1], path[1:], strict=True):
+        for start, end in pairwise(path):
             result += float(HAZARD.log_mass(np.array(end - start))) + evidence[start, end]
         last = path[-1]
         return result + float(HAZARD.log_survival(np.array(n - 1 - last))) + evidence[last, n]

@@ -1,10 +1,9 @@
-"""The commands that the service adds to `caesura`. One function registers each command module."""
+"""`caesura serve`: the service, until it is told to stop."""
 
 from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -15,17 +14,6 @@ from caesura_service.app import Service, run_service
 from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConfig
 from caesura_service.edge import NetworkError
 from caesura_service.edge.network import DEFAULT_ENDPOINT
-
-
-def register(app: typer.Typer) -> None:
-    """Add every command of the service."""
-    for add_commands in COMMAND_MODULES:
-        add_commands(app)
-
-
-def add_serve(app: typer.Typer) -> None:
-    """Add `serve`."""
-    app.command("serve")(serve)
 
 
 def serve(
@@ -51,10 +39,6 @@ def serve(
     except (ProtocolError, NetworkError) as error:
         typer.echo(f"caesura serve: {error}", err=True)
         raise typer.Exit(1) from error
-
-
-#: What adds commands; a further module appends its function here.
-COMMAND_MODULES: tuple[Callable[[typer.Typer], None], ...] = (add_serve,)
 
 
 def _announce(service: Service) -> None:

@@ -1,0 +1,13 @@
+"""The commands that the service adds to `caesura`, one module each."""
+
+import typer
+
+from caesura_service.commands.demo import demo
+from caesura_service.commands.segment import segment
+from caesura_service.commands.serve import serve
+
+
+def register(app: typer.Typer) -> None:
+    """Add every command of the service."""
+    for command in (serve, segment, demo):
+        app.command(command.__name__)(command)

@@ -1,0 +1,164 @@
+"""What becomes of segments and gripper events in a task program (thesis 4.2.5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caesura_protocol.messages import App, Segment
+from caesura_service.program import Grip, Moment, Step, task_program
+
+PARTS = {
+    "motion": ("motion", "free"),
+    "steady": ("steady", "free"),
+    "contact": ("steady", "contact"),
+    "sliding": ("motion", "contact"),
+    "transport": ("motion", "transport"),
+    "hold": ("steady", "transport"),
+}
+
+
+def segment(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
+    motion, contact = PARTS[kind]
+    made = {
+        "t0": t0,
+        "tn": tn,
+        "kind": kind,
+        "motion": motion,
+        "contact": contact,
+        "probability": 0.9,
+        "runner_up": None,
+        "log_odds": 0.0,
+        "certainty": "final",
+        "position_start": (0.0, 0.0, t0 / 10),
+        "position_end": (0.0, 0.0, tn / 10),
+        "force_start": (0.0, 0.0, 0.0),
+        "force_end": (0.0, 0.0, 0.0),
+        "load_kg": None,
+        "load_sd_kg": None,
+    }
+    return Segment.model_validate(made | fields)
+
+
+def program(*segments: Segment, grips: tuple[Grip, ...] = (), **options: Any) -> tuple[App, ...]:
+    steps = [Step(index, one, one.probability) for index, one in enumerate(segments)]
+    return task_program(steps, grips, moment_at, **options)
+
+
+def moment_at(t: float) -> Moment:
+    return Moment((0.0, 0.0, t / 10), (0.0, 0.0, 0.0, 1.0), None, 0.04)
+
+
+def kinds(apps: tuple[App, ...]) -> list[str]:
+    return [app.kind for app in apps]
+
+
+def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():
+    apps = program(
+        segment("motion", 0.0, 1.8),
+        segment("contact", 1.8, 3.5, force_end=(0.0, 0.0, 15.0)),
+        segment("transport", 4.2, 5.7, load_kg=0.257, load_sd_kg=0.01),
+        segment("transport", 5.7, 7.5, load_kg=0.293, load_sd_kg=0.02),
+        segment("contact", 7.5, 9.8, force_end=(0.0, 0.0, 9.9)),
+        segment("motion", 10.8, 12.8),
+        grips=(Grip(3.0, "grasp", 0.05), Grip(9.2, "release", 0.08)),
+    )
+    assert kinds(apps) == [
+        "move_to_contact",
+        "grasp",
+        "transport",
+        "transport",
+        "gripper_move",
+        "cartesian_motion",
+    ]
+    assert apps[1].gripper_width == 0.05
+
+
+def test_the_load_of_a_carry_is_the_average_weighted_by_time():
+    apps = program(
+        segment("transport", 4.2, 5.7, load_kg=0.257, load_sd_kg=0.01),
+        segment("transport", 5.7, 7.5, load_kg=0.293, load_sd_kg=0.01),
+    )
+    assert [app.load_kg for app in apps] == [pytest.approx(0.2766, abs=1e-4)] * 2
+
+
+def test_a_force_is_what_the_robot_exerts_scaled_to_the_limit():
+    (app,) = program(segment("contact", 0.0, 1.0, force_end=(3.0, 0.0, 20.0)))
+    assert app.kind == "apply_force"
+    assert app.force_taught == (-3.0, 0.0, -20.0)
+    assert np.linalg.norm(app.force) == pytest.approx(10.0)
+    np.testing.assert_allclose(np.cross(app.force, app.force_taught), 0.0, atol=1e-12)
+
+
+def test_a_force_below_the_limit_stays_as_it_was_taught():
+    (app,) = program(segment("contact", 0.0, 1.0, force_end=(0.0, 0.0, 4.0)), force_limit_n=10.0)
+    assert app.force == app.force_taught == (0.0, 0.0, -4.0)
+
+
+def test_contacts_that_follow_each_other_are_one_app_with_the_strongest_force():
+    apps = program(
+        segment("contact", 0.0, 0.5, force_end=(0.0, 0.0, 7.0)),
+        segment("contact", 0.5, 2.0, force_end=(0.0, 0.0, 9.0)),
+        segment("contact", 2.0, 2.4, force_end=(0.0, 0.0, 2.5)),
+    )
+    assert kinds(apps) == ["apply_force"]
+    assert apps[0].force == (0.0, 0.0, -9.0)
+    assert apps[0].segments == (0, 1, 2)
+
+
+def test_rests_decays_and_moments_are_left_out():
+    apps = program(
+        segment("steady", 0.0, 1.0),
+        segment("contact", 1.0, 2.0, force_end=(0.0, 0.0, 9.0)),
+        segment(
+            "motion",
+            2.0,
+            2.5,
+            position_start=(0.0, 0.0, 0.2),
+            position_end=(0.0, 0.0, 0.201),
+            force_start=(0.0, 0.0, 9.0),
+            force_end=(0.0, 0.0, 1.0),
+        ),
+        segment("motion", 2.5, 2.6),
+        least_s=0.3,
+    )
+    assert kinds(apps) == ["apply_force"]
+
+
+def test_only_the_last_movement_before_a_contact_moves_to_it():
+    apps = program(
+        segment("motion", 0.0, 1.0),
+        segment("motion", 1.0, 2.0),
+        segment("contact", 2.0, 3.0, force_end=(0.0, 0.0, 5.0)),
+    )
+    assert kinds(apps) == ["cartesian_motion", "move_to_contact", "apply_force"]
+
+
+def test_a_grip_in_free_space_is_an_app_in_its_place():
+    apps = program(
+        segment("motion", 0.0, 1.0),
+        segment("steady", 1.0, 2.0),
+        segment("motion", 2.0, 3.0),
+        grips=(Grip(1.5, "open", 0.08),),
+    )
+    assert kinds(apps) == ["cartesian_motion", "gripper_move", "cartesian_motion"]
+
+
+def test_sliding_presses_on_its_way_to_a_target_and_holding_is_part_of_a_carry():
+    apps = program(
+        segment("sliding", 0.0, 1.0, force_end=(0.0, 0.0, 8.0)),
+        segment("hold", 2.0, 3.0, load_kg=0.3, load_sd_kg=0.1),
+        segment("transport", 3.0, 4.0, load_kg=0.5, load_sd_kg=0.1),
+    )
+    assert kinds(apps) == ["apply_force", "hold", "transport"]
+    assert apps[0].target == (0.0, 0.0, 0.1)
+    assert apps[1].load_kg == apps[2].load_kg == pytest.approx(0.4)
+
+
+def test_targets_carry_the_orientation_of_their_time():
+    (app,) = program(segment("motion", 0.0, 2.0))
+    assert app.target == (0.0, 0.0, 0.2)
+    assert app.orientation == (0.0, 0.0, 0.0, 1.0)
+    assert app.confidence == 0.9

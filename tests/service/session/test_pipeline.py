@@ -1,0 +1,126 @@
+"""Samples in, segments out: what must not change them, and what a wrench source switches off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from caesura_clients.recording import Recording, load_recording
+from caesura_protocol.errors import ProtocolError
+from caesura_service.recordings import segment_recording
+from caesura_service.session.view import View
+
+DATA = Path(__file__).parents[3] / "data"
+
+
+@pytest.fixture(scope="module")
+def taught() -> Recording:
+    return load_recording(DATA / "pick_and_place.npz")
+
+
+@pytest.fixture(scope="module")
+def found(taught: Recording) -> View:
+    return segment_recording(taught)
+
+
+def changed(recording: Recording, **signals: np.ndarray) -> Recording:
+    """The recording with some signals replaced and without those that would contradict them."""
+    kept = {name: values for name, values in recording.signals.items() if name not in {"q", "quat", "torque"}}
+    return replace(recording, signals=MappingProxyType(kept | signals))
+
+
+def boundaries(view: View) -> list[tuple[float, float, str]]:
+    return [(one.t0, one.tn, one.kind) for one in view.segments]
+
+
+def test_moving_the_origin_changes_no_boundary_and_no_class(taught: Recording, found: View):
+    moved = segment_recording(changed(taught, pos=taught.signals["pos"] + [1.0, -1.0, 1.0]))
+    assert boundaries(moved) == boundaries(found)
+
+
+def test_turning_the_base_changes_no_boundary_and_no_class(taught: Recording, found: View):
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = {name: taught.signals[name] @ quarter.T for name in ("pos", "force")}
+    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+
+
+def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(taught: Recording, found: View):
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = {name: taught.signals[name] @ turn.T for name in ("pos", "force")}
+    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0)])
+def test_a_declared_unit_changes_no_boundary_and_no_class(
+    taught: Recording, found: View, unit: str, per_metre: float
+):
+    scaled = replace(changed(taught, pos=per_metre * taught.signals["pos"]), length_unit=unit)  # type: ignore[arg-type]
+    assert boundaries(segment_recording(scaled)) == boundaries(found)
+
+
+def test_times_may_begin_anywhere(taught: Recording, found: View):
+    later = segment_recording(replace(changed(taught), t=taught.t + 1000.0))
+    np.testing.assert_allclose(
+        [(one.t0 - 1000.0, one.tn - 1000.0) for one in later.segments],
+        [(one.t0, one.tn) for one in found.segments],
+        atol=0.011,
+    )
+    assert [one.kind for one in later.segments] == [one.kind for one in found.segments]
+
+
+def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: View):
+    joints = {name: taught.signals[name] for name in ("q", "force", "gripper")}
+    by_joints = segment_recording(replace(taught, signals=MappingProxyType(joints)))
+    assert [one.kind for one in by_joints.segments] == [one.kind for one in found.segments]
+    assert by_joints.apps[0].joints is not None
+
+
+def test_segments_join_without_gaps_or_overlaps(found: View):
+    for before, after in zip(found.segments, found.segments[1:], strict=False):
+        assert before.tn == after.t0
+    assert [one.t for one in found.changepoints] == [one.t0 for one in found.segments[1:]]
+    assert {one.certainty for one in found.segments} == {"final"}
+
+
+def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught: Recording):
+    there = (taught.t < 5.0) | (taught.t > 5.6)
+    signals = {name: values[there] for name, values in taught.signals.items()}
+    view = segment_recording(replace(taught, t=taught.t[there], signals=MappingProxyType(signals)))
+    (gap,) = view.gaps
+    assert (gap.t0, gap.tn, gap.reason) == (
+        pytest.approx(5.0, abs=0.01),
+        pytest.approx(5.6, abs=0.01),
+        "source",
+    )
+    before = max(one.tn for one in view.segments if one.tn <= gap.tn)
+    after = min(one.t0 for one in view.segments if one.t0 >= gap.t0)
+    assert before <= gap.t0 + 0.05
+    assert after >= gap.tn - 0.05
+
+
+@pytest.mark.parametrize("source", ["flange_sensor_with_hand", "joint_torque_estimate", "none"])
+def test_a_wrench_that_cannot_tell_contact_is_not_asked_and_the_program_says_so(
+    taught: Recording, source: str
+):
+    view = segment_recording(replace(changed(taught), wrench_source=source))  # type: ignore[arg-type]
+    assert {one.contact for one in view.segments} == {"free"}
+    assert not view.wrench.contact_models
+    assert view.notes
+
+
+def test_an_unknown_preset_is_refused_with_those_that_exist(taught: Recording):
+    with pytest.raises(ProtocolError, match="unknown preset") as refused:
+        segment_recording(taught, "magic")
+    assert "default" in refused.value.expected
+
+
+def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording):
+    pos = taught.signals["pos"].copy()
+    pos[1234, 1] = np.nan
+    with pytest.raises(ProtocolError, match="py is not finite"):
+        segment_recording(changed(taught, pos=pos))

@@ -37,8 +37,9 @@ SETTINGS: Mapping[str, Any] = {
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
 # A liveliness query may end before its answers have come (zenoh 1.10.2, 1 to 3 % of the time on a busy
-# machine); a subscription made beside it gets those that are late.
-LATE_S = 0.02
+# machine), but never reports what is gone; a subscription's history may do that for good. So ask again.
+LOOKS = 3
+LOOK_S = 0.02
 
 _PRIORITIES: Mapping[Priority, zenoh.Priority] = {
     "data_high": zenoh.Priority.DATA_HIGH,
@@ -110,13 +111,13 @@ class ZenohTransport:
             return _sorted_out(replies)
 
     def alive(self, key: str) -> tuple[str, ...]:
-        """Keys of the liveliness tokens that exist now, sorted. Takes LATE_S longer than the network does."""
-        inbox = Inbox()
-        with self.watch(key, inbox), _translated(self.endpoint):
-            replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
-            found = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-            while isinstance(seen := inbox.get(LATE_S), Presence):
-                found = found | {seen.key} if seen.alive else found - {seen.key}
+        """Keys of the liveliness tokens that exist now, sorted. Asks LOOKS times, LOOK_S apart."""
+        found: set[str] = set()
+        with _translated(self.endpoint):
+            for look in range(LOOKS):
+                time.sleep(LOOK_S if look else 0.0)
+                replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+                found |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
         return tuple(sorted(found))
 
     @contextmanager

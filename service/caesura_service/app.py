@@ -29,6 +29,7 @@ logger = logging.getLogger(__name__)
 # A busy Python thread keeps the network's threads waiting for the interpreter: the 99th percentile of the
 # latency was 8.3 ms at the default of 5 ms, and 1.6 ms at this.
 SWITCH_INTERVAL_S = 0.0005
+_WAKE_S = 0.2  # how often the waiting main thread looks up for a signal
 
 
 class Service:
@@ -99,7 +100,8 @@ def run_service(
         try:
             with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
                 ready(service)
-                over.wait()
+                while not over.wait(_WAKE_S):
+                    pass  # a signal that another thread took does not wake this one
         except NetworkError:
             if not over.is_set():
                 raise

@@ -40,7 +40,10 @@ def serving(endpoint: str, end: signal.Signals = signal.SIGTERM) -> Iterator[Non
             yield
         finally:
             process.send_signal(end)
-            process.wait(10.0)
+            try:
+                process.wait(10.0)
+            finally:
+                process.kill()
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -13,6 +15,7 @@ from caesura_clients.query import SessionInfo
 from caesura_protocol.messages import App, Program, Segment, SessionStatus, Vector
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
 
@@ -23,7 +26,7 @@ def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> Rendera
 
 def segments_table(segments: Sequence[Segment], title: str) -> Table:
     """One segment a row."""
-    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title)
+    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
@@ -66,7 +69,7 @@ def program_view(program: Program) -> RenderableType:
 def apps_table(apps: Sequence[App], title: str) -> Table:
     """One app a row."""
     table = Table(
-        "#", "app", "target \\[mm]", "force, load", "from \\[s]", "to \\[s]", "confidence", title=title
+        "#", "app", "target \\[mm]", "force, load", "time \\[s]", "confidence", title=title, **PLAIN
     )
     for index, app in enumerate(apps):
         table.add_row(
@@ -74,8 +77,7 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
             app.kind.replace("_", " ").title(),
             "" if app.target is None else " ".join(f"{1000 * x:4.0f}" for x in app.target),
             _effort_of_app(app),
-            f"{app.t0:.2f}",
-            f"{app.tn:.2f}",
+            f"{app.t0:5.2f}–{app.tn:.2f}",
             f"{app.confidence:.2f}",
         )
     return table

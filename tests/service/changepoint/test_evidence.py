@@ -59,7 +59,7 @@ def test_log_sums_do_not_overflow_and_know_nothing_from_nothing() -> None:
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
 def test_recursive_sums_of_a_profiled_channel_equal_the_direct_ones(origin: str, correlation: float) -> None:
     rng = np.random.default_rng(1)
-    data = [*np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0), 0.4, -0.3, 0.2]
+    data = np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0) + np.array([0.4, -0.3, 0.2])
     profiles = [overdamped(8.0, 32.5), minimum_jerk(1.3), minimum_jerk(0.4)]
     model = Profiled(
         "position",

@@ -20,7 +20,7 @@ check: $(STAMP)
 	$(BIN)/python scripts/write_schema.py --check
 
 bench: $(STAMP)
-	$(BIN)/python -m pytest tests/bench -q -s $(ARGS)
+	$(BIN)/python tests/bench/step_cost.py $(ARGS)
 
 $(STAMP): pyproject.toml constraints.txt
 	PYTHON="$(PYTHON)" scripts/setup.sh $(VENV)

@@ -12,6 +12,7 @@ from caesura_clients.network import Transport
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot
+from clients.fake_service import eventually
 
 TICK_S = 0.02
 
@@ -40,6 +41,7 @@ class Answering:
         ):
             self._stack.enter_context(self._transport.answer(key, self._inbox))
         self._stack.enter_context(self._transport.token(service_key("fake-1", "alive")))
+        eventually(lambda: self._transport.alive(service_key("fake-1", "alive")) != ())
         return self
 
     def __exit__(self, *_: object) -> None:

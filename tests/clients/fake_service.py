@@ -56,6 +56,7 @@ class FakeService:
         self._stack.enter_context(self._transport.subscribe(station_key("*", "samples"), self._inbox))
         self._stack.enter_context(self._transport.answer(station_key("*", "control"), self._inbox))
         self._stack.enter_context(self._transport.token(service_key(self._instance, "alive")))
+        eventually(lambda: self._transport.alive(service_key(self._instance, "alive")) != ())
         return self
 
     def __exit__(self, *_: object) -> None:

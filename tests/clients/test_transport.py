@@ -117,12 +117,12 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
 
 
 def test_no_token_is_overlooked(network):
-    """A liveliness query of zenoh 1.10.2 may end before its answers: 1 to 3 % on a busy machine."""
+    """Once asked through the session that watches: zenoh 1.10.2 then overlooked 3 % on a busy machine."""
     here, there = network.transport(), network.transport()
     pattern = "caesura/v1/station/*/alive"
     with here.token("caesura/v1/station/cell-1/alive"), there.watch(pattern, Inbox()):
         eventually(lambda: there.alive(pattern) != ())
-        assert all(there.alive(pattern) for _ in range(20))
+        assert all(there.alive(pattern) for _ in range(200))
 
 
 def test_a_question_that_an_inbox_has_no_room_for_is_refused_as_overloaded(network):

@@ -5,7 +5,7 @@ What comes out is, number for number, what a session over the wire would have sa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from caesura_clients.recording import Recording
@@ -17,13 +17,8 @@ from caesura_service.session.view import View
 BATCH_SAMPLES = 20
 
 
-def segment_recording(
-    recording: Recording,
-    preset: str = "default",
-    *,
-    progress: Callable[[int], None] = lambda samples: None,
-) -> View:
-    """Segment a whole recording; progress is told how many samples have just been taken.
+def views(recording: Recording, preset: str = "default") -> Iterator[View]:
+    """What is known after every batch of a recording, and last of all after its end.
 
     Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
     """
@@ -40,9 +35,21 @@ def segment_recording(
     for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
         rows = matrix[first : first + BATCH_SAMPLES]
         pipeline.push(unpack_samples(pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)))
-        progress(len(rows))
+        yield pipeline.view
     pipeline.finish()
-    return pipeline.view
+    yield pipeline.view
+
+
+def segment_recording(
+    recording: Recording,
+    preset: str = "default",
+    *,
+    progress: Callable[[int], None] = lambda samples: None,
+) -> View:
+    """Segment a whole recording; progress is told how many samples have been taken. Raises as `views`."""
+    for view in views(recording, preset):
+        progress(view.samples)
+    return view
 
 
 def as_json(view: View) -> dict[str, Any]:

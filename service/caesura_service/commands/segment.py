@@ -45,7 +45,7 @@ def _segmented(recording: Recording, preset: str) -> View:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:
             return segment_recording(
-                recording, preset, progress=lambda samples: progress.advance(task, samples)
+                recording, preset, progress=lambda samples: progress.update(task, completed=samples)
             )
         except ValueError as error:
             raise ProtocolError("malformed", f"{recording.name}: {error}") from error

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import nbinom
 
 Array = NDArray[np.float64]
 
@@ -39,4 +40,56 @@ class Geometric:
     def log_survival(self, n: NDArray[np.int64]) -> Array:
         """log S(n) = n log(1 − H)."""
         survival: Array = n * np.log1p(-1.0 / self.mean_samples)
+        return survival
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Every length from 1 to longest samples is equally likely. Thesis (2.9), whose exponent is wrong."""
+
+    longest: int
+
+    def __post_init__(self) -> None:
+        if self.longest < 1:
+            raise ValueError(f"longest segment is {self.longest} samples, expected at least 1")
+
+    def log_mass(self, n: NDArray[np.int64]) -> Array:
+        """Log g(n) = −log n_max up to n_max, nothing beyond."""
+        return np.where(np.asarray(n) <= self.longest, -np.log(self.longest), -np.inf)
+
+    def log_survival(self, n: NDArray[np.int64]) -> Array:
+        """Log S(n) = log(1 − n/n_max)."""
+        with np.errstate(divide="ignore"):
+            survival: Array = np.log(np.maximum(1.0 - np.asarray(n) / self.longest, 0.0))
+        return survival
+
+
+@dataclass(frozen=True)
+class NegativeBinomial:
+    """Lengths about a mean, with a mode away from 1: a movement takes its time. Fearnhead 2006.
+
+    n − 1 is negative binomial with `shape` successes; shape 1 is geometric, a larger one is more regular.
+    """
+
+    mean_samples: float
+    shape: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not (self.mean_samples > 1.0 and self.shape > 0.0):
+            raise ValueError(
+                f"mean is {self.mean_samples} samples and shape {self.shape}, expected above 1 and above 0"
+            )
+
+    @property
+    def _success(self) -> float:
+        return self.shape / (self.shape + self.mean_samples - 1.0)
+
+    def log_mass(self, n: NDArray[np.int64]) -> Array:
+        """Log g(n)."""
+        mass: Array = nbinom.logpmf(np.asarray(n) - 1, self.shape, self._success)
+        return mass
+
+    def log_survival(self, n: NDArray[np.int64]) -> Array:
+        """Log S(n)."""
+        survival: Array = nbinom.logsf(np.asarray(n) - 1, self.shape, self._success)
         return survival

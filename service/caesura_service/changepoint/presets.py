@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from caesura_service.changepoint.contact import ContactShare
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
@@ -18,11 +19,15 @@ from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
+from caesura_service.changepoint.trend import ConstantVelocity
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
 TARED_BIAS_N = 1.5  # what wanders within a recording
 UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free space
+
+# What is left where the force cannot tell contact.
+MOVEMENT = (Kind("motion", "motion", "free", ("moving",)), Kind("steady", "steady", "free", ("still",)))
 
 
 @dataclass(frozen=True)
@@ -52,16 +57,19 @@ class Preset:
         """The lattice over what the wrench can carry.
 
         Without contact the force is not looked at, and what remains is whether the arm moves. bias_n [N]:
-        scale of what free space may read.
+        scale of what free space may read. Raises ValueError where nothing is left to look at.
         """
-        kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
-        if not contact:
-            kinds = (
-                Kind("motion", "motion", "free", ("moving",)),
-                Kind("steady", "steady", "free", ("still",)),
+        channels = self.channels(bias_n)
+        if contact:
+            kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
+        else:
+            kinds = tuple(kind for kind in MOVEMENT if set(kind.channels) <= set(channels))
+        if not kinds:
+            raise ValueError(
+                f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
             )
         used = {channel for kind in kinds for channel in kind.channels}
-        channels = {name: model for name, model in self.channels(bias_n).items() if name in used}
+        channels = {name: model for name, model in channels.items() if name in used}
         return Lattice(channels, kinds, "maximum" if self.maximum else "mixture", self.tempering)
 
     def online(
@@ -92,6 +100,26 @@ def _integrated_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "pressed": Profiled("force", thesis_force_library(), Noise(1.0, 1.25), "maximum", origin="zero"),
         "loaded": Carried(Noise(1.0, 0.5), least_kg=0.2),
     }
+
+
+def _constant_velocity_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    return {"moving": ConstantVelocity(nu0=1.0, sigma2=0.5, kappa0=1.0, length_unit_m=0.01, step_s=STEP_S)}
+
+
+def _second_order_channels(sigma_m: float) -> Callable[[float], Mapping[str, ChannelModel]]:
+    def channels(bias_n: float) -> Mapping[str, ChannelModel]:
+        return {"moving": Profiled("position", thesis_motion_library(), Noise(1.0, sigma_m), "maximum")}
+
+    return channels
+
+
+def _force_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    rise = Profiled("force", thesis_force_library(), Noise(10.0, 1.25), "maximum", origin="zero")
+    return {"pressed": rise}
+
+
+def _contact_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    return {name: ContactShare(state) for state, name in enumerate(("free", "contact", "transport"))}
 
 
 def correlation(time_s: float) -> float:
@@ -151,6 +179,13 @@ def _default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     }
 
 
+_MOTION_ONLY = (Kind("motion", "motion", "free", ("moving",)),)
+_FORCE_ONLY = (Kind("contact", "steady", "contact", ("pressed",)),)
+_CONTACT_ONLY = (
+    Kind("motion", "motion", "free", ("free",)),
+    Kind("contact", "steady", "contact", ("contact",)),
+    Kind("transport", "motion", "transport", ("transport",)),
+)
 _THESIS_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched")),
     Kind("contact", "steady", "contact", ("still", "pressed")),
@@ -168,6 +203,11 @@ _ALL_KINDS = (
 PRESETS: Mapping[str, Preset] = {
     preset.name: preset
     for preset in (
+        Preset("constant_velocity", _constant_velocity_channels, _MOTION_ONLY),
+        Preset("second_order_1", _second_order_channels(0.05), _MOTION_ONLY),
+        Preset("second_order_2", _second_order_channels(0.025), _MOTION_ONLY),
+        Preset("force", _force_channels, _FORCE_ONLY),
+        Preset("contact", _contact_channels, _CONTACT_ONLY),
         Preset("integrated", _integrated_channels, _THESIS_KINDS, maximum=True),
         Preset("default", _default_channels, _ALL_KINDS, continuous=True),
     )

@@ -39,9 +39,9 @@ def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
             pose_of_joints=None if robot is None else robot.flange_poses,
             wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
         )
+        return SegmentationPipeline(layout, PRESETS[name], opening)
     except ValueError as error:
         raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
-    return SegmentationPipeline(layout, PRESETS[name], opening)
 
 
 class SegmentationPipeline:

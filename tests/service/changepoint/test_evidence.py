@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from caesura_service.changepoint.contact import ContactShare
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
 from caesura_service.changepoint.presets import PRESETS, thesis_force_library, thesis_motion_library
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk, overdamped, whiten
+from caesura_service.changepoint.trend import ConstantVelocity
 
 
 def rows_after(model: ChannelModel, data: np.ndarray, channel: str = "position") -> Rows:
@@ -227,3 +229,39 @@ def test_a_profile_that_is_not_overdamped_is_refused() -> None:
 def test_a_library_whitened_for_another_correlation_is_refused() -> None:
     with pytest.raises(ValueError, match=r"correlation 0\.5"):
         Profiled("position", ProfileLibrary([minimum_jerk(1.0)], 0.1, 0.5), Noise(1.0, 0.1, correlation=0.8))
+
+
+def test_constant_velocity_is_a_multivariate_student_t() -> None:
+    rng = np.random.default_rng(8)
+    data = np.cumsum(rng.normal(0, 0.01, (9, 3)), axis=0)
+    model = ConstantVelocity(nu0=1.0, sigma2=0.5, kappa0=1.0, length_unit_m=0.01, step_s=0.1)
+    got = model.log_evidence(rows_after(model, data))
+    for start in range(len(data)):
+        y = (data[start:] - data[start]) / 0.01
+        phi = np.column_stack([np.ones(len(y)), 0.1 * np.arange(len(y))])
+        shape = 0.5 * (np.eye(len(y)) + phi @ phi.T)
+        expected = sum(
+            stats.multivariate_t.logpdf(y[:, axis], np.zeros(len(y)), shape, df=1.0) for axis in range(3)
+        )
+        assert got[start] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_shares_of_the_contact_model_add_up_to_the_product_of_its_predictives() -> None:
+    data = np.random.default_rng(9).normal([0.0, 0.0, -2.0], 1.5, (8, 3))
+    parts = [
+        model.log_evidence(rows_after(model, data, "force"))[0]
+        for model in (ContactShare(0), ContactShare(1), ContactShare(2))
+    ]
+    counts, total = np.full(3, 10.0), 0.0
+    for i, force in enumerate(data):
+        mean_z = data[:i, 2].mean() if i else 0.0
+        weight = min(mean_z, -0.2 * 9.81)
+        means = np.array([[0, 0, 0], [0, 0, 0], [0, 0, weight]])
+        density = [
+            np.prod(stats.norm.pdf(force, mean, np.sqrt(variance)))
+            for mean, variance in zip(means, (0.75, 20.75, 0.75), strict=True)
+        ]
+        joint = counts / counts.sum() * density
+        total += np.log(joint.sum())
+        counts = counts + joint / joint.sum()
+    assert log_sum_exp(np.array(parts)) - np.log(3.0) == pytest.approx(total, abs=1e-9)

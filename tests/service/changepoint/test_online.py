@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations, pairwise
-
 import numpy as np
 import pytest
 
@@ -14,62 +11,11 @@ from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.presets import PRESETS
+from service.changepoint.brute_force import BruteForce, demonstration
 
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64)
 HAZARD = Geometric(8.0)
 LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
-
-
-def demonstration(seed: int, n: int = 12) -> list[Observed]:
-    """A rest, a move and a press, noisy and short."""
-    rng = np.random.default_rng(seed)
-    moving = np.clip(np.arange(n) - n // 3, 0, n // 3) / (n // 3)
-    pressing = np.clip(np.arange(n) - 2 * n // 3, 0, 2) / 2
-    position = moving[:, None] * [0.05, -0.1, 0.02] + rng.normal(0, 1e-3, (n, 3))
-    force = pressing[:, None] * [0.5, 0.0, 9.0] + rng.normal(0, 0.3, (n, 3))
-    holding = rng.choice([0.0, 1.0, np.nan], n)
-    return [Observed(*row) for row in zip(position, force, holding, strict=True)]
-
-
-def segment_log_evidence(lattice: Lattice, data: list[Observed], start: int, end: int) -> np.ndarray:
-    """(kinds,) of data[start:end] as one segment, built from scratch; it may look at the sample before."""
-    rows = lattice.empty()
-    for observed in data[max(start - 1, 0) : end]:
-        rows = lattice.extend(rows, observed)
-    return lattice.kind_log_evidence(lattice.select(rows, np.array([min(start, 1)])))[0]
-
-
-def segmentations(n: int) -> Iterator[tuple[int, ...]]:
-    """All 2^(n−1) sets of segment starts."""
-    for k in range(n):
-        for inner in combinations(range(1, n), k):
-            yield (0, *inner)
-
-
-class BruteForce:
-    """Log joint of the data and every segmentation of it."""
-
-    def __init__(self, lattice: Lattice, data: list[Observed]) -> None:
-        n = len(data)
-        self.kinds = {
-            (s, e): segment_log_evidence(lattice, data, s, e) for s in range(n) for e in range(s + 1, n + 1)
-        }
-        evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
-        self.paths = list(segmentations(n))
-        self.joint = np.array([self.log_joint(path, n, evidence) for path in self.paths])
-        self.total = float(log_sum_exp(self.joint))
-
-    @staticmethod
-    def log_joint(path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], float]) -> float:
-        result = 0.0
-        for start, end in pairwise(path):
-            result += float(HAZARD.log_mass(np.array(end - start))) + evidence[start, end]
-        last = path[-1]
-        return result + float(HAZARD.log_survival(np.array(n - 1 - last))) + evidence[last, n]
-
-    def probability(self, holds: list[bool]) -> float:
-        chosen = self.joint[np.array(holds)]
-        return float(np.exp(log_sum_exp(chosen) - self.total)) if chosen.size else 0.0
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
@@ -79,16 +25,15 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(lattice: Lattice, see
     online = OnlineFilter(lattice, HAZARD, EXACT)
     for observed in data:
         online.step(observed)
-    brute = BruteForce(lattice, data)
+    brute = BruteForce(lattice, data, HAZARD)
 
     assert float(log_sum_exp(online.log_joint)) == pytest.approx(brute.total, abs=1e-9)
     expected = [brute.probability([path[-1] == start for path in brute.paths]) for start in range(len(data))]
     np.testing.assert_allclose(online.posterior, expected, atol=1e-9)
-    expected = [brute.probability([start in path for path in brute.paths]) for start in range(len(data))]
     got = [online.changepoint_probability(start) for start in range(len(data))]
-    np.testing.assert_allclose(got, expected, atol=1e-9)
+    np.testing.assert_allclose(got, brute.changepoint_probability(), atol=1e-9)
 
-    best = brute.paths[int(np.argmax(brute.joint))]
+    best = brute.best
     path = [*online.final, *online.map_path()]
     assert tuple(segment.start for segment in path) == best
     for segment, end in zip(path, (*best[1:], len(data)), strict=True):

@@ -1,0 +1,74 @@
+"""Every segmentation of a short series, written out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.lattice import Lattice
+from caesura_service.changepoint.models import Observed
+
+
+def demonstration(seed: int, n: int = 12) -> list[Observed]:
+    """A rest, a move and a press, noisy and short."""
+    rng = np.random.default_rng(seed)
+    moving = np.clip(np.arange(n) - n // 3, 0, n // 3) / (n // 3)
+    pressing = np.clip(np.arange(n) - 2 * n // 3, 0, 2) / 2
+    position = moving[:, None] * [0.05, -0.1, 0.02] + rng.normal(0, 1e-3, (n, 3))
+    force = pressing[:, None] * [0.5, 0.0, 9.0] + rng.normal(0, 0.3, (n, 3))
+    holding = rng.choice([0.0, 1.0, np.nan], n)
+    return [Observed(*row) for row in zip(position, force, holding, strict=True)]
+
+
+def segment_log_evidence(lattice: Lattice, data: list[Observed], start: int, end: int) -> np.ndarray:
+    """(kinds,) of data[start:end] as one segment, built from scratch; it may look at the sample before."""
+    rows = lattice.empty()
+    for observed in data[max(start - 1, 0) : end]:
+        rows = lattice.extend(rows, observed)
+    return lattice.kind_log_evidence(lattice.select(rows, np.array([min(start, 1)])))[0]
+
+
+def segmentations(n: int) -> Iterator[tuple[int, ...]]:
+    """All 2^(n−1) sets of segment starts."""
+    for k in range(n):
+        for inner in combinations(range(1, n), k):
+            yield (0, *inner)
+
+
+class BruteForce:
+    """Log joint of the data and every segmentation of it."""
+
+    def __init__(self, lattice: Lattice, data: list[Observed], hazard: Hazard) -> None:
+        n = len(data)
+        self.n, self.hazard = n, hazard
+        self.kinds = {
+            (s, e): segment_log_evidence(lattice, data, s, e) for s in range(n) for e in range(s + 1, n + 1)
+        }
+        evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
+        self.paths = list(segmentations(n))
+        self.joint = np.array([self.log_joint(path, n, evidence) for path in self.paths])
+        self.total = float(log_sum_exp(self.joint))
+
+    def log_joint(self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], float]) -> float:
+        result = 0.0
+        for start, end in pairwise(path):
+            result += float(self.hazard.log_mass(np.array(end - start))) + evidence[start, end]
+        last = path[-1]
+        return result + float(self.hazard.log_survival(np.array(n - 1 - last))) + evidence[last, n]
+
+    def probability(self, holds: list[bool]) -> float:
+        chosen = self.joint[np.array(holds)]
+        return float(np.exp(log_sum_exp(chosen) - self.total)) if chosen.size else 0.0
+
+    def changepoint_probability(self) -> list[float]:
+        """That a segment starts at each observation."""
+        return [self.probability([start in path for path in self.paths]) for start in range(self.n)]
+
+    @property
+    def best(self) -> tuple[int, ...]:
+        """Starts of the most probable segmentation."""
+        return self.paths[int(np.argmax(self.joint))]

@@ -1,0 +1,53 @@
+"""The example in docs/models.md does what it says, and meets the contract."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from caesura_service.changepoint.models import Observed, select
+from caesura_service.changepoint.segments import stretches
+
+PAGE = Path(__file__).parents[2] / "docs" / "models.md"
+
+
+@pytest.fixture(scope="module")
+def page() -> dict:
+    names: dict = {}
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    assert blocks[0].count("\n") < 50
+    for block in blocks:
+        exec(block, names)
+    return names
+
+
+def test_a_model_of_ones_own_finds_its_stretch(page: dict):
+    rng = np.random.default_rng(0)
+    still = rng.normal(0, 2e-4, (30, 3))
+    wandering = still[-1] + np.cumsum(rng.normal(0, 0.01, (30, 3)), axis=0)
+    online = page["online"]
+    for position in np.vstack([still, wandering]):
+        online.step(Observed(position, np.zeros(3)))
+    found = stretches(online)
+    assert [one.verdict.kind.name for one in found] == ["steady", "sliding"]
+    assert found[1].start == pytest.approx(30, abs=1)
+
+
+def test_its_evidence_is_a_density_and_its_rows_are_pure(page: dict):
+    model = page["RandomWalk"](0.1, nu0=1e9)
+    walk = np.cumsum(np.random.default_rng(1).normal(0, 0.1, (6, 3)), axis=0)
+    rows = model.empty()
+    for position in walk:
+        before = [array.copy() for array in rows]
+        extended = model.extend(rows, Observed(position, np.zeros(3)))
+        for old, kept in zip(before, rows, strict=True):
+            np.testing.assert_array_equal(old, kept)
+        rows = extended
+    steps = np.diff(walk, axis=0, prepend=walk[:1])
+    expected = stats.norm.logpdf(steps, 0.0, 0.1).sum()
+    assert model.log_evidence(select(rows, np.array([0])))[0] == pytest.approx(expected, abs=1e-4)

@@ -134,6 +134,8 @@ class Changepoint(Message):
     t: Seconds  # [s]
     probability: Probability  # smoothed, given everything up to now
     certainty: Certainty  # a final one is never revised
+    t_low: Seconds | None = None  # [s] it lies between these two with probability 0.9
+    t_high: Seconds | None = None
 
 
 class Segment(Message):

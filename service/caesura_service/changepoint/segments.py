@@ -14,6 +14,10 @@ from caesura_service.changepoint.online import Ended, OnlineFilter
 Array = NDArray[np.float64]
 
 
+INTERVAL_PROBABILITY = 0.9
+INTERVAL_REACH = 5  # observations to either side at which the same event may lie
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What a segment is, given where it begins and ends."""
@@ -32,6 +36,7 @@ class Stretch:
     end: int
     verdict: Verdict
     start_probability: float  # that a segment starts here or at a neighbouring observation
+    start_interval: tuple[int, int]  # observations between which it starts with INTERVAL_PROBABILITY
     start_final: bool
     end_final: bool
 
@@ -64,6 +69,7 @@ def _stretch(online: OnlineFilter, ended: Ended, end: int, number: int, settled:
         end=end,
         verdict=verdict(online.lattice.kinds, ended.kind_log_evidence),
         start_probability=_near(online, ended.start),
+        start_interval=_interval(online, ended.start),
         start_final=number <= settled,
         end_final=number < settled,
     )
@@ -73,3 +79,15 @@ def _near(online: OnlineFilter, start: int) -> float:
     """Probability of a start at an observation or next to it: the same event, to the grid's resolution."""
     near = range(max(start - 1, 0), min(start + 2, online.count))
     return min(1.0, sum(online.changepoint_probability(s) for s in near))
+
+
+def _interval(online: OnlineFilter, start: int) -> tuple[int, int]:
+    """First and last observation of the central interval, among those that may be the same event."""
+    first, last = max(start - INTERVAL_REACH, 1), min(start + INTERVAL_REACH, online.count - 1)
+    if start == 0 or first > last:
+        return start, start
+    mass = np.array([online.changepoint_probability(s) for s in range(first, last + 1)])
+    share = np.cumsum(mass) / max(mass.sum(), np.finfo(float).tiny)
+    tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
+    low, high = (int(np.searchsorted(share, level)) for level in (tail, 1.0 - tail))
+    return min(first + low, start), max(first + min(high, mass.size - 1), start)

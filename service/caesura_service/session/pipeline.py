@@ -181,6 +181,8 @@ class SegmentationPipeline:
             t=self._boundary(stretch.start),
             probability=stretch.start_probability,
             certainty="final" if final else "provisional",
+            t_low=self._boundary(stretch.start_interval[0]),
+            t_high=self._boundary(stretch.start_interval[1]),
         )
 
     def _apps(self, parts: list[tuple[Stretch, Segment]]) -> tuple[App, ...]:

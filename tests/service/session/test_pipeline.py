@@ -124,3 +124,11 @@ def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording)
     pos[1234, 1] = np.nan
     with pytest.raises(ProtocolError, match="py is not finite"):
         segment_recording(changed(taught, pos=pos))
+
+
+def test_a_changepoint_lies_in_its_interval(found: View):
+    for one in found.changepoints:
+        assert one.t_low <= one.t <= one.t_high
+        assert one.t_high - one.t_low <= 1.0
+    sure = [one for one in found.changepoints if one.t_low == one.t_high]
+    assert sure

@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from caesura_clients.recording import Recording
-from caesura_protocol.codec import pack_samples, unpack_samples
+from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Open
+from caesura_service.session.content import samples_of
+from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.view import View
 
@@ -34,7 +36,8 @@ def views(recording: Recording, preset: str = "default") -> Iterator[View]:
     matrix = recording.matrix()
     for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
         rows = matrix[first : first + BATCH_SAMPLES]
-        pipeline.push(unpack_samples(pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)))
+        batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
+        pipeline.push(samples_of(batch, recording.columns, Limits()))
         yield pipeline.view
     pipeline.finish()
     yield pipeline.view

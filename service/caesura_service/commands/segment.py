@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +13,15 @@ from rich.progress import Progress
 
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.show import apps_table, segments_table
+from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
+
+SHOWN_GAPS = 5
 
 
 def segment(
@@ -33,6 +37,8 @@ def segment(
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
     with reported():
+        if json_out is not None and not json_out.resolve().parent.is_dir():
+            raise BadSource(f"cannot write {json_out}: no such directory")
         recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
         view = _segmented(recording, preset)
         if json_out is not None:
@@ -44,18 +50,24 @@ def _segmented(recording: Recording, preset: str) -> View:
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:
-            return segment_recording(
+            view = segment_recording(
                 recording, preset, progress=lambda samples: progress.update(task, completed=samples)
             )
-        except ValueError as error:
-            raise ProtocolError("malformed", f"{recording.name}: {error}") from error
+        except (ProtocolError, ValueError) as error:
+            raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+    if not view.segments:
+        raise BadSource(
+            f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
+            f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds and more than 0.2 s"
+        )
+    return view
 
 
 def _write(path: Path, view: View) -> None:
     try:
         path.write_text(json.dumps(as_json(view), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        raise ProtocolError("malformed", f"cannot write {path}: {error.strerror}") from error
+        raise BadSource(f"cannot write {path}: {error.strerror}") from error
 
 
 def _shown(recording: Recording, preset: str, view: View) -> Group:
@@ -63,5 +75,15 @@ def _shown(recording: Recording, preset: str, view: View) -> Group:
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
         apps_table(view.apps, title="task program"),
         view.wrench.note,
-        *(f"nothing is known between {gap.t0:.2f} s and {gap.tn:.2f} s" for gap in view.gaps),
+        *_warnings(view),
     )
+
+
+def _warnings(view: View) -> Iterator[str]:
+    """What a reader must know of what is not in the tables."""
+    if view.repeats:
+        yield f"{view.repeats} of {view.samples} samples were dropped: their time did not advance"
+    for gap in view.gaps[:SHOWN_GAPS]:
+        yield f"nothing is known between {gap.t0:.2f} s and {gap.tn:.2f} s"
+    if len(view.gaps) > SHOWN_GAPS:
+        yield f"and {len(view.gaps) - SHOWN_GAPS} more gaps; is t in seconds?"

@@ -11,6 +11,7 @@ import typer
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.app import Service, run_service
+from caesura_service.changepoint.presets import PRESETS
 from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConfig
 from caesura_service.edge import NetworkError
 from caesura_service.edge.network import DEFAULT_ENDPOINT
@@ -31,6 +32,8 @@ def serve(
     Prints one line with the endpoint once the service can be found; logs go to stderr.
     """
     _log_to_stderr(log_level)
+    if preset not in PRESETS:
+        raise typer.BadParameter(f"{preset!r}, known: {', '.join(sorted(PRESETS))}", param_hint="--preset")
     try:
         config = ServiceConfig(
             instance=instance, listen=listen, connect=connect, preset=preset, zenoh_config=zenoh_config
@@ -46,8 +49,11 @@ def _announce(service: Service) -> None:
 
 
 def _log_to_stderr(level: str) -> None:
+    levels = logging.getLevelNamesMapping()
+    if level.upper() not in levels:
+        raise typer.BadParameter(f"{level!r}, known: debug, info, warning, error", param_hint="--log-level")
     logging.basicConfig(
         stream=sys.stderr,
-        level=logging.getLevelNamesMapping().get(level.upper(), logging.INFO),
+        level=levels[level.upper()],
         format="%(asctime)s %(levelname)s %(name)s: %(message)s",
     )

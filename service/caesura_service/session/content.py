@@ -31,17 +31,6 @@ def samples_of(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> 
     return matrix
 
 
-def check_advance(t: float, previous: float, limits: Limits) -> None:
-    """Raises ProtocolError `malformed` if a batch lies absurdly far after the one before it."""
-    if t > previous + limits.advance_s:
-        raise ProtocolError(
-            "malformed",
-            "a batch leaps ahead of the one before it",
-            value=t,
-            limit=previous + limits.advance_s,
-        )
-
-
 def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
     low, high = float(times.min()), float(times.max())
     reach = max(-low, high)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
 from caesura_service.session import results
-from caesura_service.session.content import check_advance
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
 from caesura_service.session.standing import Standing, Tally
@@ -31,7 +30,6 @@ class Demonstration:
     ) -> None:
         self._pipeline = pipeline
         self._limits = limits
-        self._last_t: float | None = None  # [s] of the latest sample that was pushed
         self._status_t = 0.0  # [s] session time of the last status
         preset = opening.preset or ""
         self.standing: Standing = results.beginning(station, opening.session, owner, preset, pipeline.view)
@@ -50,10 +48,7 @@ class Demonstration:
         """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
 
         def step() -> list[Output]:
-            if self._last_t is not None:
-                check_advance(float(samples[0, 0]), self._last_t, self._limits)
             _push(self._pipeline, samples)
-            self._last_t = float(samples[:, 0].max())
             tally = self.standing.tally
             return self._look(replace(tally, batches=tally.batches + 1))
 

@@ -20,7 +20,6 @@ class Limits:
     # Content of a batch
     time_s: float = 1e10  # magnitude of a sample's time
     batch_span_s: float = 60.0  # first to last sample of a batch
-    advance_s: float = 3600.0  # from one batch to the next
 
     # Publishing
     status_interval_s: float = 1.0  # session time between two statuses without an occasion

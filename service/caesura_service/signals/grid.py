@@ -26,6 +26,7 @@ from caesura_service.signals.rotation import sign_continuous
 Array = NDArray[np.float64]
 
 MAX_WAITING_SAMPLES = 1000  # in one unfinished cell: 100 kHz on a 100 Hz grid
+LEAP_LIMIT_S = 3600.0  # a longer silence is a clock that was set, or a time in another unit
 
 
 class Block(NamedTuple):
@@ -80,8 +81,10 @@ class Resampler:
     ) -> tuple[GridState | None, Resampled]:
         """Take samples: times (n,) [s], values (n, c). The state is None before the first sample.
 
-        broken: samples before these were lost for good. Raises ValueError over MAX_WAITING_SAMPLES.
+        broken: samples before these were lost for good. Raises ValueError over MAX_WAITING_SAMPLES, and for a
+        clock that goes back by more than a gap or leaps by more than LEAP_LIMIT_S.
         """
+        self._check_clock(times, None if state is None else state.latest)
         fresh = _advancing(times, -math.inf if state is None else state.latest)
         repeats = len(times) - int(np.count_nonzero(fresh))
         times, values = times[fresh], values[fresh]
@@ -98,6 +101,21 @@ class Resampler:
             blocks.append(block)
         gaps = tuple((float(before[i]), float(times[i])) for i in np.flatnonzero(holes))
         return state, Resampled(tuple(blocks), gaps, repeats)
+
+    def _check_clock(self, times: Array, latest: float | None) -> None:
+        """Refuse a clock that was set: what it says of before and after cannot be put in order."""
+        known = times[:1] if latest is None else np.array([latest])
+        highest = np.maximum.accumulate(np.concatenate([known, times]))[:-1]
+        for steps, limit, verb in (
+            (highest - times, self.gap_limit_s, "goes back"),
+            (times - highest, LEAP_LIMIT_S, "leaps"),
+        ):
+            if (steps > limit).any():
+                i = int(np.argmax(steps > limit))
+                raise ValueError(
+                    f"sample {i}: time {verb} from {highest[i]:.6g} s to {times[i]:.6g} s, "
+                    f"expected within {limit:g} s"
+                )
 
     def _with_continuous_signs(self, state: GridState | None, values: Array) -> Array:
         if self.quaternion is None:

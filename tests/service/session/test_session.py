@@ -279,7 +279,6 @@ def test_a_higher_epoch_that_has_not_opened_is_a_conflict():
 NAN = batch_of([[0.2, 0.0], [0.21, float("nan")]], seq=1)
 ABSURD = batch_of([[1e11, 0.0]], seq=1)
 LASTING = batch_of([[0.2, 0.0], [90.0, 0.0]], seq=1)
-LEAPING = batch_of([[5000.0, 0.0]], seq=1)
 OTHER_COLUMNS = batch_of([[0.2, 0.0]], seq=1, columns=("t", "py"))
 IMPOSSIBLE = batch_of([[0.2, -1.0]], seq=1)
 CUT = batch(1, samples=b"\0" * 12)
@@ -291,7 +290,6 @@ CUT = batch(1, samples=b"\0" * 12)
         (NAN, "not finite"),
         (ABSURD, "absurd"),
         (LASTING, "lasts too long"),
-        (LEAPING, "leaps ahead"),
         (OTHER_COLUMNS, "columns differ"),
         (CUT, "do not fit"),
         (IMPOSSIBLE, "what a robot can send"),

@@ -138,3 +138,24 @@ def test_the_state_stays_small_over_a_long_session() -> None:
         state, _ = GRID.advance(state, i * 0.1 + np.arange(100) / 1000.0, np.zeros((100, 1)))
     assert state is not None
     assert len(state.times) < 20
+
+
+def test_a_clock_that_was_set_back_is_refused_and_changes_nothing() -> None:
+    resampler = Resampler(100.0, 0.25)
+    times = np.arange(0.0, 1.0, 0.001)
+    state, _ = resampler.advance(None, times, times[:, None])
+    with pytest.raises(
+        ValueError, match=r"sample 0: time goes back from 0\.999 s to 0 s, expected within 0\.25"
+    ):
+        resampler.advance(state, times, times[:, None])
+    late, resampled = resampler.advance(state, np.array([0.9, 1.0]), np.array([[0.9], [1.0]]))
+    assert resampled.repeats == 1
+    assert late is not None
+
+
+def test_a_clock_that_leaps_is_refused() -> None:
+    resampler = Resampler(100.0, 0.25)
+    with pytest.raises(
+        ValueError, match=r"sample 1: time leaps from 1 s to 1\.7\d*e\+09 s, expected within 3600"
+    ):
+        resampler.advance(None, np.array([1.0, 1.76e9]), np.zeros((2, 1)))

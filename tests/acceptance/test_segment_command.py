@@ -1,0 +1,86 @@
+"""`caesura segment` as a user calls it: what it writes, and what it says of what it cannot use."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from caesura_clients.cli import build
+
+DATA = Path(__file__).parents[2] / "data"
+KINDS = {"motion", "contact", "transport", "steady", "hold", "sliding"}
+
+
+def caesura(*words: object):
+    return CliRunner().invoke(build(), [str(word) for word in words])
+
+
+def recording(path: Path, t: np.ndarray, **arrays: np.ndarray) -> Path:
+    pos = np.column_stack([0.1 * np.sin(t), 0 * t, 0 * t])
+    np.savez(path, **{"t": t, "pos": pos} | arrays)
+    return path
+
+
+def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
+    out = tmp_path / "out.json"
+    done = caesura("segment", DATA / "pick_and_place.npz", "--json", out)
+    assert done.exit_code == 0, done.output
+    found = json.loads(out.read_text())
+    assert {"segments", "changepoints", "program"} <= set(found)
+    for one in found["segments"]:
+        assert {"t0", "tn", "kind", "motion", "contact", "probability"} <= set(one)
+        assert one["kind"] in KINDS
+    assert len(found["changepoints"]) == len(found["segments"]) - 1
+    assert "transport" in {app["kind"] for app in found["program"]}
+    assert "Move To Contact" in done.output
+
+
+@pytest.mark.parametrize(
+    ("name", "t", "words"),
+    [
+        ("one", np.array([0.0]), "nothing to segment in 1 samples"),
+        ("restarted", np.tile(np.arange(0, 5, 0.01), 2), "time goes back from 4.99 s to 0 s"),
+        ("unix", np.concatenate([np.arange(20) / 100, 1.76e9 + np.arange(20) / 100]), "time leaps"),
+        ("milliseconds", np.arange(0.0, 3000.0, 10.0), "lasts too long; value 190.0; limit 60.0"),
+    ],
+)
+def test_what_cannot_be_segmented_is_one_clear_line(tmp_path: Path, name: str, t: np.ndarray, words: str):
+    done = caesura("segment", recording(tmp_path / f"{name}.npz", t))
+    assert done.exit_code == 1
+    (line,) = [line for line in done.output.splitlines() if line.strip()]
+    assert line.startswith("error: ")
+    assert words in line
+    assert f"{name}.npz" in line
+
+
+def test_many_gaps_are_not_listed_one_by_one(tmp_path: Path):
+    t = np.arange(0, 60, 0.01)
+    done = caesura("segment", recording(tmp_path / "gaps.npz", t[t % 5.0 < 4.0]))
+    assert done.exit_code == 0
+    assert done.output.count("nothing is known") == 5
+    assert "6 more gaps; is t in seconds?" in done.output
+
+
+def test_dropped_samples_are_told(tmp_path: Path):
+    t = np.repeat(np.arange(0, 5, 0.01), np.tile([2, *9 * [1]], 50))
+    done = caesura("segment", recording(tmp_path / "repeats.npz", t))
+    assert done.exit_code == 0
+    assert "50 of 550 samples were dropped" in done.output
+
+
+def test_a_result_that_cannot_be_written_is_said_before_the_work(tmp_path: Path):
+    done = caesura("segment", DATA / "button.npz", "--json", tmp_path / "nowhere" / "out.json")
+    assert done.exit_code == 1
+    assert "no such directory" in done.output
+    assert "contact" not in done.output
+
+
+def test_an_unknown_preset_is_refused_with_those_that_exist():
+    for command in (["segment", DATA / "button.npz"], ["serve"]):
+        done = caesura(*command, "--preset", "magic")
+        assert done.exit_code != 0
+        assert "magic" in done.output or "unknown preset" in done.output

@@ -1,0 +1,60 @@
+"""Every method on every case. Cases are loaded where they are judged, so nothing big travels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+from caesura_clients.recording import RecordingError
+from caesura_protocol.errors import ProtocolError
+from caesura_service.judge.methods import Method
+from caesura_service.judge.score import Score, score
+from caesura_service.judge.suites import Case
+
+
+@dataclass(frozen=True)
+class Unfit:
+    """A method that could not be applied to a recording, and why."""
+
+    method: str
+    recording: str
+    reason: str
+
+
+Verdict = Score | Unfit
+
+
+def judge(case: Case, methods: Sequence[Method], floor_s: float = 0.0) -> list[Verdict]:
+    """All methods on one case. Raises TruthError or RecordingError for a case that cannot be loaded."""
+    recording, truth = case.load()
+    verdicts: list[Verdict] = []
+    for method in methods:
+        try:
+            found = method.segment(recording)
+        except RecordingError:
+            raise
+        except (ProtocolError, ValueError) as error:
+            verdicts.append(Unfit(method.name, case.name, str(error)))
+        else:
+            verdicts.append(score(method.name, truth, found, floor_s))
+    return verdicts
+
+
+def judge_all(
+    cases: Sequence[Case], methods: Sequence[Method], floor_s: float = 0.0, *, workers: int = 1
+) -> Iterator[list[Verdict]]:
+    """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
+    if workers <= 1 or len(cases) == 1:
+        for case in cases:
+            yield judge(case, methods, floor_s)
+        return
+    # Spawned, not forked: the parent may have threads.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(judge, case, methods, floor_s) for case in cases]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,0 +1,80 @@
+"""Baselines from libraries of changepoint detection; they need the extra `judge`."""
+
+from __future__ import annotations
+
+import changepoint
+import numpy as np
+import ruptures
+from numpy.typing import NDArray
+from ruptures.base import BaseCost
+
+from caesura_service.judge.conditioned import Signals
+
+Array = NDArray[np.float64]
+# What a hand at rest and a sensor in use leave unexplained: nothing smaller is told apart.
+POSITION_M, FORCE_N = 0.0007, 0.5
+SPEED_M_PER_S = 0.010  # the annotators' rest
+MEAN_SEGMENT_S = 2.0  # as our own hazard
+LEAST_OBSERVATIONS = 3  # 0.3 s, the annotators' shortest rest
+
+
+class PiecewiseLinear(BaseCost):  # type: ignore[misc]
+    """-2 log likelihood of straight lines with a Gaussian noise of its own for each segment and channel.
+
+    From running sums, so that a cost takes constant time; noise below `floor` is not told apart. signal:
+    (n, channels), in units of the floor.
+    """
+
+    model = "linear"
+    min_size = LEAST_OBSERVATIONS
+
+    def fit(self, signal: Array) -> PiecewiseLinear:
+        """Sum up 1, t, t², y, y², ty."""
+        self.signal = signal - signal.mean(axis=0)
+        time = np.arange(len(signal), dtype=float)[:, None]
+        columns = (time, time**2, self.signal, self.signal**2, time * self.signal)
+        self._sums = [np.vstack([np.zeros((1, c.shape[1])), np.cumsum(c, axis=0)]) for c in columns]
+        return self
+
+    def error(self, start: int, end: int) -> float:
+        """Cost of observations start to end (exclusive)."""
+        t, tt, y, yy, ty = (sums[end] - sums[start] for sums in self._sums)
+        n = end - start
+        spread = tt - t * t / n
+        residual = yy - y * y / n - (ty - t * y / n) ** 2 / spread
+        return float(n * np.log(np.maximum(residual, 0.0) / n + 1.0).sum())
+
+
+def pelt(signals: Signals) -> NDArray[np.intp]:
+    """Straight lines in position and force, PELT with the penalty of BIC.
+
+    Killick, Fearnhead & Eckley 2012; Schwarz 1978: log n for each free number of a segment, which are
+    intercept, slope and noise of each channel, and the place of its boundary.
+    """
+    channels = _scaled(signals, signals.position_base / POSITION_M)
+    n, width = channels.shape
+    if n < 2 * LEAST_OBSERVATIONS:
+        return np.array([], dtype=np.intp)
+    penalty = (3 * width + 1) * np.log(n)
+    detector = ruptures.Pelt(custom_cost=PiecewiseLinear(), min_size=LEAST_OBSERVATIONS, jump=1)
+    return np.array(detector.fit_predict(channels, penalty)[:-1], dtype=np.intp)
+
+
+def gaussian_online(signals: Signals) -> NDArray[np.intp]:
+    """Bayesian online changepoint detection on velocity and force with unknown mean and covariance.
+
+    Adams & MacKay 2007 with the normal-inverse-Wishart prior of Murphy 2007, section 9: weakest degrees of
+    freedom that have a mean, which is the floor's variance; changepoints of the most probable path.
+    """
+    channels = _scaled(signals, signals.velocity_base / SPEED_M_PER_S)
+    width = channels.shape[1]
+    prior = changepoint.NormalInvWishart(np.zeros(width), 0.01, width + 2, np.eye(width))
+    mean_segment = MEAN_SEGMENT_S / float(np.median(np.diff(signals.t)))
+    detector = changepoint.Bocpd(prior, mean_segment)
+    run_lengths = [detector.step(row) for row in channels]
+    return np.array(changepoint.map_changepoints(run_lengths), dtype=np.intp)
+
+
+def _scaled(signals: Signals, motion: Array) -> Array:
+    """Motion and, where it tells contact, force, (n, 3 or 6), in units of what cannot be told apart."""
+    return np.hstack([motion, signals.force_base / FORCE_N]) if signals.force_tells else motion

@@ -1,0 +1,87 @@
+"""What can be judged: one small interface, and our presets behind it.
+
+A method never sees the truth. Ours gets the samples batch by batch, as a session does, and what it says
+after each is kept, so that delays can be measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from caesura_clients.recording import Recording
+from caesura_protocol.messages import Segment
+from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_service.judge.metrics import Look
+from caesura_service.judge.score import Found, Part
+from caesura_service.recordings import views
+from caesura_service.session.view import View
+
+
+class Method(Protocol):
+    """A way to divide a recording. It can be pickled, and the same recording gives the same result."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in the tables."""
+
+    def segment(self, recording: Recording) -> Found:
+        """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A preset of Caesura, online."""
+
+    preset: str = "default"
+
+    @property
+    def name(self) -> str:
+        """The preset's name."""
+        return self.preset
+
+    def segment(self, recording: Recording) -> Found:
+        """Push the recording through a session's pipeline."""
+        latest = np.maximum.accumulate(recording.t)
+        looks: list[Look] = []
+        view: View | None = None
+        for view in views(recording, self.preset):
+            look = _look(float(latest[max(view.samples, 1) - 1]), view)
+            if not looks or looks[-1][1:] != look[1:]:
+                looks.append(look)
+        assert view is not None, "views yields at least what is known at the end"
+        times = tuple(changepoint.t for changepoint in view.changepoints)
+        return Found(times, tuple(_part(segment) for segment in view.segments), tuple(looks))
+
+
+def _look(t: float, view: View) -> Look:
+    times = tuple(changepoint.t for changepoint in view.changepoints)
+    return Look(t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints))
+
+
+def _part(segment: Segment) -> Part:
+    force_n = float(np.linalg.norm(segment.force_end))
+    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n)
+
+
+class MissingExtraError(RuntimeError):
+    """A library that a baseline needs is not installed."""
+
+
+def baselines() -> list[Method]:
+    """All baselines. Raises MissingExtraError where their libraries are not installed."""
+    try:
+        from caesura_service.judge import libraries  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"{error.name} is not installed; pip install 'caesura[judge]', or give --no-baselines"
+        ) from error
+    return [
+        Baseline("thresholds", thresholds),
+        Baseline("zero velocity", zero_velocity),
+        Baseline("PELT linear", libraries.pelt),
+        Baseline("Gaussian online", libraries.gaussian_online),
+        Baseline("one segment", nothing),
+    ]

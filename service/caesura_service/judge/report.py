@@ -1,0 +1,136 @@
+"""What the judge says: all verdicts by method, and the columns in which they are shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from caesura_service.judge.faults import Faults, faults
+from caesura_service.judge.judging import Unfit, Verdict
+from caesura_service.judge.score import Score
+from caesura_service.judge.summary import MEASURES, Estimate, summarise
+
+UNITS = {measure.name: measure.unit for measure in MEASURES}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, the measure it shows, and how many digits."""
+
+    heading: str
+    measure: str
+    digits: int = 2
+
+
+BOUNDARIES = (
+    Column("precision", "precision"),
+    Column("recall", "recall"),
+    Column("F1", "f1"),
+    Column("covering", "covering"),
+    Column("over", "over"),
+    Column("under", "under"),
+)
+CLASSES = (
+    Column("class", "class"),
+    Column("inside", "class_inside"),
+    Column("load [kg]", "load_error", 3),
+    Column("weighed", "loads_found"),
+    Column("force [N]", "force_error"),
+    Column("felt", "forces_found"),
+)
+DELAYS = (
+    Column("shown [s]", "provisional_median"),
+    Column("shown p90", "provisional_p90"),
+    Column("final [s]", "final_median"),
+    Column("final p90", "final_p90"),
+)
+TABLES = (("boundaries", BOUNDARIES), ("classes, load and force", CLASSES), ("delays", DELAYS))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One method: its numbers, on how many recordings they rest, and its typical errors."""
+
+    method: str
+    recordings: int
+    estimates: dict[str, Estimate]
+    faults: Faults
+    scores: tuple[Score, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that was judged, in the order of the methods."""
+
+    title: str
+    methods: tuple[Judged, ...]
+    unfit: tuple[Unfit, ...]
+
+
+def report(title: str, methods: Sequence[str], verdicts: Iterable[Verdict]) -> Report:
+    """Put verdicts, in any order, together."""
+    ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
+    unfit = tuple(verdict for verdict in ordered if isinstance(verdict, Unfit))
+    judged = []
+    for name in methods:
+        scores = tuple(v for v in ordered if isinstance(v, Score) and v.method == name)
+        if scores:
+            judged.append(Judged(name, len(scores), summarise(scores), faults(scores), scores))
+    return Report(title, tuple(judged), unfit)
+
+
+def shown(estimate: Estimate, digits: int) -> tuple[str, str]:
+    """A value and its interval as text; a dash where there is none."""
+    if math.isnan(estimate.value):
+        return "–", ""
+    return f"{estimate.value:.{digits}f}", f"{estimate.low:.{digits}f}…{estimate.high:.{digits}f}"
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """Everything as plain values; null where there is no number."""
+    return {
+        "title": report.title,
+        "units": UNITS,
+        "methods": [_method(judged) for judged in report.methods],
+        "unfit": [asdict(unfit) for unfit in report.unfit],
+    }
+
+
+def _method(judged: Judged) -> dict[str, Any]:
+    return {
+        "method": judged.method,
+        "recordings": judged.recordings,
+        "measures": {name: _estimate(estimate) for name, estimate in judged.estimates.items()},
+        "confusion_s": _pairs(judged.faults.confusion),
+        "missed": [asdict(missed) for missed in judged.faults.missed],
+        "false_alarms": [asdict(invented) for invented in judged.faults.invented],
+        "per_recording": [_score(score) for score in judged.scores],
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, float | int | None]:
+    values = asdict(estimate)
+    return {name: None if math.isnan(value) else value for name, value in values.items()}
+
+
+def _score(score: Score) -> dict[str, Any]:
+    return {
+        "recording": score.recording,
+        "hits": score.hits,
+        "false_alarms": score.false_alarms,
+        "misses": score.misses,
+        "covering": score.covering,
+        "confusion_s": _pairs(score.confusion),
+        "load_errors_kg": score.load_errors_kg,
+        "force_errors_n": score.force_errors_n,
+        "provisional_s": score.provisional_s,
+        "final_s": score.final_s,
+    }
+
+
+def _pairs(confusion: dict[tuple[str, str], int]) -> list[dict[str, Any]]:
+    return [
+        {"true": true, "found": found, "s": round(s, 3)} for (true, found), s in sorted(confusion.items())
+    ]

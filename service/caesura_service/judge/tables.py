@@ -1,0 +1,119 @@
+"""A report as tables for a terminal and for markdown: 95 % intervals beside every value.
+
+Grids are made once, as rows of text, and shown in two ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from caesura_service.judge.report import TABLES, Column, Judged, Report, shown
+from caesura_service.judge.truth import KINDS
+
+TYPICAL = 8  # so many lines of each list of errors
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table as text: a row has one cell a heading, the first is its name."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def as_text(report: Report, *, detailed: Sequence[str] = ()) -> RenderableType:
+    """For a terminal of 80 columns: intervals stand below their values.
+
+    detailed: methods whose confusion and typical errors are shown.
+    """
+    parts: list[RenderableType] = [Text(report.title, style="bold")]
+    for grid in _grids(report, "{}\n{}", detailed):
+        parts += [Text(f"\n{grid.title}", style="italic"), _rich(grid)]
+    return Group(*parts, *map(Text, _notes(report)))
+
+
+def as_markdown(report: Report, *, detailed: Sequence[str] = ()) -> str:
+    """For a page: intervals stand beside their values. detailed: as in `as_text`."""
+    parts = [f"**{report.title}**"]
+    for grid in _grids(report, "{} ({})", detailed):
+        lines = [_line(grid.headings), _line(["---"] + ["---:"] * (len(grid.headings) - 1))]
+        parts.append("\n".join([f"{grid.title}\n", *lines, *map(_line, grid.rows)]))
+    return "\n\n".join([*parts, *_notes(report)]) + "\n"
+
+
+def _grids(report: Report, layout: str, detailed: Sequence[str]) -> Iterator[Grid]:
+    for title, columns in TABLES:
+        judged = [one for one in report.methods if any(one.estimates[c.measure].n for c in columns)]
+        if judged:
+            rows = tuple((one.method, *_cells(one, columns, layout)) for one in judged)
+            yield Grid(title, ("method", *(c.heading for c in columns)), rows)
+    for one in report.methods:
+        if one.method in detailed:
+            yield from _errors(one)
+
+
+def _cells(judged: Judged, columns: Sequence[Column], layout: str) -> list[str]:
+    pairs = (shown(judged.estimates[column.measure], column.digits) for column in columns)
+    return [layout.format(value, interval) if interval else value for value, interval in pairs]
+
+
+def _errors(judged: Judged) -> Iterator[Grid]:
+    found = judged.faults
+    if found.confusion:
+        yield _confusion(judged)
+    if found.missed:
+        rows = tuple(
+            (
+                m.kind,
+                m.between,
+                f"{m.missed} of {m.of_kind}",
+                str(m.near),
+                "–" if m.offset_s is None else f"{m.offset_s:+.2f}",
+            )
+            for m in found.missed[:TYPICAL]
+        )
+        headings = ("missed", "true classes", "times", "one near", "by [s]")
+        yield Grid(f"{judged.method}: what it misses", headings, rows)
+    if found.invented:
+        alarms = tuple((i.within, i.between, str(i.times)) for i in found.invented[:TYPICAL])
+        yield Grid(f"{judged.method}: false alarms", ("within true", "found classes", "times"), alarms)
+
+
+def _confusion(judged: Judged) -> Grid:
+    """Of the time that each row's class took, the share that was called the column's."""
+    seconds = judged.faults.confusion
+    columns = [kind for kind in (*KINDS, "none") if any(found == kind for _, found in seconds)]
+    rows = []
+    for true in KINDS:
+        total = sum(s for (kind, _), s in seconds.items() if kind == true)
+        if total:
+            shares = [f"{seconds[true, found] / total:.0%}" for found in columns]
+            rows.append((true, f"{total:.0f}", *(share if share != "0%" else "·" for share in shares)))
+    return Grid(f"{judged.method}: true class, and what it was called", ("true", "s", *columns), tuple(rows))
+
+
+def _notes(report: Report) -> list[str]:
+    reasons = {(unfit.method, unfit.reason) for unfit in report.unfit}
+    return [
+        f"{method} is not applicable to {sum(u.method == method for u in report.unfit)} recordings: {reason}"
+        for method, reason in sorted(reasons)
+    ]
+
+
+def _rich(grid: Grid) -> Table:
+    table = Table(padding=(0, 1, 0, 0), box=None)
+    for i, heading in enumerate(grid.headings):
+        table.add_column(Text(heading), justify="right" if i else "left")
+    for row in grid.rows:
+        table.add_row(*map(Text, row))  # as text: brackets are no markup here
+    return table
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,119 @@
+"""`caesura evaluate`, its suites, formats and refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_service.commands import register
+from caesura_service.judge.judging import Unfit, judge
+from caesura_service.judge.methods import Ours
+from caesura_service.judge.suites import REAL, FileCase, TaughtCase, suite
+from caesura_service.judge.truth import TruthError, read_truth, truth_of
+
+DATA = Path(__file__).parents[3] / "data"
+BUTTON = DATA / "button.npz"
+
+
+def run(*arguments: object):
+    app = typer.Typer()
+    register(app)
+    return CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
+
+
+def test_text_has_a_row_for_every_method():
+    result = run(BUTTON, "--confusion")
+    assert result.exit_code == 0, result.output
+    for name in ("default", "integrated", "thresholds", "zero velocity", "PELT linear", "Gaussian online"):
+        assert name in result.stdout
+    assert "default: true class" in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 80
+
+
+def test_json_says_the_same_as_markdown(tmp_path: Path):
+    out = tmp_path / "out.json"
+    one = ("--preset", "default", "--no-baselines")
+    assert run(BUTTON, *one, "--format", "json", "-o", out).exit_code == 0
+    method = json.loads(out.read_text())["methods"][0]
+    value = method["measures"]["f1"]["value"]
+    markdown = run(BUTTON, *one, "--format", "markdown").stdout
+    row = next(line for line in markdown.splitlines() if line.startswith("| default"))
+    assert f"| {value:.2f} " in row
+    assert method["recordings"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), "either files or one --suite"),
+        ((BUTTON, "--suite", "real"), "either files or one --suite"),
+        (("--suite", "nonsense"), "known: ['teacher', 'real']"),
+        (("--suite", "real", "--data", "/nowhere"), "no such directory"),
+        ((BUTTON, "--preset", "nonsense"), "unknown preset"),
+        (("/nowhere/x.npz",), "not annotated"),
+        ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines"), "cannot write"),
+    ],
+)
+def test_misuse_is_one_line(arguments: tuple, expected: str):
+    result = run(*arguments)
+    assert result.exit_code == 1
+    assert expected in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_preset_that_cannot_be_applied_says_so_and_stops_nobody():
+    case = FileCase(REAL / "modena_panda_0.npz")
+    if not case.path.is_file():
+        pytest.skip(f"the real recordings are not in {REAL}")
+    refused, judged = judge(case, [Ours("force"), Ours("default")])
+    assert isinstance(refused, Unfit)
+    assert "force only" in refused.reason
+    assert not isinstance(judged, Unfit)
+
+
+def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
+    (tmp_path / "b.npz").write_bytes(BUTTON.read_bytes())
+    content = json.loads((DATA / "button.ann.json").read_text()) | {"hand_force_in_wrench": True}
+    (tmp_path / "b.ann.json").write_text(json.dumps(content))
+    assert FileCase(tmp_path / "b.npz").load()[0].wrench_source == "flange_sensor_with_hand"
+
+
+def test_the_teacher_teaches_every_scenario_with_each_profile_a_third():
+    cases = suite("teacher", seeds=3)
+    assert len(cases) == 18
+    assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
+    profiles = [case.profile for case in cases]
+    assert {profiles.count(profile) for profile in set(profiles)} == {6}
+
+
+def test_a_taught_case_brings_its_truth():
+    recording, truth = TaughtCase("button", 1, "lognormal").load()
+    assert truth.window[1] == pytest.approx(recording.t[-1], abs=0.01)
+    assert truth.name == "button-1-lognormal"
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"window": [1.0, 1.0]}, "expected it to have a length"),
+        ({"window": None}, "NoneType"),
+        ({"changepoints": [{"t": 1, "tol": 0.1, "level": "minor"}]}, "level is 'minor'"),
+        ({"changepoints": [{"t": 1, "level": "major"}]}, "'tol' is missing"),
+        ({"changepoints": [{"t": 1, "tol": -1, "level": "major"}]}, "expected 0 s or more"),
+        ({"segments": [{"t0": 0, "t1": 1, "cls": "flight"}]}, "cls is 'flight'"),
+    ],
+)
+def test_an_annotation_that_is_off_is_named(change: dict, expected: str):
+    content = {"window": [0, 5], "changepoints": []} | change
+    with pytest.raises(TruthError, match=expected):
+        truth_of(content, "x")
+
+
+def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
+    (tmp_path / "x.ann.json").write_text("{")
+    with pytest.raises(TruthError, match="not a readable annotation"):
+        read_truth(tmp_path / "x.npz")

@@ -1,0 +1,112 @@
+"""One recording's score, and many made into numbers with intervals."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from caesura_service.judge.faults import faults
+from caesura_service.judge.metrics import Look
+from caesura_service.judge.score import Found, Part, score
+from caesura_service.judge.summary import summarise
+from caesura_service.judge.truth import Point, Quantity, Span, Truth
+
+TRUTH = Truth(
+    name="one",
+    window=(0.0, 10.0),
+    points=(
+        Point(2.0, 0.1, kind="start"),
+        Point(4.0, 0.1, kind="contact_on"),
+        Point(5.0, 0.1, optional=True, kind="dip"),
+        Point(8.0, 0.1, kind="stop"),
+    ),
+    spans=(Span(0, 2, "steady"), Span(2, 4, "motion"), Span(4, 8, "transport"), Span(8, 10, "hold")),
+    loads=(Quantity(4.0, 10.0, 0.3),),
+    forces=(Quantity(2.0, 4.0, 12.0),),
+)
+PARTS = (
+    Part(0.05, 2.0, "steady", force_n=0.1),
+    Part(2.0, 4.0, "contact", force_n=10.0),
+    Part(4.0, 8.0, "transport", load_kg=0.2, force_n=2.0),
+    Part(8.0, 9.9, "hold", load_kg=0.5, force_n=5.0),
+)
+
+
+def test_all_that_is_right_and_wrong_is_counted():
+    found = Found((0.0, 2.05, 5.0, 6.0, 8.15, 10.5), PARTS)
+    one = score("mine", TRUTH, found)
+    assert (one.hits, one.false_alarms, one.misses) == (1, 2, 2)
+    assert one.cut == (2, 4)
+    assert one.merged == (2, 4)
+    assert one.found_kinds == {"start": 1}
+    assert [(miss.kind, miss.between) for miss in one.missed] == [
+        ("contact_on", "motion → transport"),
+        ("stop", "transport → hold"),
+    ]
+    assert one.missed[0].offset_s is None
+    assert one.missed[1].offset_s == pytest.approx(0.15)
+    assert [alarm.within for alarm in one.alarms] == ["transport", "hold"]
+
+
+def test_a_floor_widens_what_is_narrower():
+    found = Found((2.05, 4.0, 8.15), PARTS)
+    assert score("mine", TRUTH, found).hits == 2
+    assert score("mine", TRUTH, found, floor_s=0.2).hits == 3
+
+
+def test_what_a_filter_needs_at_the_beginning_is_not_held_against_it():
+    one = score("mine", TRUTH, Found((2.0, 4.0, 8.0), PARTS))
+    assert ("steady", "none") not in one.confusion
+    assert one.confusion["motion", "contact"] == 2.0
+    assert one.confusion_inside["steady", "steady"] == pytest.approx(1.9)
+
+
+def test_loads_are_weighed_by_time_and_forces_by_the_largest():
+    one = score("mine", TRUTH, Found((2.0, 4.0, 8.0), PARTS))
+    assert one.load_errors_kg == pytest.approx([(4 * 0.2 + 2 * 0.5) / 6 - 0.3], abs=1e-9)
+    assert one.force_errors_n == pytest.approx([2.0])
+    assert (one.loads, one.forces) == (1, 1)
+
+
+def test_a_method_that_measures_nothing_is_not_asked_for_it():
+    parts = tuple(Part(part.t0, part.t1, part.kind) for part in PARTS)
+    one = score("mine", TRUTH, Found((2.0,), parts))
+    assert (one.loads, one.forces) == (0, 0)
+
+
+def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
+    looks = (Look(2.3, (2.05,), (False,)), Look(3.0, (2.05,), (True,)))
+    one = score("mine", TRUTH, Found((2.05,), None, looks))
+    assert one.provisional_s == pytest.approx([0.3])
+    assert one.final_s == pytest.approx([1.0])
+    assert not one.confusion
+
+
+def test_a_summary_has_an_interval_about_its_value_and_is_the_same_each_time():
+    good, bad = (score("mine", TRUTH, Found(times, PARTS)) for times in ((2.0, 4.0, 8.0), (1.0,)))
+    numbers = summarise([good, good, bad])
+    recall = numbers["recall"]
+    assert recall.value == pytest.approx(6 / 9)
+    assert 0.0 <= recall.low <= recall.value <= recall.high <= 1.0
+    assert repr(summarise([good, good, bad])) == repr(numbers)  # nan is no equal of itself
+    assert summarise([good, good])["f1"].value == 1.0
+
+
+def test_without_any_there_is_no_number():
+    numbers = summarise([score("mine", TRUTH, Found(()))])
+    for name in ("precision", "class", "provisional_median", "load_error"):
+        assert math.isnan(numbers[name].value)
+    assert numbers["f1"].value == 0.0
+
+
+def test_typical_errors_come_most_frequent_first():
+    wrong = score("mine", TRUTH, Found((2.0, 4.3, 6.0, 7.0), PARTS))
+    typical = faults([wrong, wrong])
+    assert [(m.kind, m.missed, m.of_kind, m.near) for m in typical.missed] == [
+        ("contact_on", 2, 2, 2),
+        ("stop", 2, 2, 2),
+    ]
+    assert typical.missed[0].offset_s == pytest.approx(0.3)
+    assert typical.invented[0].times >= typical.invented[-1].times
+    assert typical.confusion["motion", "contact"] == 4.0

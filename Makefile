@@ -18,6 +18,7 @@ check: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python scripts/write_schema.py --check
+	$(BIN)/python scripts/write_vectors.py --check
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)

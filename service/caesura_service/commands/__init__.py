@@ -4,11 +4,12 @@ import typer
 
 from caesura_service.commands.demo import demo
 from caesura_service.commands.evaluate import evaluate
+from caesura_service.commands.report import report
 from caesura_service.commands.segment import segment
 from caesura_service.commands.serve import serve
 
 
 def register(app: typer.Typer) -> None:
     """Add every command of the service."""
-    for command in (serve, segment, evaluate, demo):
+    for command in (serve, segment, evaluate, report, demo):
         app.command(command.__name__)(command)

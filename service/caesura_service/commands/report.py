@@ -1,0 +1,64 @@
+"""`caesura report`: a recording in, a page to look at out, without a network."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import reported
+from caesura_clients.errors import CaesuraError
+from caesura_clients.recording import load_recording
+from caesura_protocol.errors import ProtocolError
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.config import DEFAULT_PRESET
+from caesura_service.report.content import gather
+from caesura_service.report.truth import annotation_beside, load_truth
+
+
+def report(
+    file: Annotated[Path, typer.Argument(help="Recording, npz or csv.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .pdf, .png or .html.")],
+    preset: Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")] = DEFAULT_PRESET,
+    truth: Annotated[
+        Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
+    ] = None,
+    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
+    length_unit: Annotated[
+        str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
+    ] = None,
+) -> None:
+    """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
+    with reported():
+        _report(file, out, preset, truth, wrench_source, length_unit)
+    typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
+
+
+def _report(
+    file: Path, out: Path, preset: str, truth: Path | None, wrench_source: str | None, length_unit: str | None
+) -> None:
+    writers = _writers()
+    try:
+        writers.writer_of(out)
+        recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
+        annotation = truth or annotation_beside(file)
+        known = None if annotation is None else load_truth(annotation)
+    except ValueError as error:
+        raise CaesuraError(str(error)) from error
+    try:
+        writers.write_report(gather(recording, preset, known), out)
+    except ValueError as error:
+        raise ProtocolError("malformed", f"{recording.name}: {error}") from error
+    except OSError as error:
+        raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _writers() -> ModuleType:
+    """What draws, which not every service needs."""
+    try:
+        return import_module("caesura_service.report.writers")
+    except ModuleNotFoundError as error:
+        raise CaesuraError(f"a report needs {error.name}: pip install 'caesura[report]'") from error

@@ -1,0 +1,24 @@
+"""The pages of a report, one module each. All of them draw a `Content` and look nothing up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from matplotlib.figure import Figure
+
+from caesura_service.report.content import Content
+from caesura_service.report.figures.path import path_page
+from caesura_service.report.figures.run_length import run_length_page
+from caesura_service.report.figures.signals import signals_page
+from caesura_service.report.figures.tables import table_pages
+from caesura_service.report.tables import program_table, segments_table
+
+__all__ = ["pages", "path_page", "run_length_page", "signals_page"]
+
+
+def pages(content: Content) -> Iterator[Figure]:
+    """Every page, in the order of reading."""
+    yield signals_page(content)
+    yield path_page(content)
+    yield from table_pages(content, (segments_table(content.view), program_table(content.view)))
+    yield run_length_page(content)

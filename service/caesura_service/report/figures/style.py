@@ -1,0 +1,126 @@
+"""How every page looks: paper, ink, the colours of kinds and axes, and what recurs.
+
+Nothing is told by colour alone: kinds stand in words beside it, axes differ in their dashes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from caesura_service.report.content import Content
+
+A4_LANDSCAPE = (11.69, 8.27)  # [inch]
+DPI = 150
+LEFT, RIGHT, TOP, BOTTOM = 0.075, 0.955, 0.885, 0.07  # of the page
+
+INK = "#1b1d1f"
+FAINT = "#6d7278"
+PAPER = "#fefefe"
+RED = "#d01c1f"
+# Okabe and Ito's palette, which colour-blind readers can tell apart.
+COLOUR_OF_KIND = {
+    "motion": "#56b4e9",
+    "steady": "#bbbbbb",
+    "contact": "#d55e00",
+    "sliding": "#e69f00",
+    "transport": "#009e73",
+    "hold": "#cc79a7",
+}
+SHADE = 0.30  # opacity of a segment behind signals
+# x, y, z: apart from the kinds, from each other in lightness, and by their dashes in black and white.
+AXIS_LINES: tuple[dict[str, Any], ...] = (
+    {"label": "x", "color": INK, "linestyle": "-"},
+    {"label": "y", "color": "#0072b2", "linestyle": (0, (6, 1.2))},
+    {"label": "z", "color": "#882255", "linestyle": (0, (3, 1, 1, 1))},
+)
+
+RC: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.facecolor": "none",
+    "axes.linewidth": 0.8,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "savefig.facecolor": "auto",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "caesura",
+    "pdf.fonttype": 42,
+}
+
+
+HEADING = "heading"  # marks what names the page, for a writer that names it otherwise
+
+
+def page(content: Content, title: str, caption: str = "") -> Figure:
+    """An empty A4 page with its heading and a line on how to read it."""
+    figure = Figure(figsize=A4_LANDSCAPE, facecolor="white", label=title)
+    figure.text(LEFT, 0.965, title, fontsize=13, fontweight="bold", va="center", gid=HEADING)
+    figure.text(RIGHT, 0.965, heading(content), color=FAINT, ha="right", va="center", gid=HEADING)
+    figure.text(LEFT, 0.937, caption, fontsize=7.5, color=FAINT, va="center", gid=HEADING)
+    return figure
+
+
+def heading(content: Content) -> str:
+    """Which recording this is, in one line."""
+    t, count = content.signals.t, len(content.view.segments)
+    segments = "1 segment" if count == 1 else f"{count} segments"
+    return f"{content.name} · preset {content.preset} · {t[-1] - t[0]:.1f} s · {segments}"
+
+
+def kinds_present(content: Content) -> list[str]:
+    """Kinds that occur, found or true, in the order of the palette."""
+    found = {one.kind for one in content.view.segments}
+    true = {one.kind for one in content.truth.labelled} if content.truth else set()
+    return [kind for kind in COLOUR_OF_KIND if kind in found | true]
+
+
+def kind_patches(kinds: Iterable[str], opacity: float = 2 * SHADE) -> list[Patch]:
+    """Legend entries."""
+    return [Patch(facecolor=COLOUR_OF_KIND[kind], alpha=opacity, label=kind) for kind in kinds]
+
+
+def shade(content: Content, axes: Axes) -> None:
+    """Segments as bands behind the signals, gaps hatched."""
+    for one in content.view.segments:
+        axes.axvspan(one.t0, one.tn, facecolor=COLOUR_OF_KIND[one.kind], alpha=SHADE, linewidth=0)
+        axes.axvline(one.t0, color=INK, linewidth=0.5, alpha=0.45)
+    for gap in content.view.gaps:
+        axes.axvspan(gap.t0, gap.tn, facecolor="none", edgecolor=FAINT, hatch="////", linewidth=0)
+
+
+def mark_truth(content: Content, axes: Axes) -> None:
+    """True boundaries as dashed ticks from below, short ones where a boundary is optional."""
+    for one in content.truth.boundaries if content.truth else ():
+        axes.axvline(
+            one.t,
+            ymax=0.07 if one.optional else 0.16,
+            color=INK,
+            linestyle=(0, (2.5, 1.2)),
+            linewidth=1.1 if one.optional else 1.6,
+        )
+
+
+def mark_changepoints(content: Content, axes: Axes) -> None:
+    """The chosen ones as thin red lines behind everything."""
+    for one in content.view.changepoints:
+        axes.axvline(one.t, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
+
+
+def over_time(content: Content, axes: Axes) -> None:
+    """The time that all panels share."""
+    t = content.signals.t
+    axes.set_xlim(t[0] - 0.05, max(t[-1], t[0] + 0.1) + 0.05)

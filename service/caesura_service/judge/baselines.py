@@ -107,12 +107,12 @@ def _direction(velocity: Array) -> NDArray[np.intp]:
 
 
 def _lasting(state: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
-    """States that last no 0.3 s are taken for the one before. state: (n,)."""
-    kept = state.copy()
+    """States that last no 0.3 s are taken for the one before, the first for the one after. state: (n,)."""
+    kept, step = state.copy(), float(np.median(np.diff(t)))
     bounds = [0, *_changes(state).tolist(), state.size]
     for first, last in pairwise(bounds):
-        if first and t[last - 1] - t[first - 1] < LEAST_S:
-            kept[first:last] = kept[first - 1]
+        if (last - first) * step < LEAST_S - step / 2:
+            kept[first:last] = kept[first - 1] if first else state[min(last, state.size - 1)]
     return kept
 
 

@@ -22,7 +22,8 @@ class Signals:
 
     t: (n,) [s]; position_base: (n, 3) [m]; velocity_base: (n, 3) [m/s], central differences; speed: (n,)
     [m/s], of the filter at 100 Hz; force_base: (n, 3) [N], tared, zeros where the hand is in the wrench;
-    holding: (n,) bool, the gripper is closed on something; force_tells: whether force tells contact.
+    holding: (n,) bool, the gripper is closed on something; force_tells: whether force tells contact; tared:
+    whether there was a rest to take the force's bias from.
     """
 
     t: Array
@@ -32,6 +33,7 @@ class Signals:
     force_base: Array
     holding: NDArray[np.bool_]
     force_tells: bool
+    tared: bool
 
 
 def condition(recording: Recording) -> Signals:
@@ -52,6 +54,7 @@ def condition(recording: Recording) -> Signals:
         force_base=force_base if tells else np.zeros_like(force_base),
         holding=np.array([_holding(o) for o in observed]),
         force_tells=tells,
+        tared=conditioner.tare is not None,
     )
 
 

@@ -10,7 +10,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+import numpy as np
+
 from caesura_service.judge.score import Score
+from caesura_service.judge.summary import summarise
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,28 @@ class Missed:
 
 
 @dataclass(frozen=True)
+class Timing:
+    """How much later [s] than the true ones the changepoints of one kind are: median, and 80 % of them."""
+
+    kind: str
+    times: int
+    median_s: float
+    low_s: float
+    high_s: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """The recordings that have one tag in common."""
+
+    tag: str
+    recordings: int
+    precision: float
+    recall: float
+    class_accuracy: float
+
+
+@dataclass(frozen=True)
 class Invented:
     """False alarms within one true class between two found ones."""
 
@@ -45,6 +70,8 @@ class Faults:
     missed: tuple[Missed, ...]
     invented: tuple[Invented, ...]
     confusion: Counter[tuple[str, str]]
+    timings: tuple[Timing, ...]
+    groups: tuple[Group, ...]
 
 
 def faults(scores: Iterable[Score]) -> Faults:
@@ -53,14 +80,14 @@ def faults(scores: Iterable[Score]) -> Faults:
     seconds: Counter[tuple[str, str]] = Counter()
     for score in scores:
         seconds.update(score.confusion)
-    return Faults(_missed(scores), _invented(scores), seconds)
+    return Faults(_missed(scores), _invented(scores), seconds, _timings(scores), _groups(scores))
 
 
 def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
     all_missed = [miss for score in scores for miss in score.missed]
     of_kind = Counter(miss.kind for miss in all_missed)
     for score in scores:
-        of_kind.update(score.found_kinds)
+        of_kind.update(hit.kind for hit in score.found)
     grouped = Counter((miss.kind, miss.between) for miss in all_missed)
     rows = []
     for (kind, between), times in grouped.most_common():
@@ -74,3 +101,22 @@ def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
 def _invented(scores: Sequence[Score]) -> tuple[Invented, ...]:
     counted = Counter(alarm for score in scores for alarm in score.alarms)
     return tuple(Invented(*alarm, times) for alarm, times in counted.most_common())
+
+
+def _timings(scores: Sequence[Score]) -> tuple[Timing, ...]:
+    hits = [hit for score in scores for hit in score.found]
+    rows = []
+    for kind, times in Counter(hit.kind for hit in hits).most_common():
+        low, middle, high = np.quantile([hit.offset_s for hit in hits if hit.kind == kind], (0.1, 0.5, 0.9))
+        rows.append(Timing(kind, times, float(middle), float(low), float(high)))
+    return tuple(rows)
+
+
+def _groups(scores: Sequence[Score]) -> tuple[Group, ...]:
+    tags = sorted({place_and_tag for score in scores for place_and_tag in enumerate(score.tags)})
+    return tuple(_group(tag, [score for score in scores if tag in score.tags]) for _, tag in tags)
+
+
+def _group(tag: str, scores: Sequence[Score]) -> Group:
+    numbers = {name: summarise(scores, resamples=1)[name].value for name in ("precision", "recall", "class")}
+    return Group(tag, len(scores), numbers["precision"], numbers["recall"], numbers["class"])

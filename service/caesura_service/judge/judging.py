@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
+from caesura_service.judge.conditioned import condition
 from caesura_service.judge.methods import Method
 from caesura_service.judge.score import Score, score
 from caesura_service.judge.suites import Case
@@ -29,6 +30,7 @@ Verdict = Score | Unfit
 def judge(case: Case, methods: Sequence[Method], floor_s: float = 0.0) -> list[Verdict]:
     """All methods on one case. Raises TruthError or RecordingError for a case that cannot be loaded."""
     recording, truth = case.load()
+    rest = "rests first" if condition(recording).tared else "does not rest first"
     verdicts: list[Verdict] = []
     for method in methods:
         try:
@@ -38,7 +40,8 @@ def judge(case: Case, methods: Sequence[Method], floor_s: float = 0.0) -> list[V
         except (ProtocolError, ValueError) as error:
             verdicts.append(Unfit(method.name, case.name, str(error)))
         else:
-            verdicts.append(score(method.name, truth, found, floor_s))
+            one = score(method.name, truth, found, floor_s)
+            verdicts.append(replace(one, tags=(*case.tags, rest)))
     return verdicts
 
 

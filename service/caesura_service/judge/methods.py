@@ -53,12 +53,20 @@ class Ours:
                 looks.append(look)
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
-        return Found(times, tuple(_part(segment) for segment in view.segments), tuple(looks))
+        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view))
 
 
 def _look(t: float, view: View) -> Look:
     times = tuple(changepoint.t for changepoint in view.changepoints)
     return Look(t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints))
+
+
+def _intervals(view: View) -> dict[float, tuple[float, float]]:
+    return {
+        one.t: (one.t_low, one.t_high)
+        for one in view.changepoints
+        if one.t_low is not None and one.t_high is not None
+    }
 
 
 def _part(segment: Segment) -> Part:

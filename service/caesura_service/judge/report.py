@@ -45,8 +45,14 @@ DELAYS = (
     Column("shown p90", "provisional_p90"),
     Column("final [s]", "final_median"),
     Column("final p90", "final_p90"),
+    Column("90 % [s]", "interval_median"),
+    Column("right", "interval_right"),
 )
-TABLES = (("boundaries", BOUNDARIES), ("classes, load and force", CLASSES), ("delays", DELAYS))
+TABLES = (
+    ("boundaries", BOUNDARIES),
+    ("classes, load and force", CLASSES),
+    ("delays, and intervals of 90 %", DELAYS),
+)
 
 
 @dataclass(frozen=True)
@@ -106,18 +112,25 @@ def _method(judged: Judged) -> dict[str, Any]:
         "confusion_s": _pairs(judged.faults.confusion),
         "missed": [asdict(missed) for missed in judged.faults.missed],
         "false_alarms": [asdict(invented) for invented in judged.faults.invented],
+        "timing": [asdict(timing) for timing in judged.faults.timings],
+        "groups": [_plain(asdict(group)) for group in judged.faults.groups],
         "per_recording": [_score(score) for score in judged.scores],
     }
 
 
-def _estimate(estimate: Estimate) -> dict[str, float | int | None]:
-    values = asdict(estimate)
-    return {name: None if math.isnan(value) else value for name, value in values.items()}
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    return _plain(asdict(estimate))
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Json has no nan."""
+    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in values.items()}
 
 
 def _score(score: Score) -> dict[str, Any]:
     return {
         "recording": score.recording,
+        "tags": score.tags,
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,
@@ -127,6 +140,7 @@ def _score(score: Score) -> dict[str, Any]:
         "force_errors_n": score.force_errors_n,
         "provisional_s": score.provisional_s,
         "final_s": score.final_s,
+        "intervals": score.intervals,
     }
 
 

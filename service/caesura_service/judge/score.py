@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -41,12 +41,20 @@ class Found:
     """What a method makes of a recording.
 
     changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
-    method wants the whole recording.
+    method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9.
     """
 
     changepoints: tuple[float, ...]
     parts: tuple[Part, ...] | None = None
     looks: tuple[Look, ...] | None = None
+    intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+
+
+class Hit(NamedTuple):
+    """A true point that was found, and how much later than it is."""
+
+    kind: str
+    offset_s: float
 
 
 class Miss(NamedTuple):
@@ -86,9 +94,11 @@ class Score:
     forces: int = 0
     provisional_s: tuple[float, ...] = ()
     final_s: tuple[float, ...] = ()
+    intervals: tuple[tuple[float, bool], ...] = ()  # of a hit: length [s], and whether the truth is in it
     missed: tuple[Miss, ...] = ()
-    found_kinds: Counter[str] = field(default_factory=Counter)
+    found: tuple[Hit, ...] = ()
     alarms: tuple[FalseAlarm, ...] = ()
+    tags: tuple[str, ...] = ()  # what kind of recording it is
 
 
 def score(method: str, truth: Truth, found: Found, floor_s: float = 0.0) -> Score:
@@ -113,11 +123,19 @@ def score(method: str, truth: Truth, found: Found, floor_s: float = 0.0) -> Scor
         covering=covering(major, counted, truth.window),
         cut=disturbed(major, alarms, truth.window),
         merged=disturbed(counted, [p.t for p in misses], truth.window),
+        intervals=_intervals(points, times, matching, found.intervals),
         missed=tuple(_miss(p, times, matching, truth) for p in misses),
-        found_kinds=Counter(p.kind for p in hits),
+        found=tuple(Hit(points[i].kind, times[j] - points[i].t) for i, j in _pairs(matching)),
         alarms=tuple(FalseAlarm(_true_kind(truth, t), _between(parts, t)) for t in alarms),
     )
     return _with_delays(_with_classes(base, truth, found, parts, floor_s), hits, found.looks)
+
+
+def class_accuracy(one: Score) -> float:
+    """Share of the time with a known class that has the right one; nan where there is none."""
+    total = sum(one.confusion.values())
+    right = sum(s for (true, found), s in one.confusion.items() if true == found)
+    return right / total if total else float("nan")
 
 
 def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part], floor_s: float) -> Score:
@@ -150,6 +168,23 @@ def _with_delays(base: Score, hits: Sequence[Point], looks: Sequence[Look] | Non
         return tuple(at - t for t, at in since if at is not None)
 
     return replace(base, provisional_s=delays(final=False), final_s=delays(final=True))
+
+
+def _intervals(
+    points: Sequence[Point],
+    times: Sequence[float],
+    matching: Matching,
+    stated: Mapping[float, tuple[float, float]],
+) -> tuple[tuple[float, bool], ...]:
+    """Length [s] of each interval that a hit was stated with, and whether the true time lies in it."""
+    pairs = ((points[i], stated.get(times[j])) for i, j in _pairs(matching))
+    return tuple((s[1] - s[0], s[0] <= point.t <= s[1]) for point, s in pairs if s is not None)
+
+
+def _pairs(matching: Matching) -> list[tuple[int, int]]:
+    """Each true point that was found, with its changepoint."""
+    hits = set(matching.hits.tolist())
+    return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
 
 
 def _filling(parts: Sequence[Part], window: tuple[float, float]) -> list[Part]:

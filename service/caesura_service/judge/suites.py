@@ -24,6 +24,10 @@ class Case(Protocol):
     def name(self) -> str:
         """As it stands in the results."""
 
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """What kind of recording it is: results are shown by each."""
+
     def load(self) -> tuple[Recording, Truth]:
         """Read or simulate it. Raises TruthError or RecordingError."""
 
@@ -38,6 +42,11 @@ class FileCase:
     def name(self) -> str:
         """The file's."""
         return self.path.name
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """None: a file says nothing of where it comes from."""
+        return ()
 
     def load(self) -> tuple[Recording, Truth]:
         """Where the annotation says that the hand is in the wrench, the wrench is read so."""
@@ -60,6 +69,11 @@ class TaughtCase:
     def name(self) -> str:
         """Enough to simulate it again."""
         return f"{self.scenario}-{self.seed}-{self.profile}"
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """What is taught, and how the hand moves."""
+        return (self.scenario, self.profile)
 
     def load(self) -> tuple[Recording, Truth]:
         """Simulate it."""

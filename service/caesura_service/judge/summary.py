@@ -111,6 +111,15 @@ MEASURES = (
     Measure("final_median", "s", _quantile(lambda s: s.final_s, 0.5), higher_is_better=False),
     Measure("final_p90", "s", _quantile(lambda s: s.final_s, 0.9), higher_is_better=False),
     Measure(
+        "interval_right", "", _ratio(lambda s: (sum(right for _, right in s.intervals), len(s.intervals)))
+    ),
+    Measure(
+        "interval_median",
+        "s",
+        _quantile(lambda s: [length for length, _ in s.intervals], 0.5),
+        higher_is_better=False,
+    ),
+    Measure(
         "load_error",
         "kg",
         _ratio(lambda s: (sum(s.load_errors_kg), len(s.load_errors_kg))),

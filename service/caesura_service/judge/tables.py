@@ -12,7 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from caesura_service.judge.metrics import f1
 from caesura_service.judge.report import TABLES, Column, Judged, Report, shown
+from caesura_service.judge.score import Score, class_accuracy
 from caesura_service.judge.truth import KINDS
 
 TYPICAL = 8  # so many lines of each list of errors
@@ -83,6 +85,54 @@ def _errors(judged: Judged) -> Iterator[Grid]:
     if found.invented:
         alarms = tuple((i.within, i.between, str(i.times)) for i in found.invented[:TYPICAL])
         yield Grid(f"{judged.method}: false alarms", ("within true", "found classes", "times"), alarms)
+    if found.timings:
+        yield _timings(judged)
+    if found.groups:
+        yield _groups(judged)
+    yield _worst(judged)
+
+
+def _timings(judged: Judged) -> Grid:
+    rows = tuple(
+        (one.kind, str(one.times), f"{one.median_s:+.2f}", f"{one.low_s:+.2f}…{one.high_s:+.2f}")
+        for one in judged.faults.timings
+    )
+    headings = ("found", "times", "later by [s]", "80 % of them")
+    return Grid(f"{judged.method}: how late in time it puts what it finds", headings, rows)
+
+
+def _groups(judged: Judged) -> Grid:
+    rows = tuple(
+        (
+            one.tag,
+            str(one.recordings),
+            f"{one.precision:.2f}",
+            f"{one.recall:.2f}",
+            f"{one.class_accuracy:.2f}",
+        )
+        for one in judged.faults.groups
+    )
+    headings = ("recordings", "n", "precision", "recall", "class")
+    return Grid(f"{judged.method}: by kind of recording", headings, rows)
+
+
+def _worst(judged: Judged) -> Grid:
+    """The recordings on which it does worst, to be looked at first."""
+
+    def rank(score: Score) -> tuple[float, str]:
+        return f1(score.hits, score.false_alarms, score.misses), score.recording
+
+    rows = tuple(
+        (
+            score.recording,
+            f"{rank(score)[0]:.2f}",
+            str(score.misses),
+            str(score.false_alarms),
+            f"{class_accuracy(score):.2f}",
+        )
+        for score in sorted(judged.scores, key=rank)[:TYPICAL]
+    )
+    return Grid(f"{judged.method}: worst recordings", ("recording", "F1", "missed", "false", "class"), rows)
 
 
 def _confusion(judged: Judged) -> Grid:

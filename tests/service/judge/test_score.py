@@ -39,7 +39,8 @@ def test_all_that_is_right_and_wrong_is_counted():
     assert (one.hits, one.false_alarms, one.misses) == (1, 2, 2)
     assert one.cut == (2, 4)
     assert one.merged == (2, 4)
-    assert one.found_kinds == {"start": 1}
+    assert [hit.kind for hit in one.found] == ["start"]
+    assert one.found[0].offset_s == pytest.approx(0.05)
     assert [(miss.kind, miss.between) for miss in one.missed] == [
         ("contact_on", "motion → transport"),
         ("stop", "transport → hold"),

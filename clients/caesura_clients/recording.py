@@ -11,21 +11,26 @@ and a live robot are the same thing to whoever reads them. A signal is a matrix 
     tau (n, 7)   external joint torques [Nm]
     gripper (n, 1) opening between the fingers [m]
 
-At least one of `pos` and `q` must be there; where both are, `pos` is segmented.
+At least one of `pos` and `q` must be there; where both are, `pos` is segmented. What else a file holds is
+not read, but named in `Recording.ignored`: an option with a typo in it must not pass in silence.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from zipfile import BadZipFile
+from typing import NamedTuple
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_clients.errors import CaesuraError
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -39,7 +44,7 @@ from caesura_protocol.messages import (
 Array = NDArray[np.float64]
 
 
-class RecordingError(ValueError):
+class RecordingError(CaesuraError, ValueError):
     """The file is not a recording; the message names the file, the value and what was expected."""
 
 
@@ -48,7 +53,7 @@ class Recording:
     """One demonstration.
 
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
-    Raises RecordingError where a shape, a name or a unit is off.
+    ignored: what else the file holds. Raises RecordingError where a shape, a name, a unit or a time is off.
     """
 
     t: Array
@@ -57,11 +62,17 @@ class Recording:
     force_frame: ForceFrame = "base"
     length_unit: LengthUnit = "m"
     name: str = field(default="recording", compare=False)
+    ignored: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
         if self.t.ndim != 1 or self.t.size == 0:
             raise RecordingError(f"{self.name}: t has shape {self.t.shape}, expected (n,) with n >= 1")
+        if not np.isfinite(self.t).all():
+            first = int(np.flatnonzero(~np.isfinite(self.t))[0])
+            raise RecordingError(
+                f"{self.name}: sample {first}: t is {self.t[first]}, expected a finite number"
+            )
         if not {"pos", "q"} & set(self.signals):
             raise RecordingError(
                 f"{self.name}: has {sorted(self.signals)}, expected at least one of pos and q"
@@ -103,6 +114,18 @@ _OPTIONS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+# What a file that is no recording makes numpy, zipfile and csv raise.
+_UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFile, zlib.error, csv.Error)
+
+
+class _Content(NamedTuple):
+    """What a file holds of a recording, and the names of the rest."""
+
+    arrays: dict[str, Array]
+    options: dict[str, str]
+    ignored: list[str]
+
+
 def load_recording(
     path: Path, *, wrench_source: str | None = None, length_unit: str | None = None
 ) -> Recording:
@@ -112,57 +135,106 @@ def load_recording(
     options in leading comment lines such as `# length_unit: mm`.
     Raises RecordingError for anything that is not a recording.
     """
-    readers = {".npz": _read_npz, ".csv": _read_csv}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise RecordingError(f"{path}: suffix {path.suffix!r}, expected one of {list(readers)}")
-    if not path.is_file():
-        raise RecordingError(f"{path}: no such file")
-    try:
-        arrays, options = reader(path)
-        arrays = {name: np.asarray(values, dtype=np.float64) for name, values in arrays.items()}
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        raise RecordingError(f"{path}: not a readable {path.suffix[1:]} file ({error})") from error
+    arrays, options, ignored = _read(path)
     if "t" not in arrays:
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
     overrides = {"wrench_source": wrench_source, "length_unit": length_unit}
     options |= {key: value for key, value in overrides.items() if value is not None}
-    if "force" not in arrays and "tau" not in arrays:
+    if (
+        "force" not in arrays
+        and "tau" not in arrays
+        and options.get("wrench_source", "none") in WRENCH_SOURCES
+    ):
         options["wrench_source"] = "none"
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
-    return Recording(arrays["t"], signals, name=path.name, **options)  # type: ignore[arg-type]
+    return Recording(arrays["t"], signals, name=path.name, ignored=tuple(ignored), **options)  # type: ignore[arg-type]
+
+
+def did_you_mean(name: str) -> str | None:
+    """The name that an ignored one looks like, if any.
+
+    >>> did_you_mean("length_units"), did_you_mean("vel")
+    ('length_unit', None)
+    """
+    columns = (column for names in COLUMNS_OF_SIGNAL.values() for column in names if len(column) > 2)
+    close = get_close_matches(name.lower(), [*_ARRAYS, *_OPTIONS, *columns], n=1, cutoff=0.8)
+    return close[0] if close else None
+
+
+_ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")
+
+
+def _read(path: Path) -> _Content:
+    if path.is_dir():
+        raise RecordingError(f"{path}: a directory, expected a file")
+    readers = {".npz": _read_npz, ".csv": _read_csv}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(f"{path}: suffix {path.suffix!r}, expected one of {list(readers)}")
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    try:
+        return reader(path)
+    except _UNREADABLE as error:
+        why = " ".join(str(error).split())
+        raise RecordingError(f"{path}: not a readable {path.suffix[1:]} file ({why})") from error
 
 
 def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+def _read_npz(path: Path) -> _Content:
+    if not is_zipfile(path):
+        raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
     with np.load(path, allow_pickle=False) as file:
-        arrays = {key: file[key] for key in file.files}
-    options = {key: str(arrays.pop(key)) for key in _OPTIONS if key in arrays}
-    return arrays, options
+        arrays = {key: np.asarray(file[key], dtype=np.float64) for key in _ARRAYS if key in file.files}
+        options = {key: str(file[key]) for key in _OPTIONS if key in file.files}
+        ignored = [key for key in file.files if key not in {*_ARRAYS, *_OPTIONS}]
+    return _Content(arrays, options, ignored)
 
 
-def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    lines = path.read_text(encoding="utf-8").splitlines()
+def _read_csv(path: Path) -> _Content:
+    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
-    options = {key.strip(): value.strip() for key, _, value in comments if key.strip() in _OPTIONS}
+    stated = {key.strip(): value.strip() for key, separator, value in comments if separator}
     rows = list(csv.reader(line for line in lines if line and not line.startswith("#")))
     if len(rows) < 2:
         raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
-    header = [name.strip() for name in rows[0]]
-    table = np.array(rows[1:], dtype=np.float64)
-    if table.shape[1] != len(header):
-        raise ValueError(f"{table.shape[1]} values a row, expected {len(header)} as in the header")
-    column = dict(zip(header, table.T, strict=True))
+    column = _columns([name.strip() for name in rows[0]], rows[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
         for signal, names in COLUMNS_OF_SIGNAL.items()
-        if set(names) <= set(column)
+        if _is_whole(names, column)
     }
     if "t" in column:
         arrays["t"] = column["t"]
-    return arrays, options
+    known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
+    options = {key: value for key, value in stated.items() if key in _OPTIONS}
+    # Other comments are for people, unless they look like an option.
+    mistyped = [key for key in stated if key not in _OPTIONS and did_you_mean(key) in _OPTIONS]
+    return _Content(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+
+
+def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
+    """The table by column. Raises ValueError where it is not rectangular or not of numbers."""
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise ValueError(f"column {twice[0]} comes twice")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(header):
+            raise ValueError(
+                f"sample {number} has {len(row)} values, expected {len(header)} as in the header"
+            )
+    return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
+
+
+def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
+    """Is the whole signal there? Raises ValueError where a part of it is."""
+    missing = [name for name in names if name not in column]
+    found = [name for name in names if name in column]
+    if found and missing:
+        raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
+    return not missing

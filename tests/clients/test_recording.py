@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from caesura_clients.recording import Recording, RecordingError, load_recording
+from caesura_clients.errors import CaesuraError
+from caesura_clients.recording import Recording, RecordingError, did_you_mean, load_recording
 from clients.examples import recording
 
 
@@ -56,6 +57,7 @@ def test_without_a_wrench_there_is_no_wrench_source(tmp_path):
         ({"signals": {"pos": np.zeros((2, 3)), "mood": np.zeros((2, 1))}}, "unknown signal 'mood'"),
         ({"signals": {"pos": np.zeros((3, 3))}}, r"pos has shape \(3, 3\), expected \(2, 3\)"),
         ({"length_unit": "inch"}, "inch.*'m', 'cm', 'mm'"),
+        ({"t": np.array([0.0, np.nan])}, "sample 1: t is nan, expected a finite number"),
     ],
     ids=str,
 )
@@ -64,25 +66,105 @@ def test_what_is_no_recording_is_refused_by_name(changes, message):
         Recording(**{"t": np.zeros(2), "signals": {"pos": np.zeros((2, 3))}, **changes})
 
 
+def written(path, **arrays):
+    np.savez(path, **arrays)
+    return path.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("a.txt", b"", "suffix '.txt'"),
         ("a.npz", b"not a zip", "not a readable npz"),
         ("a.npz", b"", "not a readable npz"),
+        ("a.csv", b"", "0 rows"),
         ("a.csv", b"t,px,py,pz\n", "1 rows"),
         ("a.csv", b"t,px,py,pz\n0,1,2,x\n", "could not convert"),
-        ("a.csv", b"t,px,py,pz\n0,1,2\n", "a.csv"),
-        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1,2\n", "a.csv"),
+        ("a.csv", b"t,px,py,pz\n0,1,2\n", "sample 1 has 3 values, expected 4"),
+        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1,2\n", "sample 2 has 3 values, expected 4"),
         ("a.csv", b"px,py,pz\n1,2,3\n", "expected t"),
-        ("a.csv", b"t,px\n1,2\n", "at least one of pos and q"),
+        ("a.csv", b"t,px\n1,2\n", "has px but not py, pz"),
+        ("a.csv", b"t,px,py,pz,fx,fy\n0,1,2,3,4,5\n", "has fx, fy but not fz"),
+        ("a.csv", b"t,px,py,pz,px\n0,1,2,3,4\n", "column px comes twice"),
+        ("a.csv", b"t,fx,fy,fz\n1,2,3,4\n", "at least one of pos and q"),
         ("a.csv", b"\xff\xfe\x00", "a.csv"),
+        ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", "sample 0: t is nan"),
+        ("a.csv", b"# wrench_source: guess\nt,px,py,pz\n0,1,2,3\n", "wrench_source is 'guess'"),
     ],
 )
-def test_a_file_that_is_no_recording_says_why(tmp_path, name, content, message):
+def test_a_file_that_is_no_recording_says_why_in_one_line(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(RecordingError, match=message):
+    with pytest.raises(CaesuraError, match=message) as caught:
         load_recording(tmp_path / name)
+    assert isinstance(caught.value, RecordingError)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_npz_that_was_cut_short_spoilt_or_renamed_is_refused(tmp_path):
+    # A renamed .npy once raised "TypeError: ndarray does not support the context manager protocol".
+    whole = written(tmp_path / "whole.npz", t=np.arange(100.0), pos=np.ones((100, 3)))
+    np.save(tmp_path / "bare.npy", np.arange(3.0))
+    spoilt = whole.replace(np.ones(3).tobytes(), np.zeros(3).tobytes(), 1)
+    contents = [whole[:500], whole[: len(whole) // 2], spoilt, (tmp_path / "bare.npy").read_bytes()]
+    for content in contents:
+        (tmp_path / "a.npz").write_bytes(content)
+        with pytest.raises(RecordingError, match=r"a\.npz: not a readable npz"):
+            load_recording(tmp_path / "a.npz")
+
+
+def test_arrays_of_the_wrong_width_are_named(tmp_path):
+    written(tmp_path / "a.npz", t=np.zeros(4), pos=np.zeros((4, 2)))
+    with pytest.raises(RecordingError, match=r"pos has shape \(4, 2\), expected \(4, 3\)"):
+        load_recording(tmp_path / "a.npz")
+
+
+def test_a_directory_and_a_missing_file_are_named(tmp_path):
+    with pytest.raises(RecordingError, match="a directory"):
+        load_recording(tmp_path)
+    with pytest.raises(RecordingError, match="no such file"):
+        load_recording(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("override", [{"length_unit": "inch"}, {"wrench_source": "guess"}])
+def test_an_override_that_does_not_exist_is_refused_even_where_nothing_needs_it(tmp_path, override):
+    # A wrench source that does not exist once passed where the file holds no wrench.
+    Recording(t=np.zeros(2), signals={"q": np.zeros((2, 7))}).save(tmp_path / "a.npz")
+    with pytest.raises(RecordingError, match=r"inch|guess"):
+        load_recording(tmp_path / "a.npz", **override)
+
+
+def test_a_csv_from_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):
+    # Its first column was once called "\ufefft", and "expected t" was the answer.
+    (tmp_path / "a.csv").write_bytes("\ufefft,px,py,pz\r\n0,1,2,3\r\n \r\n".encode())
+    assert load_recording(tmp_path / "a.csv").matrix().tolist() == [[0, 1, 2, 3]]
+
+
+def test_what_is_not_read_is_named(tmp_path):
+    # "length_units" was once passed over in silence, and millimetres taken for metres.
+    Recording(t=np.zeros(2), signals={"q": np.zeros((2, 7))}).save(tmp_path / "a.npz")
+    assert load_recording(tmp_path / "a.npz").ignored == ()
+    extra = {"vel": np.zeros((2, 3)), "label": np.array(["a", "b"]), "length_units": np.array("mm")}
+    written(tmp_path / "a.npz", t=np.zeros(2), pos=np.zeros((2, 3)), **extra)
+    assert load_recording(tmp_path / "a.npz").ignored == ("vel", "label", "length_units")
+    (tmp_path / "a.csv").write_text("# length_units: mm\n# by: nobody\n# hello\nt,px,py,pz,Fz\n0,1,2,3,4\n")
+    assert load_recording(tmp_path / "a.csv").ignored == ("length_units", "Fz")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("length_units", "length_unit"),
+        ("Force", "force"),
+        ("forces", "force"),
+        ("wrench-source", "wrench_source"),
+        ("vel", None),
+        ("label", None),
+        ("t_nominal", None),
+        ("wrench_fresh", None),
+    ],
+)
+def test_a_typo_is_told_from_what_is_merely_more(name, meant):
+    assert did_you_mean(name) == meant
 
 
 def test_a_file_that_holds_code_is_not_run(tmp_path):

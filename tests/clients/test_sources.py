@@ -7,7 +7,7 @@ from caesura_clients.bridge.batching import Batcher
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST, parse_pace
 from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import BadSource
+from caesura_clients.errors import CaesuraError
 from caesura_clients.recording import Recording
 from clients.examples import recording
 
@@ -134,7 +134,7 @@ def test_sources_are_found_by_name(tmp_path):
 def test_a_source_that_cannot_be_opened_says_why(name, options, message, tmp_path):
     if options.file:
         options = SourceOptions(file=tmp_path / options.file)
-    with pytest.raises(BadSource, match=message):
+    with pytest.raises(CaesuraError, match=message):
         open_source(name, options)
 
 

@@ -10,7 +10,7 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S, FileSource
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
-from caesura_clients.recording import RecordingError, load_recording
+from caesura_clients.recording import load_recording
 from caesura_protocol.messages import WRENCH_SOURCES
 
 DEFAULT_SCENARIO = "pick_and_place"
@@ -29,7 +29,7 @@ class SourceOptions:
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
-    """A source by its name. Raises BadSource, which names what there is."""
+    """A source by its name. Raises BadSource, which names what there is, or RecordingError."""
     build = SOURCES.get(name)
     if build is None:
         raise BadSource(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
@@ -39,12 +39,9 @@ def open_source(name: str, options: SourceOptions) -> Source:
 def _file(options: SourceOptions) -> Source:
     if options.file is None:
         raise BadSource("the source file needs --file")
-    try:
-        recording = load_recording(
-            options.file, wrench_source=options.wrench_source, length_unit=options.length_unit
-        )
-    except RecordingError as error:
-        raise BadSource(str(error)) from error
+    recording = load_recording(
+        options.file, wrench_source=options.wrench_source, length_unit=options.length_unit
+    )
     return FileSource(recording, pace=options.pace)
 
 

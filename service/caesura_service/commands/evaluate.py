@@ -19,7 +19,7 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.report import Report, as_json, report
-from caesura_service.judge.suites import SUITES, Case, files, suite
+from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, suite
 from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.truth import TruthError
 
@@ -47,7 +47,9 @@ def evaluate(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Teacher: people a scenario.")] = 5,
     first_seed: Annotated[int, typer.Option(min=0, help="Teacher: the first of them.")] = 1,
-    data: Annotated[Path | None, typer.Option(help="Real: the directory of the recordings.")] = None,
+    data: Annotated[
+        Path, typer.Option(help="Real: the directory of the recordings.", show_default="../shared/data/real")
+    ] = REAL,
     preset: Annotated[
         list[str] | None, typer.Option(help="Preset of ours; may be given more than once.")
     ] = None,
@@ -68,7 +70,7 @@ def evaluate(
     with reported():
         try:
             methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-            cases = _cases(recordings or [], suite_name, seeds, first_seed, data)
+            cases = _cases(recordings or [], suite_name, Extent(seeds, first_seed, data))
             verdicts = _judged(cases, methods, tolerance, workers)
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
@@ -85,13 +87,11 @@ def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
     return [*ours, *(baselines() if with_baselines else [])]
 
 
-def _cases(
-    recordings: Sequence[Path], suite_name: str | None, seeds: int, first_seed: int, data: Path | None
-) -> list[Case]:
+def _cases(recordings: Sequence[Path], suite_name: str | None, extent: Extent) -> list[Case]:
     if bool(recordings) == (suite_name is not None):
         raise TruthError(f"name either files or one --suite of {list(SUITES)}")
     if suite_name is not None:
-        return suite(suite_name, seeds=seeds, first_seed=first_seed, data=data)
+        return suite(suite_name, extent)
     return files(recordings)
 
 

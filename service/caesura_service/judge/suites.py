@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +12,6 @@ from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.recording import Recording, load_recording
 from caesura_service.judge.truth import SUFFIX, Truth, TruthError, read_truth, truth_of
 
-SUITES = ("teacher", "real")
 REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
 READABLE = (".npz", ".csv")
 
@@ -84,21 +83,28 @@ class TaughtCase:
         return demonstration.recording, truth_of(demonstration.truth, self.name)
 
 
-def suite(name: str, *, seeds: int, first_seed: int = 1, data: Path | None = None) -> list[Case]:
+@dataclass(frozen=True)
+class Extent:
+    """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie."""
+
+    seeds: int = 5
+    first_seed: int = 1
+    data: Path = REAL
+
+
+def suite(name: str, extent: Extent) -> list[Case]:
     """The cases of a suite. Raises TruthError for one that does not exist or is empty."""
-    if name == "teacher":
-        return teacher(seeds, first_seed)
-    if name == "real":
-        return directory(data or REAL)
-    raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
+    if name not in SUITES:
+        raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
+    return SUITES[name](extent)
 
 
-def teacher(seeds: int, first_seed: int = 1) -> list[Case]:
+def teacher(extent: Extent) -> list[Case]:
     """Every scenario by `seeds` people; a third of them each moves by each profile.
 
     Seed 0, the thesis' own person, is left out: it was looked at while the models were made.
     """
-    people = range(first_seed, first_seed + seeds)
+    people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
         TaughtCase(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
         for i, scenario in enumerate(SCENARIOS)
@@ -124,3 +130,9 @@ def directory(path: Path) -> list[Case]:
     if not cases:
         raise TruthError(f"{path}: no annotated recording, expected x.npz with x{SUFFIX} beside it")
     return cases
+
+
+SUITES: Mapping[str, Callable[[Extent], list[Case]]] = {
+    "teacher": teacher,
+    "real": lambda extent: directory(extent.data),
+}

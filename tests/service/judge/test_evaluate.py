@@ -10,9 +10,10 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_service.commands import register
-from caesura_service.judge.judging import Unfit, judge
+from caesura_service.judge.judging import Unfit, judge, judge_all
 from caesura_service.judge.methods import Ours
-from caesura_service.judge.suites import REAL, FileCase, TaughtCase, suite
+from caesura_service.judge.report import report
+from caesura_service.judge.suites import REAL, Extent, FileCase, TaughtCase, suite
 from caesura_service.judge.truth import TruthError, read_truth, truth_of
 
 DATA = Path(__file__).parents[3] / "data"
@@ -83,17 +84,11 @@ def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
 
 
 def test_the_teacher_teaches_every_scenario_with_each_profile_a_third():
-    cases = suite("teacher", seeds=3)
+    cases = suite("teacher", Extent(seeds=3))
     assert len(cases) == 18
     assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
     profiles = [case.profile for case in cases]
     assert {profiles.count(profile) for profile in set(profiles)} == {6}
-
-
-def test_a_taught_case_brings_its_truth():
-    recording, truth = TaughtCase("button", 1, "lognormal").load()
-    assert truth.window[1] == pytest.approx(recording.t[-1], abs=0.01)
-    assert truth.name == "button-1-lognormal"
 
 
 @pytest.mark.parametrize(
@@ -117,3 +112,18 @@ def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
     (tmp_path / "x.ann.json").write_text("{")
     with pytest.raises(TruthError, match="not a readable annotation"):
         read_truth(tmp_path / "x.npz")
+
+
+def test_processes_judge_as_one_does():
+    cases = [FileCase(BUTTON), FileCase(DATA / "dispenser.npz")]
+    alone, together = (list(judge_all(cases, [Ours("default")], workers=workers)) for workers in (1, 2))
+    assert sorted(map(repr, alone)) == sorted(map(repr, together))
+
+
+def test_results_are_shown_by_kind_of_recording():
+    case = TaughtCase("button", 1, "lognormal")
+    result = report("one", ["default"], judge(case, [Ours("default")]))
+    judged = result.methods[0]
+    assert [group.tag for group in judged.faults.groups][:2] == ["button", "lognormal"]
+    assert [score.recording for score in judged.scores] == ["button-1-lognormal"]
+    assert judged.estimates["recall"].value > 0.0

@@ -27,23 +27,28 @@ THEMED = {
     style.FAINT: "faint",
     style.PAPER: "paper",
     style.RED: "red",
-    "#0072b2": "blue",
-    "#882255": "wine",
+    style.BLUE: "blue",
+    style.WINE: "wine",
 }
 
 
 def html_page(content: Content) -> str:
     """The whole report."""
+    windows = style.windows(content)
     return _PAGE.substitute(
         title=escape(content.name),
         heading=escape(style.heading(content)),
         swatches="\n".join(f".{kind}{{--kind:{colour}}}" for kind, colour in style.COLOUR_OF_KIND.items()),
-        signals=_figure(signals_page(content), "signals"),
+        signals="".join(
+            _figure(signals_page(content, window), f"signals-{i}") for i, window in enumerate(windows)
+        ),
         segments=_table(segments_table(content.view)),
         program=_table(program_table(content.view)),
         notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view)),
         path=_figure(path_page(content), "path"),
-        run_length=_figure(run_length_page(content), "run-length"),
+        run_length="".join(
+            _figure(run_length_page(content, window), f"run-length-{i}") for i, window in enumerate(windows)
+        ),
     )
 
 

@@ -27,8 +27,10 @@ from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, Observa
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Starts that explain less than this share of what is known are followed no further.
-OFFLINE_PRUNE_RATIO = 1e-9
+# What is held against the online filter must be exact, which is quadratic. In a longer stretch, starts that
+# explain less than a share of what is known are followed no further.
+MOST_EXACT = 1200  # observations, two minutes
+PRUNE_RATIO = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +115,14 @@ def _offline(online: OnlineFilter, observations: tuple[Observation, ...]) -> Arr
     cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]
     parts = [
         segment_offline(
-            online.lattice, online.hazard, seen[first:last], prune_ratio=OFFLINE_PRUNE_RATIO
+            online.lattice,
+            online.hazard,
+            seen[first:last],
+            prune_ratio=0.0 if last - first <= MOST_EXACT else PRUNE_RATIO,
         ).changepoint_probability
         for first, last in pairwise(cuts)
-        if last > first
     ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts)
 
 
 def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) -> Array:

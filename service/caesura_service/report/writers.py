@@ -41,7 +41,7 @@ def _write_pdf(content: Content, path: Path) -> None:
 
 def _write_png(content: Content, path: Path) -> None:
     with mpl.rc_context(style.RC):
-        signals_page(content).savefig(path, dpi=style.DPI)
+        signals_page(content, style.whole(content)).savefig(path, dpi=style.DPI)
 
 
 def _write_html(content: Content, path: Path) -> None:

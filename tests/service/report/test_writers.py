@@ -7,6 +7,7 @@ import re
 import struct
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from caesura_clients.cli import build
 from caesura_clients.recording import Recording
 from caesura_service.report.content import Content, gather
 from caesura_service.report.figures.path import informative_planes
+from caesura_service.report.figures.style import LONGEST_S, windows
 from caesura_service.report.figures.tables import table_pages
 from caesura_service.report.tables import program_table, segments_table
 from caesura_service.report.truth import Boundary, Labelled, Truth
@@ -84,10 +86,6 @@ def test_pdf_has_a_page_for_signals_path_tables_and_run_lengths(pdf: bytes):
     assert len(re.findall(rb"/Type /Page\b(?!s)", pdf)) == 4
 
 
-def test_the_same_content_makes_the_same_pdf(content: Content, pdf: bytes, tmp_path: Path):
-    assert written(content, tmp_path / "again.pdf") == pdf
-
-
 def test_png_is_page_one_at_150_dots_an_inch(content: Content, tmp_path: Path):
     png = written(content, tmp_path / "out.png")
     assert png.startswith(b"\x89PNG\r\n")
@@ -148,6 +146,15 @@ def test_a_table_longer_than_a_page_goes_on_on_the_next(content: Content):
     assert len(pages) > 1
     assert shown.count(table.rows[0][2]) >= 12
     assert "Segments, continued" in shown
+
+
+def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: Content):
+    longer = replace(content, signals=replace(content.signals, t=12.0 * content.signals.t))
+    whole, *parts = windows(longer)
+    assert len(windows(content)) == 1
+    assert (parts[0][0], parts[-1][1]) == whole
+    assert all(last - first <= LONGEST_S for first, last in parts)
+    assert all(before[1] == after[0] for before, after in pairwise(parts))
 
 
 def test_an_unknown_suffix_names_the_known_ones(content: Content, tmp_path: Path):

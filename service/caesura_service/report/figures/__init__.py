@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from matplotlib.figure import Figure
 
 from caesura_service.report.content import Content
+from caesura_service.report.figures import style
 from caesura_service.report.figures.path import path_page
 from caesura_service.report.figures.run_length import run_length_page
 from caesura_service.report.figures.signals import signals_page
@@ -18,7 +19,8 @@ __all__ = ["pages", "path_page", "run_length_page", "signals_page"]
 
 def pages(content: Content) -> Iterator[Figure]:
     """Every page, in the order of reading."""
-    yield signals_page(content)
+    windows = style.windows(content)
+    yield from (signals_page(content, window) for window in windows)
     yield path_page(content)
     yield from table_pages(content, (segments_table(content.view), program_table(content.view)))
-    yield run_length_page(content)
+    yield from (run_length_page(content, window) for window in windows)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 LEAST_SPAN_MM = 40.0  # what is smaller than this is not blown up to fill the page
 LABEL_DISTANCE = 0.09  # of the span: points closer together share a label
+LABEL_SIZE = (3.0, 0.8)  # width and height of a label over that distance
+MOST_PARTS = 2  # of a label
 CAPTION = "Numbers: the segments that begin at a changepoint. Base frame, flange; equal scale on all axes."
 
 
@@ -121,10 +123,25 @@ def _numbers(axes: Axes, points: Array) -> None:
         else:
             near.append(number)
     halo: list[AbstractPathEffect] = [withStroke(linewidth=2.5, foreground=style.PAPER)]
-    for at, members in groups:
-        place = (float(at[0]), float(at[1]))
-        label = axes.annotate(ranges(members), place, (5, 5), textcoords="offset points", fontsize=8)
+    middle = 0.5 * float(points[:, 0].min() + points[:, 0].max())
+    for i, (at, members) in enumerate(groups):
+        left = float(at[0]) > middle
+        crowded = any((np.abs(at - other) < apart * np.array(LABEL_SIZE)).all() for other, _ in groups[:i])
+        label = axes.annotate(
+            _shortened(ranges(members)),
+            (float(at[0]), float(at[1])),
+            (-5 if left else 5, -13 if crowded else 5),
+            textcoords="offset points",
+            ha="right" if left else "left",
+            fontsize=8,
+        )
         label.set_path_effects(halo)
+
+
+def _shortened(numbers: str) -> str:
+    """A label that many visits to a place do not make longer than the page is wide."""
+    parts = numbers.split(", ")
+    return numbers if len(parts) <= MOST_PARTS else f"{parts[0]}, …"
 
 
 def _legend(content: Content, figure: Figure, axes: Axes3D) -> None:

@@ -8,12 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from caesura_service.report.content import DELAYS_S, STEP_S, Content
+from caesura_service.report.content import DELAYS_S, Content
 from caesura_service.report.figures import style
 
 LEAST_PROBABILITY = 1e-4  # what is as white as paper
-BLUE = "#0072b2"
-BAR_S = 0.7 * STEP_S
 CAPTION = (
     "Grey: at each time, how probable each start of the current segment was then. A streak is a segment; its "
     "distance from the diagonal is how late it was known. Red: chosen changepoints."
@@ -21,7 +19,7 @@ CAPTION = (
 WIDTH = style.RIGHT - style.LEFT - 0.055  # room for the grey scale
 
 
-def run_length_page(content: Content) -> Figure:
+def run_length_page(content: Content, window: style.Window) -> Figure:
     """Changepoints offline and online, the posterior of the segment's start, and that seen with a delay."""
     figure = style.page(content, "Online against offline", CAPTION)
     changes = figure.add_axes((style.LEFT, 0.785, WIDTH, 0.115))
@@ -32,7 +30,8 @@ def run_length_page(content: Content) -> Figure:
     for axes, delay_s in zip(delayed, DELAYS_S, strict=True):
         _delayed(content, axes, delay_s)
     for axes in (changes, image, *delayed):
-        style.over_time(content, axes)
+        axes.set_xlim(*window)
+    image.set_ylim(*window)
     for axes in (changes, *delayed[:-1]):
         axes.tick_params(labelbottom=False)
     delayed[-1].set_xlabel("start of the segment τ [s]")
@@ -45,10 +44,10 @@ def _changes(content: Content, axes: Axes) -> None:
     """Offline up, online down."""
     changes = content.changes
     style.mark_changepoints(content, axes)
-    axes.bar(changes.t, changes.offline, width=BAR_S, color=style.INK)
-    axes.bar(changes.t, -changes.online, width=BAR_S, color=BLUE)
+    style.bars(axes, changes.t, changes.offline)
+    style.bars(axes, changes.t, -changes.online, style.BLUE)
     _beside(axes, "offline", 0.75)
-    _beside(axes, "online", 0.25, BLUE)
+    _beside(axes, "online", 0.25, style.BLUE)
     axes.axhline(0.0, color=style.INK, linewidth=0.8)
     axes.set_ylim(-1.1, 1.1)
     axes.set_yticks([-1.0, 0.0, 1.0], ["1", "0", "1"])
@@ -56,8 +55,7 @@ def _changes(content: Content, axes: Axes) -> None:
 
 
 def _image(content: Content, axes: Axes) -> AxesImage:
-    t = content.signals.t
-    first, last = float(t[0]) - STEP_S / 2, max(float(t[-1]), float(t[0]) + STEP_S) + STEP_S / 2
+    first, last = style.whole(content)
     for one in content.view.changepoints:
         axes.axhline(one.t, color=style.RED, linewidth=0.6, alpha=0.5, zorder=-1)
     drawn = axes.imshow(
@@ -68,7 +66,6 @@ def _image(content: Content, axes: Axes) -> AxesImage:
         interpolation="nearest",
     )
     axes.plot([first, last], [first, last], color=style.FAINT, linewidth=0.6)
-    axes.set_ylim(first, last)
     axes.set_ylabel("start of the segment [s]")
     axes.set_xlabel("evaluated at [s]", labelpad=1)
     return drawn
@@ -101,7 +98,7 @@ def _delayed(content: Content, axes: Axes, delay_s: float) -> None:
     """P(the segment started at τ | data up to τ + delay): run-length probabilities put where they begin."""
     style.mark_changepoints(content, axes)
     known = content.run_lengths.after(delay_s)
-    axes.bar(content.run_lengths.start_t[1:], known[1:], width=BAR_S, color=style.INK)
+    style.bars(axes, content.run_lengths.start_t[1:], known[1:])
     axes.set_ylim(0.0, 1.08)
     axes.set_yticks([0.0, 1.0])
     _beside(axes, f"{delay_s:g} s later")

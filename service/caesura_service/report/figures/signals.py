@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment
-from caesura_service.report.content import STEP_S, THRESHOLD, Content
+from caesura_service.report.content import THRESHOLD, Content
 from caesura_service.report.figures import style
 
 LETTER = 0.6  # width of a letter over the size of its font
@@ -35,18 +35,18 @@ class _Band:
     names: tuple[str, ...]
     ticks: Sequence[float] = ()  # [s] what a name must not be written over
 
-    @property
-    def widest(self) -> tuple[float, float]:
-        """Where a name has most room [s]."""
-        edges = [self.t0, *sorted(t for t in self.ticks if self.t0 < t < self.tn), self.tn]
+    def widest(self, window: style.Window) -> tuple[float, float]:
+        """Where a name has most room [s]; of negative width outside the window."""
+        first, last = max(self.t0, window[0]), min(self.tn, window[1])
+        edges = [first, *sorted(t for t in self.ticks if first < t < last), last]
         return max(pairwise(edges), key=lambda part: part[1] - part[0])
 
 
-def signals_page(content: Content) -> Figure:
+def signals_page(content: Content, window: style.Window) -> Figure:
     """Position, speed and force over time, shaded by kind, with the changepoint probability below."""
     figure = style.page(content, "Segmentation", CAPTION)
     _kinds_legend(content, figure)
-    top = _draw_lanes(content, figure)
+    top = _draw_lanes(content, figure, window)
     panels = _panels(content)
     shared = style.TOP - (style.TOP - top) - style.BOTTOM - len(panels) * ABOVE_PANEL
     total = sum(weight for _, weight, _ in panels)
@@ -56,6 +56,7 @@ def signals_page(content: Content) -> Figure:
         top -= ABOVE_PANEL + height
         drawn.append(figure.add_axes((style.LEFT, top, style.RIGHT - style.LEFT, height)))
         _panel(content, drawn[-1], label, draw)
+        drawn[-1].set_xlim(*window)
     for axes in drawn[:-1]:
         axes.tick_params(labelbottom=False)
     drawn[-1].set_xlabel("time [s]")
@@ -78,7 +79,6 @@ def _panel(content: Content, axes: Axes, label: str, draw: Draw) -> None:
     style.shade(content, axes)
     draw(content, axes)
     style.mark_truth(content, axes)
-    style.over_time(content, axes)
     axes.set_ylabel(label)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, borderaxespad=0.0, fontsize=8)
@@ -109,7 +109,7 @@ def _speed(content: Content, axes: Axes) -> None:
 
 def _probability(content: Content, axes: Axes) -> None:
     changes = content.changes
-    axes.bar(changes.t, changes.online, width=0.7 * STEP_S, color=style.INK, label="at every observation")
+    style.bars(axes, changes.t, changes.online, label="at every observation")
     times = [one.t for one in content.view.changepoints]
     chosen = [one.probability for one in content.view.changepoints]
     axes.plot(times, chosen, "x", color=style.RED, markeredgewidth=1.6, label="chosen, give or take a sample")
@@ -124,13 +124,13 @@ def _probability(content: Content, axes: Axes) -> None:
     axes.set_yticks([0.0, 0.5, 1.0])
 
 
-def _draw_lanes(content: Content, figure: Figure) -> float:
+def _draw_lanes(content: Content, figure: Figure, window: style.Window) -> float:
     """What was found and what is true, as named bands; returns where they end on the page."""
     top = style.TOP
     for label, bands in _lanes(content):
         top -= LANE
         axes = figure.add_axes((style.LEFT, top, style.RIGHT - style.LEFT, LANE))
-        style.over_time(content, axes)
+        axes.set_xlim(*window)
         _lane(axes, label, bands)
         if label == "truth":
             _true_boundaries(content, axes)
@@ -170,7 +170,7 @@ def _lane(axes: Axes, label: str, bands: list[_Band]) -> None:
 def _name(axes: Axes, band: _Band) -> None:
     """The longest of a band's names that fits into it, if one does."""
     first, last = axes.get_xlim()
-    t0, tn = band.widest
+    t0, tn = band.widest((first, last))
     width = style.A4_LANDSCAPE[0] * (style.RIGHT - style.LEFT) * (tn - t0) / (last - first)
     for name in band.names:
         size = NUMBER_SIZE if name.isdigit() else NAME_SIZE

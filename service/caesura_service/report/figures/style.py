@@ -5,23 +5,34 @@ Nothing is told by colour alone: kinds stand in words beside it, axes differ in 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
-from caesura_service.report.content import Content
+from caesura_service.report.content import STEP_S, Content
 
 A4_LANDSCAPE = (11.69, 8.27)  # [inch]
 DPI = 150
 LEFT, RIGHT, TOP, BOTTOM = 0.075, 0.955, 0.885, 0.07  # of the page
 
+Array = NDArray[np.float64]
+Window = tuple[float, float]  # [s]
+LEAST_SEEN = 0.002  # of a probability axis
+LONGEST_S = 25.0  # on one page, with segments of a second or two
+
 INK = "#1b1d1f"
 FAINT = "#6d7278"
 PAPER = "#fefefe"
 RED = "#d01c1f"
+BLUE = "#0072b2"
+WINE = "#882255"
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 COLOUR_OF_KIND = {
     "motion": "#56b4e9",
@@ -35,8 +46,8 @@ SHADE = 0.30  # opacity of a segment behind signals
 # x, y, z: apart from the kinds, from each other in lightness, and by their dashes in black and white.
 AXIS_LINES: tuple[dict[str, Any], ...] = (
     {"label": "x", "color": INK, "linestyle": "-"},
-    {"label": "y", "color": "#0072b2", "linestyle": (0, (6, 1.2))},
-    {"label": "z", "color": "#882255", "linestyle": (0, (3, 1, 1, 1))},
+    {"label": "y", "color": BLUE, "linestyle": (0, (6, 1.2))},
+    {"label": "z", "color": WINE, "linestyle": (0, (3, 1, 1, 1))},
 )
 
 RC: dict[Any, Any] = {
@@ -120,7 +131,22 @@ def mark_changepoints(content: Content, axes: Axes) -> None:
         axes.axvline(one.t, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
 
 
-def over_time(content: Content, axes: Axes) -> None:
-    """The time that all panels share."""
+def bars(axes: Axes, t: Array, probability: Array, colour: str = INK, **options: Any) -> None:
+    """A probability (n,) for every observation, upwards or, negated, downwards; those unseen are left out."""
+    seen = np.abs(probability) > LEAST_SEEN
+    axes.bar(t[seen], probability[seen], width=0.7 * STEP_S, color=colour, **options)
+
+
+def whole(content: Content) -> Window:
+    """All of a recording, with half a sample to either side."""
     t = content.signals.t
-    axes.set_xlim(t[0] - 0.05, max(t[-1], t[0] + 0.1) + 0.05)
+    return float(t[0]) - STEP_S / 2, max(float(t[-1]), float(t[0]) + STEP_S) + STEP_S / 2
+
+
+def windows(content: Content) -> list[Window]:
+    """What fits on a page each: the whole, and where that is too long to be read, its parts after it."""
+    first, last = whole(content)
+    if last - first <= LONGEST_S:
+        return [(first, last)]
+    edges = np.linspace(first, last, math.ceil((last - first) / LONGEST_S) + 1).tolist()
+    return [(first, last), *pairwise(edges)]

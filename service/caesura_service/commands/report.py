@@ -10,13 +10,13 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import reported
-from caesura_clients.errors import CaesuraError
-from caesura_clients.recording import load_recording
+from caesura_clients.errors import BadSource, CaesuraError
+from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.config import DEFAULT_PRESET
-from caesura_service.report.content import gather
-from caesura_service.report.truth import annotation_beside, load_truth
+from caesura_service.report.content import Content, gather
+from caesura_service.report.truth import Truth, annotation_beside, load_truth
 
 
 def report(
@@ -41,19 +41,23 @@ def _report(
     file: Path, out: Path, preset: str, truth: Path | None, wrench_source: str | None, length_unit: str | None
 ) -> None:
     writers = _writers()
+    writers.writer_of(out)
+    if not out.resolve().parent.is_dir():
+        raise CaesuraError(f"cannot write {out}: no such directory")
+    recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
+    annotation = truth or annotation_beside(file)
+    content = _gathered(recording, preset, None if annotation is None else load_truth(annotation))
     try:
-        writers.writer_of(out)
-        recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
-        annotation = truth or annotation_beside(file)
-        known = None if annotation is None else load_truth(annotation)
-    except ValueError as error:
-        raise CaesuraError(str(error)) from error
-    try:
-        writers.write_report(gather(recording, preset, known), out)
-    except ValueError as error:
-        raise ProtocolError("malformed", f"{recording.name}: {error}") from error
+        writers.write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _gathered(recording: Recording, preset: str, truth: Truth | None) -> Content:
+    try:
+        return gather(recording, preset, truth)
+    except (ProtocolError, ValueError) as error:
+        raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 
 
 def _writers() -> ModuleType:

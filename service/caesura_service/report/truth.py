@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from caesura_clients.errors import CaesuraError
+
 SUFFIX = ".ann.json"
 
 
-class TruthError(ValueError):
+class TruthError(CaesuraError):
     """The file is no annotation; the message names the file and what was expected."""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 
+from caesura_clients.errors import CaesuraError
 from caesura_service.report.content import Content
 from caesura_service.report.figures import pages, signals_page, style
 from caesura_service.report.html import html_page
@@ -15,7 +16,7 @@ from caesura_service.report.html import html_page
 Writer = Callable[[Content, Path], None]
 
 
-class UnknownFormatError(ValueError):
+class UnknownFormatError(CaesuraError):
     """No report is written under this suffix; the message names those that are known."""
 
 

@@ -1,4 +1,4 @@
-"""Tables on paper: as many pages as the rows need."""
+"""Tables on paper: as many pages as the rows need; one that fits on a page is not divided."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from caesura_service.report.tables import Column, Table, notes
 
 ROW, HEAD, GAP = 0.0245, 0.056, 0.05  # heights, shares of the page
 FIRST, LAST = 0.925, 0.06  # where rows may stand on the page
-LEAST_ROWS = 3  # of a table that begins at the foot of a page
 SIZE = 8.5  # [pt]
 PADDING = 2.0  # letters between columns
 NOTE_LETTERS = 175
@@ -27,7 +26,7 @@ def table_pages(content: Content, tables: Sequence[Table]) -> Iterator[Figure]:
     figure, top = style.page(content, tables[0].title), FIRST
     for number, table in enumerate(tables):
         rest = table
-        if number and _room(top) < min(LEAST_ROWS, len(table.rows)):
+        if number and _room(top) < min(len(table.rows), _room(FIRST)):
             yield figure
             figure, top = style.page(content, table.title), FIRST
         elif number:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from caesura_service.judge.faults import Faults, faults
 from caesura_service.judge.judging import Unfit, Verdict
 from caesura_service.judge.score import Score
-from caesura_service.judge.summary import MEASURES, Estimate, summarise
+from caesura_service.judge.summary import MEASURES, Estimate, margins, summarise
 
 UNITS = {measure.name: measure.unit for measure in MEASURES}
 
@@ -48,6 +48,7 @@ DELAYS = (
     Column("90 % [s]", "interval_median"),
     Column("right", "interval_right"),
 )
+MARGINS = (Column("F1", "f1"), Column("covering", "covering"), Column("class", "class"))
 TABLES = (
     ("boundaries", BOUNDARIES),
     ("classes, load and force", CLASSES),
@@ -64,11 +65,12 @@ class Judged:
     estimates: dict[str, Estimate]
     faults: Faults
     scores: tuple[Score, ...]
+    behind: dict[str, Estimate] = field(default_factory=dict)  # by how much the first method exceeds it
 
 
 @dataclass(frozen=True)
 class Report:
-    """Everything that was judged, in the order of the methods."""
+    """Everything that was judged, in the order of the methods; the first is compared with all others."""
 
     title: str
     methods: tuple[Judged, ...]
@@ -79,12 +81,18 @@ def report(title: str, methods: Sequence[str], verdicts: Iterable[Verdict]) -> R
     """Put verdicts, in any order, together."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     unfit = tuple(verdict for verdict in ordered if isinstance(verdict, Unfit))
-    judged = []
+    judged: list[Judged] = []
     for name in methods:
         scores = tuple(v for v in ordered if isinstance(v, Score) and v.method == name)
         if scores:
-            judged.append(Judged(name, len(scores), summarise(scores), faults(scores), scores))
+            behind = _margins(judged[0].scores, scores) if judged else {}
+            judged.append(Judged(name, len(scores), summarise(scores), faults(scores), scores, behind))
     return Report(title, tuple(judged), unfit)
+
+
+def _margins(first: Sequence[Score], scores: Sequence[Score]) -> dict[str, Estimate]:
+    common = {score.recording for score in first} & {score.recording for score in scores}
+    return margins(first, scores) if common else {}
 
 
 def shown(estimate: Estimate, digits: int) -> tuple[str, str]:
@@ -109,6 +117,7 @@ def _method(judged: Judged) -> dict[str, Any]:
         "method": judged.method,
         "recordings": judged.recordings,
         "measures": {name: _estimate(estimate) for name, estimate in judged.estimates.items()},
+        "first_exceeds_it_by": {name: _estimate(estimate) for name, estimate in judged.behind.items()},
         "confusion_s": _pairs(judged.faults.confusion),
         "missed": [asdict(missed) for missed in judged.faults.missed],
         "false_alarms": [asdict(invented) for invented in judged.faults.invented],

@@ -5,7 +5,7 @@ Grids are made once, as rows of text, and shown in two ways.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.console import Group, RenderableType
@@ -13,8 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from caesura_service.judge.metrics import f1
-from caesura_service.judge.report import TABLES, Column, Judged, Report, shown
+from caesura_service.judge.report import MARGINS, TABLES, Column, Judged, Report, shown
 from caesura_service.judge.score import Score, class_accuracy
+from caesura_service.judge.summary import Estimate
 from caesura_service.judge.truth import KINDS
 
 TYPICAL = 8  # so many lines of each list of errors
@@ -53,15 +54,20 @@ def _grids(report: Report, layout: str, detailed: Sequence[str]) -> Iterator[Gri
     for title, columns in TABLES:
         judged = [one for one in report.methods if any(one.estimates[c.measure].n for c in columns)]
         if judged:
-            rows = tuple((one.method, *_cells(one, columns, layout)) for one in judged)
+            rows = tuple((one.method, *_cells(one.estimates, columns, layout)) for one in judged)
             yield Grid(title, ("method", *(c.heading for c in columns)), rows)
+    compared = [one for one in report.methods if one.behind]
+    if compared:
+        rows = tuple((one.method, *_cells(one.behind, MARGINS, layout)) for one in compared)
+        headings = ("over", *(c.heading for c in MARGINS))
+        yield Grid(f"by how much {report.methods[0].method} is ahead, recording by recording", headings, rows)
     for one in report.methods:
         if one.method in detailed:
             yield from _errors(one)
 
 
-def _cells(judged: Judged, columns: Sequence[Column], layout: str) -> list[str]:
-    pairs = (shown(judged.estimates[column.measure], column.digits) for column in columns)
+def _cells(estimates: Mapping[str, Estimate], columns: Sequence[Column], layout: str) -> list[str]:
+    pairs = (shown(estimates[column.measure], column.digits) for column in columns)
     return [layout.format(value, interval) if interval else value for value, interval in pairs]
 
 

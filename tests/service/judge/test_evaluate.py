@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_service.commands import register
+from caesura_service.judge.baselines import Baseline, thresholds
 from caesura_service.judge.judging import Unfit, judge, judge_all
 from caesura_service.judge.methods import Ours
 from caesura_service.judge.report import report
@@ -56,7 +57,7 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "not annotated"),
-        ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines"), "cannot write"),
+        ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
     ],
 )
 def test_misuse_is_one_line(arguments: tuple, expected: str):
@@ -115,8 +116,8 @@ def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
 
 
 def test_processes_judge_as_one_does():
-    cases = [FileCase(BUTTON), FileCase(DATA / "dispenser.npz")]
-    alone, together = (list(judge_all(cases, [Ours("default")], workers=workers)) for workers in (1, 2))
+    cases, methods = [FileCase(BUTTON), FileCase(DATA / "dispenser.npz")], [Baseline("quick", thresholds)]
+    alone, together = (list(judge_all(cases, methods, workers=workers)) for workers in (1, 2))
     assert sorted(map(repr, alone)) == sorted(map(repr, together))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from caesura_service.judge.faults import faults
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part, score
-from caesura_service.judge.summary import summarise
+from caesura_service.judge.summary import margins, summarise
 from caesura_service.judge.truth import Point, Quantity, Span, Truth
 
 TRUTH = Truth(
@@ -92,6 +93,17 @@ def test_a_summary_has_an_interval_about_its_value_and_is_the_same_each_time():
     assert 0.0 <= recall.low <= recall.value <= recall.high <= 1.0
     assert repr(summarise([good, good, bad])) == repr(numbers)  # nan is no equal of itself
     assert summarise([good, good])["f1"].value == 1.0
+
+
+def test_a_margin_is_taken_recording_by_recording():
+    truths = [replace(TRUTH, name=name) for name in "abcd"]
+    times = [(2.0,), (2.0, 4.0), (2.0, 4.0, 8.0), (2.0,)]
+    ours = [score("ours", truth, Found((*found, 7.0))) for truth, found in zip(truths, times, strict=True)]
+    theirs = [score("theirs", truth, Found(found)) for truth, found in zip(truths, times, strict=True)]
+    recall = margins(ours, theirs[::-1])["recall"]
+    assert (recall.value, recall.low, recall.high) == (0.0, 0.0, 0.0)
+    precision = margins(ours, theirs)["precision"]
+    assert precision.high < 0.0
 
 
 def test_without_any_there_is_no_number():

@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caesura_clients.recording import Recording
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Open
@@ -19,12 +22,9 @@ from caesura_service.session.view import View
 BATCH_SAMPLES = 20
 
 
-def views(recording: Recording, preset: str = "default") -> Iterator[View]:
-    """What is known after every batch of a recording, and last of all after its end.
-
-    Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
-    """
-    opening = Open(
+def opening_of(recording: Recording, preset: str) -> Open:
+    """What a bridge would say of the recording."""
+    return Open(
         session="file",
         columns=recording.columns,
         wrench_source=recording.wrench_source,
@@ -32,12 +32,25 @@ def views(recording: Recording, preset: str = "default") -> Iterator[View]:
         length_unit=recording.length_unit,
         preset=preset,
     )
-    pipeline = make_pipeline(opening, preset)
+
+
+def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
+    """The samples (n, columns) of a recording as a service gets them. Raises ProtocolError `malformed`."""
     matrix = recording.matrix()
     for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
         rows = matrix[first : first + BATCH_SAMPLES]
         batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
-        pipeline.push(samples_of(batch, recording.columns, Limits()))
+        yield samples_of(batch, recording.columns, Limits())
+
+
+def views(recording: Recording, preset: str = "default") -> Iterator[View]:
+    """What is known after every batch of a recording, and last of all after its end.
+
+    Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
+    """
+    pipeline = make_pipeline(opening_of(recording, preset), preset)
+    for samples in batches(recording):
+        pipeline.push(samples)
         yield pipeline.view
     pipeline.finish()
     yield pipeline.view

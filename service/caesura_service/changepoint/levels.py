@@ -54,15 +54,19 @@ class Biased:
     The mean and the deviations from it are independent: the deviations have the noise's density over n − 1
     values, the mean is normal with variance bias² + floor²/n. Mean and deviations are those of whitened
     values, weighted as generalised least squares does.
+
+    `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a steady
+    press is no bias, however steady it is. The weight is at most 1.
     """
 
     noise: Noise
     bias: float
+    absence: float = 0.0
 
     def empty(self) -> Rows:
-        """Rows: n, f, Σ w², Σ w c, Σ c², with w the whitened force and c the whitened one."""
+        """Rows: n, f, Σ w², Σ w c, Σ c², Σ log absence, with w the whitened force and c the whitened one."""
         n, vector, scalar = np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros(0)
-        return n, vector, vector, vector, scalar
+        return n, vector, vector, vector, scalar, scalar
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
@@ -70,15 +74,26 @@ class Biased:
         force = np.broadcast_to(observed.force, before.shape)
         w = self.noise.fresh(force, before, n, "zero")
         c = self.noise.fresh(np.ones(n.size), np.ones(n.size), n, "zero")
-        return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2
+        absent = append(rows[5], 0.0) + self._log_absence(observed.force)
+        return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2, absent
+
+    def _log_absence(self, force: Array) -> float:
+        if not self.absence:
+            return 0.0
+        beyond = self.beyond(force)
+        return -0.5 * float(beyond @ beyond) / self.absence**2
+
+    def beyond(self, force: Array) -> Array:
+        """(3,) what of a force [N] is not explained without a contact."""
+        return force
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
-        n, _, squares, total, weight = rows
+        n, _, squares, total, weight, absent = rows
         mean, ssr = total / weight[:, None], np.maximum(squares - total**2 / weight[:, None], 0.0)
         deviations = self.noise.log_evidence(n - 1, ssr, whitened=n - 1).sum(axis=1)
         density = self.mean_log_density(mean, self.noise.floor**2 / weight[:, None])
-        result: Array = deviations - 0.5 * AXES * np.log(weight) + density
+        result: Array = deviations - 0.5 * AXES * np.log(weight) + density + absent
         return result
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:
@@ -96,6 +111,12 @@ class Laden(Biased):
 
     least_kg: float = 0.2
     most_kg: float = 3.0
+
+    def beyond(self, force: Array) -> Array:
+        """(3,) what of a force [N] no load explains."""
+        weight = np.clip(-force[_Z], self.least_kg * GRAVITY, self.most_kg * GRAVITY)
+        left: Array = force + np.array([0.0, 0.0, weight])
+        return left
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:
         """(h,) sideways as in free space, downwards the load's density."""

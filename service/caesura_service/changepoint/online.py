@@ -38,12 +38,13 @@ class FilterParameters:
     """What bounds the work.
 
     Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), the right way round),
-    but never the `keep_youngest`, which have not had time to show what they are worth; at most `cap` live.
+    but never the `keep_youngest`, which have not had time to show what they are worth (a movement that has
+    just begun fits no profile yet; two seconds are one movement); at most `cap` live.
     `window`: samples behind now over which changepoints are smoothed.
     """
 
     prune_ratio: float = 1e-6
-    keep_youngest: int = 10
+    keep_youngest: int = 20
     cap: int = 100
     window: int = 40
 

@@ -163,16 +163,16 @@ def _default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     rest = replace(path, shares=(0.0,))
     push = Noise(nu0=2.0, floor=0.5, shares=(0.02, 0.06, 0.2), joint=True, correlation=correlation(MEMORY_S))
     quiet = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))
-    beyond = 1.5 * bias_n  # a force that the bias does not explain
+    beyond = 2.0 * bias_n  # a force that the bias does not explain
     somewhere, some_force = Target(reach=0.2, least=0.005), Target(reach=10.0, least=beyond)
     return {
         "moving": Profiled("position", human_motion_library(), path, origin="previous", target=somewhere),
         "still": Constant("position", rest, origin="previous"),
-        "untouched": Biased(quiet, bias=bias_n),
+        "untouched": Biased(quiet, bias=bias_n, absence=beyond),
         "pressed": Profiled(
             "force", human_force_library(), push, origin="previous", target=some_force, presence=beyond
         ),
-        "laden": Laden(quiet, bias=bias_n),
+        "laden": Laden(quiet, bias=bias_n, absence=beyond),
         "empty": Held(0.03),
         "gripping": Held(0.5, change=0.05),
         "holding": Held(0.97),

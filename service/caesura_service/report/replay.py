@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.recording import Recording
-from caesura_protocol.codec import pack_samples, unpack_samples
-from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.online import OnlineFilter
-from caesura_service.changepoint.presets import PRESETS, TARED_BIAS_N, UNTARED_BIAS_N, Preset
-from caesura_service.recordings import BATCH_SAMPLES
-from caesura_service.robot import load_panda
-from caesura_service.session.pipeline import EMPTY_GRIPPER_M, METRES_PER_UNIT
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, Observation
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.recordings import batches, opening_of
+from caesura_service.session.pipeline import filter_of, layout_of, observed
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, Observation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,9 +56,10 @@ class Replay:
 def replay(recording: Recording, preset: str) -> Replay:
     """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
     chosen = PRESETS[preset]
-    conditioner = Conditioner(_layout(recording))
+    conditioner = Conditioner(layout_of(opening_of(recording, preset)))
     observations = tuple(_conditioned(recording, conditioner))
-    online = _filter(recording, chosen, tared=conditioner.tare is not None)
+    source = WRENCH_SOURCES[recording.wrench_source]
+    online = filter_of(chosen, source, tared=conditioner.tare is not None)
     beliefs = tuple(_believed(online, observations))
     return Replay(
         observations=observations,
@@ -72,46 +70,21 @@ def replay(recording: Recording, preset: str) -> Replay:
     )
 
 
-def _layout(recording: Recording) -> Layout:
-    robot = load_panda() if "q1" in recording.columns else None
-    return Layout(
-        columns=recording.columns,
-        wrench_source=recording.wrench_source,
-        force_frame=recording.force_frame,
-        metres_per_unit=METRES_PER_UNIT[recording.length_unit],
-        pose_of_joints=None if robot is None else robot.flange_poses,
-        wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
-    )
-
-
 def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Observation]:
-    """The observations of a recording, after the rounding that samples undergo on the wire."""
-    matrix = recording.matrix()
-    for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
-        rows = matrix[first : first + BATCH_SAMPLES]
-        batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
-        yield from conditioner.push(unpack_samples(batch)).observations
+    for samples in batches(recording):
+        yield from conditioner.push(samples).observations
     yield from conditioner.finish().observations
-
-
-def _filter(recording: Recording, preset: Preset, *, tared: bool) -> OnlineFilter:
-    source = WRENCH_SOURCES[recording.wrench_source]
-    return preset.online(
-        contact=source.contact_models,
-        transport=source.transport_models,
-        bias_n=TARED_BIAS_N if tared else UNTARED_BIAS_N,
-    )
 
 
 def _believed(online: OnlineFilter, observations: tuple[Observation, ...]) -> Iterator[Belief]:
     for observation in observations:
-        online.step(_observed(observation), boundary=observation.after_gap)
+        online.step(observed(observation), boundary=observation.after_gap)
         yield Belief(online.starts.copy(), np.minimum(online.posterior, 1.0))
 
 
 def _offline(online: OnlineFilter, observations: tuple[Observation, ...]) -> Array:
     """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
-    seen = [_observed(one) for one in observations]
+    seen = [observed(one) for one in observations]
     cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]
     parts = [
         segment_offline(
@@ -129,12 +102,3 @@ def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) 
     """[s] A continuous segment begins at the last sample of the one before, unless samples are missing."""
     joins = [continuous and i > 0 and not one.after_gap for i, one in enumerate(observations)]
     return np.array([observations[i - join].t for i, join in enumerate(joins)])
-
-
-def _observed(observation: Observation) -> Observed:
-    holding = np.nan
-    if observation.gripper_closed is not None:
-        width = observation.gripper_width
-        empty = width is not None and width <= EMPTY_GRIPPER_M
-        holding = float(observation.gripper_closed and not empty)
-    return Observed(observation.position_base, observation.force_base, holding)

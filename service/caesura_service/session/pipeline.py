@@ -18,7 +18,14 @@ from caesura_service.robot import load_panda
 from caesura_service.session.history import History
 from caesura_service.session.view import Pipeline, View
 from caesura_service.session.weighing import is_baseline, weigh
-from caesura_service.signals import WRENCH_SOURCES, Conditioned, Conditioner, Layout, Observation
+from caesura_service.signals import (
+    WRENCH_SOURCES,
+    Conditioned,
+    Conditioner,
+    Layout,
+    Observation,
+    WrenchSource,
+)
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
@@ -29,19 +36,37 @@ def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
     name = opening.preset or default_preset
     if name not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
-    robot = load_panda() if "q1" in opening.columns else None
     try:
-        layout = Layout(
-            columns=opening.columns,
-            wrench_source=opening.wrench_source,
-            force_frame=opening.force_frame,
-            metres_per_unit=METRES_PER_UNIT[opening.length_unit],
-            pose_of_joints=None if robot is None else robot.flange_poses,
-            wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
-        )
-        return SegmentationPipeline(layout, PRESETS[name], opening)
+        return SegmentationPipeline(layout_of(opening), PRESETS[name], opening)
     except ValueError as error:
         raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
+
+
+def layout_of(opening: Open) -> Layout:
+    """How the samples of a session are read. Raises ValueError for columns that cannot be segmented."""
+    robot = load_panda() if "q1" in opening.columns else None
+    return Layout(
+        columns=opening.columns,
+        wrench_source=opening.wrench_source,
+        force_frame=opening.force_frame,
+        metres_per_unit=METRES_PER_UNIT[opening.length_unit],
+        pose_of_joints=None if robot is None else robot.flange_poses,
+        wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
+    )
+
+
+def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> OnlineFilter:
+    """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
+    return preset.online(
+        contact=source.contact_models,
+        transport=source.transport_models,
+        bias_n=TARED_BIAS_N if tared else UNTARED_BIAS_N,
+    )
+
+
+def observed(observation: Observation) -> Observed:
+    """What the segment models see of an observation."""
+    return Observed(observation.position_base, observation.force_base, _holding(observation))
 
 
 class SegmentationPipeline:
@@ -52,7 +77,7 @@ class SegmentationPipeline:
         self._preset = preset
         self._source = WRENCH_SOURCES[layout.wrench_source]
         self._conditioner = Conditioner(layout)
-        self._online = self._filter(TARED_BIAS_N)
+        self._online = filter_of(preset, self._source, tared=True)
         self._history = History()
         self._gaps: list[Gap] = []
         self._grips: list[Grip] = []
@@ -87,21 +112,15 @@ class SegmentationPipeline:
             self._lost = False
         self._grips += [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         if conditioned.observations and not self._online.count and self._conditioner.tare is None:
-            self._online = self._filter(UNTARED_BIAS_N)
+            self._online = filter_of(self._preset, self._source, tared=False)
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._online.step(_observed(observation), boundary=observation.after_gap)
+            self._online.step(observed(observation), boundary=observation.after_gap)
         if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
             self._view = self._look()
         else:
             counts = self._conditioner
             self._view = replace(self._view, samples=counts.samples, repeats=counts.repeats)
-
-    def _filter(self, bias_n: float) -> OnlineFilter:
-        source = self._source
-        return self._preset.online(
-            contact=source.contact_models, transport=source.transport_models, bias_n=bias_n
-        )
 
     def _look(self) -> View:
         parts = self._parts()
@@ -202,10 +221,6 @@ class SegmentationPipeline:
             tare=self._conditioner.tare,
             note=f"{source.note} {self._conditioner.tare_note}",
         )
-
-
-def _observed(observation: Observation) -> Observed:
-    return Observed(observation.position_base, observation.force_base, _holding(observation))
 
 
 def _holding(observation: Observation) -> float:

@@ -45,7 +45,7 @@ class Caesura:
         return query.program(self.transport, station)
 
     def snapshot(self, station: str, session: str | None = None) -> Snapshot:
-        """Everything about one session; without a name the open one, or else the last by name."""
+        """Everything about one session; without a name the one that `program` speaks of."""
         return query.snapshot(self.transport, station, session)
 
     def sessions(self, station: str = "*") -> list[SessionInfo]:
@@ -66,10 +66,14 @@ class Caesura:
         source: Source,
         *,
         session: str | None = None,
+        epoch: int = 0,
+        preset: str | None = None,
         settings: BridgeSettings | None = None,
     ) -> Bridge:
         """A bridge from a source to the service; enter it, then `run`."""
-        return Bridge(self.transport, station, source, session=session, settings=settings)
+        return Bridge(
+            self.transport, station, source, session=session, epoch=epoch, preset=preset, settings=settings
+        )
 
 
 def connect(

@@ -39,22 +39,31 @@ def snapshots(transport: Transport, station: str = "*", session: str = "*") -> l
 
 
 def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
-    """Everything about one session; without a name the open one, or else the last by name.
+    """Everything about one session; without a name the one that `program` speaks of, the newest.
 
     Raises Absent, which names what there is, or Unreachable.
     """
-    found = snapshots(transport, station, session or "*")
+    name = session or _current_session(transport, station)
+    found = snapshots(transport, station, name or "*")
     if not found:
-        raise _nothing(transport, f"station {station!r} has no session {session or ''}".rstrip())
+        raise _nothing(transport, f"station {station!r} has no session {name or ''}".rstrip())
+    # Where no program tells which is the newest, an open one may be, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
 
 
 def program(transport: Transport, station: str) -> Program:
     """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
-    found = _decoded(transport.query(station_key(station, "program")), Program)
-    if not found:
+    found = _current_program(transport, station)
+    if found is None:
         raise _nothing(transport, f"station {station!r} has no program")
-    return max(found, key=lambda one: (one.epoch, one.version))
+    return found
+
+
+def current_sessions(transport: Transport) -> dict[str, str]:
+    """The session that each station's program speaks of: the one that was opened last."""
+    programs = _decoded(transport.query(station_key("*", "program")), Program)
+    ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
+    return {one.station: one.session for one in ranked}
 
 
 def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
@@ -91,6 +100,17 @@ def service_status(transport: Transport) -> list[ServiceStatus]:
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
+
+
+def _current_program(transport: Transport, station: str) -> Program | None:
+    found = _decoded(transport.query(station_key(station, "program")), Program)
+    return max(found, key=lambda one: (one.epoch, one.version), default=None)
+
+
+def _current_session(transport: Transport, station: str) -> str | None:
+    """The session that the service takes for the station's current one."""
+    program = _current_program(transport, station)
+    return None if program is None else program.session
 
 
 def _rank(snapshot: Snapshot) -> tuple[int, str]:

@@ -351,6 +351,46 @@ def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, me
     assert service.rows() == 20
 
 
+class FailingSource(LiveSource):
+    """Delivers its chunks, and then fails."""
+
+    def __init__(self, chunks, failure):
+        super().__init__(chunks)
+        self.failure = failure
+
+    def chunks(self):
+        yield from super().chunks()
+        raise self.failure
+
+
+@pytest.mark.parametrize("failure", [BadSource("the cable is off"), OSError("the cable is off")])
+def test_a_source_that_fails_ends_the_session_with_what_it_had_sent(memory, failure):
+    # Its session once stayed open for ever, and was taken for the station's current one.
+    source = FailingSource([samples(50)], failure)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        with pytest.raises(type(failure), match="the cable is off"):
+            bridge.run()
+        assert (service.state, service.rows()) == ("closed", 50)
+
+
+def test_a_value_that_is_not_finite_ends_the_session_with_what_came_before(memory):
+    broken = samples(20, t0=0.02)
+    broken[7, 2] = np.nan
+    source = LiveSource([samples(20), broken, samples(20, t0=0.04)])
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        with pytest.raises(BadSource, match="sample 27: py is nan"):
+            bridge.run()
+        assert (service.state, service.rows()) == ("closed", 20)
+
+
 @pytest.mark.parametrize("can_wait", [True, False])
 def test_a_name_that_is_taken_is_refused_before_anything_is_lost(memory, can_wait):
     source = file_source(100)
@@ -401,6 +441,11 @@ def test_session_names_sort_by_time_and_differ():
     assert early < late
     assert len({new_session_name(datetime(2026, 3, 14)) for _ in range(20)}) > 15
     assert __import__("re").fullmatch(NAME_PATTERN, early)
+
+
+def test_a_preset_must_have_a_name(memory):
+    with pytest.raises(ProtocolError, match="preset is not a valid name"):
+        Bridge(memory.transport(), "cell-1", LiveSource(), preset="A B")
 
 
 @pytest.mark.parametrize("name", ["", "Cell 1", "a/b", "*"])

@@ -4,6 +4,7 @@ import pytest
 
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
+from caesura_clients.query import current_sessions
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, station_key
@@ -36,7 +37,18 @@ def test_sessions_are_listed_with_how_they_stand(caesura, service):
     ]
 
 
-def test_without_a_session_name_the_open_one_is_meant_or_else_the_last(caesura, service):
+def test_without_a_session_name_the_one_of_the_program_is_meant(caesura, service):
+    # A dead bridge's open session once won over the newest one, and did not match the program.
+    abandoned, newest = snapshot(0, session="z1"), snapshot(0, session="a2", state="closed")
+    service.snapshots = [abandoned, newest]
+    program = example(Program).model_copy(update={"session": "a2"})
+    service.answers[station_key("cell-1", "program")] = encode(program)
+    assert caesura.snapshot("cell-1") == newest
+    assert caesura.program("cell-1").session == "a2"
+    assert current_sessions(caesura.transport) == {"cell-1": "a2"}
+
+
+def test_where_there_is_no_program_the_open_one_is_meant_or_else_the_last(caesura, service):
     first, second = snapshot(0, session="s1"), snapshot(0, session="s2", state="closed")
     service.snapshots = [first, second]
     assert caesura.snapshot("cell-1") == first

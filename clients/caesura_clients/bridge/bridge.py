@@ -87,6 +87,7 @@ class Bridge:
     ) -> None:
         self.station = check_name(station, "station")
         self.session = check_name(session or new_session_name(), "session")
+        preset = None if preset is None else check_name(preset, "preset")
         self.settings = settings or BridgeSettings()
         self.acknowledged = 0  # batches that the service is known to have
         self._source = source
@@ -143,11 +144,21 @@ class Bridge:
         self._stack.close()
 
     def run(self) -> Ack:
-        """Send everything that the source has and close the session; returns the service's last word."""
+        """Send everything that the source has and close the session; returns the service's last word.
+
+        A source that fails ends the demonstration: what came before is sent and closed, then it is raised.
+        """
         if self._source.can_wait or self._open.epoch > 0:
             self.wait_open()
-        for chunk in self._source.chunks():
-            self.send(chunk)
+        try:
+            for chunk in self._source.chunks():
+                self.send(chunk)
+        except (ProtocolError, Unreachable):
+            raise  # the service's word, not the source's
+        except Exception:
+            with suppress(ProtocolError, CaesuraError):  # the source's failure says more
+                self.finish()
+            raise
         return self.finish()
 
     def wait_open(self, timeout_s: float | None = None) -> None:

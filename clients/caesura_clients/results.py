@@ -5,18 +5,23 @@ a list that replaces everything from `first` on; a hole in their numbers is heal
 posterior and program are complete each time, and of them only the newest counts. A lost last message shows
 no hole, so after `refresh_s` of silence the snapshot is asked for once. Where two instances answer for a
 session (a network that was cut in two), the one with the highest epoch is right.
+
+A session that the service, asked twice, no longer knows is dropped: it was restarted without it. While no
+service is there, what is known stays. `events` tells both; `follow` yields the updates alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from caesura_clients.attendance import Attendance, Change
+from caesura_clients.errors import Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import Transport
-from caesura_clients.query import snapshots
+from caesura_clients.query import services, snapshots
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
@@ -132,6 +137,24 @@ def _applied(update: Update, message: Published, *, next_one: bool) -> Update | 
     return None
 
 
+@dataclass(frozen=True)
+class Forgotten:
+    """The service no longer knows a session."""
+
+    station: str
+    session: str
+
+
+@dataclass(frozen=True)
+class ServiceIs:
+    """The last service went, or the first one came."""
+
+    state: Change
+
+
+Event = Update | Forgotten | ServiceIs
+
+
 def follow(
     transport: Transport,
     station: str = "*",
@@ -145,6 +168,22 @@ def follow(
     refresh_s: silence after which snapshots are asked for again; silence_s: silence after which the
     iteration ends, None for never. Raises ProtocolError `unsupported_version` where the service is newer.
     """
+    told = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
+    with closing(told):
+        for event in told:
+            if isinstance(event, Update):
+                yield event
+
+
+def events(
+    transport: Transport,
+    station: str = "*",
+    session: str = "*",
+    *,
+    refresh_s: float = 2.0,
+    silence_s: float | None = None,
+) -> Generator[Event, None, None]:
+    """As `follow`, and also when a session is forgotten, when the service goes and when it comes."""
     with _listening(transport, station, session) as inbox:
         follower = _Follower(transport, station, session)
         yield from follower.refresh()
@@ -157,7 +196,9 @@ def follow(
             if isinstance(item, Delivery):
                 silent_s = 0.0
                 yield from follower.receive(item)
-            elif (item is None and silent_s <= wait_s) or isinstance(item, Presence):
+            elif isinstance(item, Presence):
+                yield from follower.attend(item)
+            elif item is None and silent_s <= wait_s:
                 yield from follower.refresh()
 
 
@@ -169,15 +210,26 @@ class _Follower:
         self._station = station
         self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
+        self._attendance = Attendance()
 
-    def refresh(self) -> Iterator[Update]:
-        """Ask for snapshots; yields the sessions in which something is new."""
-        for snapshot in snapshots(self._transport, self._station, self._session):
+    def attend(self, presence: Presence) -> Iterator[Event]:
+        """A service came or went: say so, and look what it knows."""
+        change = self._attendance.receive(presence)
+        if change is not None:
+            yield ServiceIs(change)
+        yield from self.refresh()
+
+    def refresh(self) -> Iterator[Event]:
+        """Ask for snapshots; yields the sessions in which something is new, and those that are gone."""
+        known = self._ask()
+        for snapshot in known or ():
             reader = self._reader(snapshot.status.station, snapshot.status.session)
             if reader.restart(snapshot) == "changed" and reader.update is not None:
                 yield reader.update
+        if known is not None:
+            yield from self._forget(self._missing(known))
 
-    def receive(self, delivery: Delivery) -> Iterator[Update]:
+    def receive(self, delivery: Delivery) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
         message = _readable(delivery)
         if message is None or self._session not in {"*", message.session}:
@@ -187,10 +239,37 @@ class _Follower:
         for _ in range(SNAPSHOT_ATTEMPTS):
             if reader.receive(message) != "hole":
                 break
-            for snapshot in snapshots(self._transport, message.station, message.session):
+            for snapshot in self._ask(message.station, message.session) or ():
                 reader.restart(snapshot)
         if reader.update is not None and reader.update != before:
             yield reader.update
+
+    def _forget(self, missing: set[tuple[str, str]]) -> Iterator[Forgotten]:
+        """Drop what a second question does not bring up either, though there is a service to answer it."""
+        again = self._ask() if missing else None
+        if again is None or not self._is_served():
+            return
+        for key in sorted(missing & self._missing(again)):
+            del self._readers[key]
+            yield Forgotten(*key)
+
+    def _is_served(self) -> bool:
+        try:
+            return bool(services(self._transport))
+        except Unreachable:
+            return False
+
+    def _missing(self, known: list[Snapshot]) -> set[tuple[str, str]]:
+        return set(self._readers) - {(one.status.station, one.status.session) for one in known}
+
+    def _ask(self, station: str | None = None, session: str | None = None) -> list[Snapshot] | None:
+        """The snapshots; None where the service had no time to answer, or went while it was asked."""
+        try:
+            return snapshots(self._transport, station or self._station, session or self._session)
+        except ProtocolError as error:
+            if error.code != "overloaded":
+                raise
+            return None
 
     def _reader(self, station: str, session: str) -> SessionReader:
         return self._readers.setdefault((station, session), SessionReader())

@@ -10,6 +10,7 @@ bridge's ring do.
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -37,6 +38,8 @@ SETTINGS: Mapping[str, Any] = {
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
+
+_QUOTED_REASON = re.compile(r'msg: "((?:[^"\\]|\\.)*)')
 
 _PRIORITIES: Mapping[Priority, zenoh.Priority] = {
     "data_high": zenoh.Priority.DATA_HIGH,
@@ -231,9 +234,7 @@ def _config(endpoint: str, config_file: Path | None) -> zenoh.Config:
         where = (
             f"endpoint {endpoint!r}" if config_file is None else f"{config_file} with endpoint {endpoint!r}"
         )
-        raise CaesuraError(
-            f"{where}: {_first_line(error)}; expected for example {DEFAULT_ENDPOINT}"
-        ) from error
+        raise CaesuraError(f"{where}: {_reason(error)}; expected for example {DEFAULT_ENDPOINT}") from error
     return config
 
 
@@ -254,7 +255,7 @@ def _translated(where: str) -> Iterator[None]:
     try:
         yield
     except zenoh.ZError as error:
-        raise Unreachable(f"{where}: {_first_line(error)}") from error
+        raise Unreachable(f"{where}: {_reason(error)}") from error
 
 
 @contextmanager
@@ -265,5 +266,14 @@ def _undeclared(undeclare: Callable[[], object]) -> Iterator[None]:
         undeclare()
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0].partition(" at /")[0]
+def _reason(error: Exception) -> str:
+    """What zenoh says, on one line, without the place in its own sources.
+
+    >>> _reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
+    'no such thing'
+    """
+    text = str(error).partition(" at /")[0]
+    quoted = _QUOTED_REASON.search(text)
+    lines = text.split("\n")
+    said = quoted[1] if quoted else f"{lines[0]} {lines[-1]}" if len(lines) > 1 else text
+    return " ".join(said.split()) or type(error).__name__

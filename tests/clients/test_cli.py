@@ -3,12 +3,16 @@
 import json
 from importlib.metadata import EntryPoint
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.attendance import attending
 from caesura_clients.cli import build
-from caesura_clients.cli.commands import register
+from caesura_clients.cli.commands import _teller, register
+from caesura_clients.cli.options import reported
+from caesura_clients.recording import RecordingError
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
@@ -16,7 +20,7 @@ from caesura_protocol.messages import Program
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import example, recording, snapshot
-from clients.fake_service import FakeService
+from clients.fake_service import FakeService, eventually
 
 
 @pytest.fixture
@@ -77,6 +81,129 @@ def test_bridge_says_why_it_was_refused(caesura, router, file):
     service.refuse = ProtocolError("forbidden", "not your station", value="cell-1")
     with service:
         assert_one_line(caesura("bridge", "--file", file), "forbidden", "not your station", "cell-1")
+
+
+def refusing(**changes):
+    """A snapshot of cell-2/mine, with one thing refused where nothing else is said."""
+    whole = snapshot(0, station="cell-2", session="mine", state="closed")
+    return whole.model_copy(update={"status": whole.status.model_copy(update=changes)})
+
+
+@pytest.fixture
+def played(caesura, router, service, file):
+    """Play the file as cell-2/mine, to a service that says this of it."""
+
+    def play(known):
+        service.snapshots = [known]
+        with FakeService(router.transport(), "fake-2"):
+            options = ("--pace", "fast", "--station", "cell-2", "--session", "mine")
+            return caesura("bridge", "--file", file, *options)
+
+    return play
+
+
+def test_bridge_tells_what_was_refused(played):
+    # It once said "closed, 640 batches" and ended with 0 where every one had been refused.
+    result = played(refusing(refused={"malformed": 640}, repeats=3, samples=100))
+    assert result.exit_code == 1
+    assert result.stdout == "cell-2/mine closed, 5 batches\n"
+    line = result.stderr.splitlines()[-1]
+    for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", "1 gaps, 0.25 s"):
+        assert word in line
+
+
+def test_what_was_dropped_as_a_repeat_is_told_but_is_no_failure(played):
+    result = played(refusing(refused={}, last_refusal=None, repeats=3, samples=100, gaps=()))
+    assert result.exit_code == 0
+    assert result.stderr.endswith("cell-2/mine: 3 of 100 samples dropped: their time did not advance\n")
+
+
+def test_nothing_is_said_where_all_is_well(played):
+    result = played(refusing(refused={}, last_refusal=None, repeats=0, gaps=()))
+    assert result.exit_code == 0
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_bridge_takes_a_session_up_with_an_epoch_and_names_a_preset(caesura, router, file):
+    with FakeService(router.transport()) as service:
+        options = ("--session", "mine", "--epoch", "2", "--preset", "integrated", "--pace", "fast")
+        assert caesura("bridge", "--file", file, *options).exit_code == 0
+    assert (service.openings[0].epoch, service.openings[0].preset) == (2, "integrated")
+
+
+def test_an_epoch_needs_the_name_of_a_session(caesura, file):
+    result = caesura("bridge", "--file", file, "--epoch", "1")
+    assert result.exit_code == 2
+    assert "--session" in result.stderr
+
+
+def test_bridge_names_what_of_a_file_it_does_not_read(caesura, router, tmp_path):
+    arrays = {"t": np.arange(30.0) / 100, "pos": np.zeros((30, 3)), "vel": np.zeros((30, 3))}
+    np.savez(tmp_path / "more.npz", **arrays)
+    np.savez(tmp_path / "typo.npz", **arrays, length_units="mm")
+    with FakeService(router.transport()):
+        more = caesura("bridge", "--file", str(tmp_path / "more.npz"), "--pace", "fast")
+    with FakeService(router.transport()):
+        typo = caesura("bridge", "--file", str(tmp_path / "typo.npz"), "--pace", "fast")
+    assert more.exit_code == typo.exit_code == 0
+    assert "note: more.npz: ignored vel\n" in more.stderr
+    meant = "length_units (did you mean length_unit?)"
+    assert f"warning: typo.npz: ignored vel, {meant}\n" in typo.stderr
+
+
+def test_bridge_says_when_the_service_goes_and_comes_back(router, capsys):
+    seen, say = [], _teller()
+
+    def note(change):
+        say(change)
+        seen.append(change)
+
+    with attending(router.transport(), note):
+        for number in (1, 2):
+            with Answering(router.transport()):
+                eventually(lambda number=number: len(seen) == 2 * number - 1)
+            eventually(lambda number=number: len(seen) == 2 * number)
+    assert capsys.readouterr().err.splitlines() == [
+        "service gone, waiting",
+        "service back",
+        "service gone, waiting",
+    ]
+
+
+@pytest.mark.parametrize("command", ["watch", "program", "sessions", "bridge"])
+def test_a_station_that_is_no_name_is_one_line_that_does_not_speak_of_the_wire(caesura, file, command):
+    # It once stood behind "waiting for Cell_1" on the same line, and began with "malformed:".
+    more = ("--file", file) if command == "bridge" else ()
+    result = caesura(command, "--station", "Cell_1", *more)
+    assert_one_line(result, "error: station is not a valid name; value 'Cell_1'")
+    assert "waiting" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "word"),
+    [
+        ("a.npz", b"", "not a readable npz"),
+        ("a.npz", b"text", "not a readable npz"),
+        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1\n", "sample 2 has 2 values"),
+        ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", "t is nan"),
+        ("a.txt", b"", "suffix '.txt'"),
+    ],
+)
+def test_a_file_that_is_no_recording_is_one_line(caesura, tmp_path, name, content, word):
+    (tmp_path / name).write_bytes(content)
+    assert_one_line(caesura("bridge", "--file", str(tmp_path / name)), word)
+
+
+@pytest.mark.parametrize(("option", "value"), [("--length-unit", "inch"), ("--wrench-source", "guess")])
+def test_an_override_that_does_not_exist_is_one_line(caesura, file, option, value):
+    assert_one_line(caesura("bridge", "--file", file, option, value), value, "expected one of")
+
+
+def test_a_recording_error_is_an_error_that_is_reported(capsys):
+    # It was none, and `caesura segment missing.npz` printed a traceback.
+    with pytest.raises(typer.Exit), reported():
+        raise RecordingError("a.npz: no such file")
+    assert capsys.readouterr().err == "error: a.npz: no such file\n"
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from caesura_clients.results import SessionReader, follow
-from caesura_protocol.codec import Encoded
+from caesura_clients.results import Forgotten, ServiceIs, SessionReader, Update, events, follow
+from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import Changepoints, Posterior, Program, SessionStatus, Snapshot
@@ -157,6 +157,57 @@ def test_a_service_that_takes_over_is_believed(network, publisher):
     publisher.snapshots.append(snapshot(0, "hold", epoch=9, instance="b"))
     with network.transport().token(service_key("b", "alive")):
         assert kinds(next(updates)) == ["hold"]
+
+
+def told(network, **options):
+    return events(network.transport(), **{"refresh_s": 0.05, "silence_s": 5.0, **options})
+
+
+def test_a_service_that_goes_and_comes_back_is_told(network):
+    with Answering(network.transport()):
+        happening = told(network)
+        assert next(happening) == ServiceIs("there")
+    assert next(happening) == ServiceIs("gone")
+    with Answering(network.transport()):
+        assert next(happening) == ServiceIs("there")
+
+
+def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
+    # It once stayed in view for ever.
+    with Answering(network.transport()) as first:
+        first.snapshots = [snapshot(4, "motion", session="old")]
+        happening = told(network)
+        assert next(happening).session == "old"
+        assert next(happening) == ServiceIs("there")
+    assert next(happening) == ServiceIs("gone")
+    with Answering(network.transport()) as second:
+        second.snapshots = [snapshot(0, session="new")]
+        seen = [next(happening) for _ in range(3)]
+    assert ServiceIs("there") in seen
+    assert Forgotten("cell-1", "old") in seen
+    assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
+
+
+def test_while_the_service_is_gone_what_is_known_stays(memory):
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion")]
+        happening = told(memory, silence_s=0.3)
+        assert next(happening).session == snapshot(4).status.session
+        assert next(happening) == ServiceIs("there")
+    assert list(happening) == [ServiceIs("gone")]
+
+
+def test_a_service_too_busy_to_answer_ends_no_reader(memory):
+    # A question that ran into its timeout once ended the watching.
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion")]
+        updates = follow(memory.transport(), "cell-1", refresh_s=0.02, silence_s=5.0)
+        next(updates)
+        publishing.snapshots = []
+        key = session_key("cell-1", "s1", "snapshot")
+        publishing.refusals = {key: encode_error(ProtocolError("overloaded", "not now"))}
+        publishing.put(segments(5, 1, "hold"))
+        assert kinds(next(updates)) == ["motion", "hold"]
 
 
 def test_only_the_session_that_was_asked_for_is_followed(memory):

@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
 
-from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_clients.attendance import Change, attending
+from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
-from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
-from caesura_clients.cli.show import program_view, segments_view, sessions_view
+from caesura_clients.cli.options import (
+    Config,
+    Connect,
+    Json,
+    Station,
+    connected,
+    named,
+    only_station,
+    reported,
+)
+from caesura_clients.cli.show import ignored_line, outcome_line, program_view, segments_view, sessions_view
+from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.network import DEFAULT_ENDPOINT
-from caesura_clients.query import snapshots
-from caesura_clients.results import Update
-from caesura_protocol.messages import Ack
+from caesura_clients.query import current_sessions, services, snapshots
+from caesura_clients.results import events
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Ack, SessionStatus
 
 DEFAULT_STATION = "cell-1"
+MAX_EPOCH = (1 << 53) - 1
 PATIENCE_S = 2.0  # until the command line says what it waits for
 
 
@@ -46,22 +61,37 @@ def bridge(
     ] = None,
     scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
+    preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
+    epoch: Annotated[
+        int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
+    ] = 0,
     batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
     endpoint: Connect = DEFAULT_ENDPOINT,
     config: Config = None,
 ) -> None:
-    """Send one robot's samples to the service. Ctrl-C ends the demonstration."""
+    """Send one robot's samples to the service. Ctrl-C ends the demonstration.
+
+    The exit code is 1 where the service refused anything of it.
+    """
     options = SourceOptions(file, _pace(pace), wrench_source, length_unit, scenario, seed)
+    if epoch and session is None:
+        raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     with reported():
-        samples = open_source(source, options)
+        named(station)
+        samples = _opened_source(source, options)
         settings = BridgeSettings(batch_samples=batch)
         with (
             connected(endpoint, config, patient=True) as caesura,
-            caesura.bridge(station, samples, session=session, settings=settings) as opened,
+            caesura.bridge(
+                station, samples, session=session, epoch=epoch, preset=preset, settings=settings
+            ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
-            ack = _run(opened)
-    typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
+            with attending(caesura.transport, _teller()):
+                ack = _run(opened)
+            typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
+            for one in snapshots(caesura.transport, station, opened.session):
+                _tell_outcome(one.status)
 
 
 def watch(
@@ -71,11 +101,13 @@ def watch(
     config: Config = None,
 ) -> None:
     """Show segments as they are found; what is marked ~ may still change. All stations by default."""
-    with reported(), connected(endpoint, config) as caesura:
-        if once:
-            _show_once(caesura, station)
-        else:
-            _show_live(caesura, station)
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            if once:
+                _show_once(caesura, station)
+            else:
+                _show_live(caesura, station)
 
 
 def program(
@@ -115,6 +147,36 @@ def _pace(text: str) -> float:
         raise typer.BadParameter(str(error), param_hint="--pace") from error
 
 
+def _opened_source(name: str, options: SourceOptions) -> Source:
+    """The source; says what of a file it does not read."""
+    source = open_source(name, options)
+    if isinstance(source, FileSource) and source.recording.ignored:
+        typer.echo(ignored_line(source.recording), err=True)
+    return source
+
+
+def _tell_outcome(status: SessionStatus) -> None:
+    """One line on what did not become segments; exit code 1 where something was refused."""
+    line = outcome_line(status)
+    if line:
+        typer.echo(f"{status.station}/{status.session}: {line}", err=True)
+    if status.refused:
+        raise typer.Exit(1)
+
+
+def _teller() -> Callable[[Change], None]:
+    """Says when the service goes and comes back; that it was there to begin with is no news."""
+    gone = False
+
+    def say(change: Change) -> None:
+        nonlocal gone
+        if change == "gone" or gone:
+            typer.echo(SAID_OF_SERVICE[change], err=True)
+        gone = change == "gone"
+
+    return say
+
+
 def _run(opened: Bridge) -> Ack:
     try:
         with suppress(Unreachable):
@@ -138,12 +200,19 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
-    newest: dict[str, Update] = {}  # by station
-    with (
-        Live(f"waiting for {station or 'any station'}", refresh_per_second=10) as live,
-        suppress(KeyboardInterrupt),
-    ):
-        for update in caesura.results(station or "*"):
-            newest[update.station] = update
-            views = [segments_view(newest[name].status, newest[name].segments) for name in sorted(newest)]
-            live.update(Group(*views))
+    waiting = f"waiting for {station or 'any station'}"
+    if not services(caesura.transport):
+        waiting = f"no service answers yet, {waiting}"
+    view = Watching(lambda: _current_sessions(caesura), waiting=waiting)
+    with Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
+        for event in events(caesura.transport, station or "*"):
+            view.receive(event)
+            live.update(view)
+
+
+def _current_sessions(caesura: Caesura) -> dict[str, str]:
+    """As the service has it; nothing where it has no time to say."""
+    try:
+        return current_sessions(caesura.transport)
+    except ProtocolError:
+        return {}

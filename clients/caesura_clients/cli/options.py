@@ -12,6 +12,7 @@ import typer
 from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, Unreachable
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import check_name
 
 Connect = Annotated[
     str,
@@ -47,8 +48,14 @@ def reported() -> Iterator[None]:
     try:
         yield
     except (CaesuraError, ProtocolError) as error:
-        typer.echo(f"error: {error}", err=True)
+        # Whoever typed it need not know that the wire would call it malformed.
+        typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
         raise typer.Exit(1) from error
+
+
+def named(station: str | None) -> str | None:
+    """A station as it was typed, checked before anything is drawn. Raises ProtocolError."""
+    return None if station is None else check_name(station, "station")
 
 
 def only_station(caesura: Caesura, station: str | None) -> str:

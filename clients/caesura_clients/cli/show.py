@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from caesura_clients.query import SessionInfo
+from caesura_clients.recording import Recording, did_you_mean
 from caesura_protocol.messages import App, Program, Segment, SessionStatus, Vector
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
@@ -19,15 +20,20 @@ PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge"
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
 
-def segments_view(status: SessionStatus, segments: Sequence[Segment]) -> RenderableType:
-    """The segments of one session, and a line on how it is doing."""
-    return Group(segments_table(segments, _title(status)), status_line(status))
+def segments_view(
+    status: SessionStatus, segments: Sequence[Segment], *, newest: int | None = None
+) -> RenderableType:
+    """The segments of one session, or its newest ones, and a line on how it is doing."""
+    hidden = 0 if newest is None else max(0, len(segments) - newest)
+    table = segments_table(segments[hidden:], _title(status), first=hidden)
+    said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
+    return Group(table, said + status_line(status))
 
 
-def segments_table(segments: Sequence[Segment], title: str) -> Table:
-    """One segment a row."""
+def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
+    """One segment a row, counted from `first`."""
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
-    for index, segment in enumerate(segments):
+    for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
             str(index),
@@ -53,10 +59,33 @@ def status_line(status: SessionStatus) -> Text:
     if status.waiting_for is not None:
         parts.append(f"waiting for batch {status.waiting_for}")
     if status.gaps:
-        parts.append(f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s")
+        parts.append(_gaps(status))
     if status.last_refusal is not None:
         parts.append(f"{sum(status.refused.values())} refused, last: {status.last_refusal.message}")
     return Text(" · ".join(parts), style="dim")
+
+
+def outcome_line(status: SessionStatus) -> str:
+    """What became of what was sent, where it is not simply segments; empty where it is."""
+    parts = []
+    if status.refused:
+        last = "" if status.last_refusal is None else f" (last: {status.last_refusal.message})"
+        parts.append(f"{sum(status.refused.values())} refused{last}")
+    if status.repeats:
+        parts.append(f"{status.repeats} of {status.samples} samples dropped: their time did not advance")
+    if status.gaps:
+        parts.append(_gaps(status))
+    return " · ".join(parts)
+
+
+def ignored_line(recording: Recording) -> str:
+    """What of a file was not read, with what may have been meant; empty where everything was."""
+    if not recording.ignored:
+        return ""
+    meant = {name: did_you_mean(name) for name in recording.ignored}
+    names = [name if meant[name] is None else f"{name} (did you mean {meant[name]}?)" for name in meant]
+    grade = "warning" if any(meant.values()) else "note"
+    return f"{grade}: {recording.name}: ignored {', '.join(names)}"
 
 
 def program_view(program: Program) -> RenderableType:
@@ -91,6 +120,10 @@ def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
             info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance
         )
     return table
+
+
+def _gaps(status: SessionStatus) -> str:
+    return f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s"
 
 
 def _title(status: SessionStatus) -> str:

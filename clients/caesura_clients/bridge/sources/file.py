@@ -25,6 +25,7 @@ class FileSource(PacedSource):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
+        self.recording = recording
         super().__init__(
             lambda: pieces(recording.matrix()),
             columns=recording.columns,

@@ -1,0 +1,86 @@
+"""What `caesura watch` keeps in view: of every station one session, that which its program speaks of.
+
+Which one that is the service is asked when a session is met for the first time; a session that goes on beside
+it, of a bridge that was left behind, does not take turns with it. A terminal that is too short shows the
+newest rows: the beginning of a demonstration does not change any more.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Mapping
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.text import Text
+
+from caesura_clients.cli.show import segments_view
+from caesura_clients.results import Event, Forgotten, ServiceIs, Update
+
+LEAST_ROWS = 1
+SAID_OF_SERVICE = {"gone": "service gone, waiting", "there": "service back"}
+
+
+class Watching:
+    """Events in, something to draw out, in another thread: what is drawn is replaced, never changed.
+
+    current: the session that each station's program speaks of, asked when an unknown session is met.
+    """
+
+    def __init__(self, current: Callable[[], Mapping[str, str]], *, waiting: str = "waiting") -> None:
+        self._ask_current = current
+        self._waiting = waiting
+        self._updates: dict[tuple[str, str], Update] = {}  # by station and session, in the order of meeting
+        self._current: Mapping[str, str] = {}
+        self._service = ""
+
+    def receive(self, event: Event) -> None:
+        """Take what has happened."""
+        match event:
+            case Update():
+                self._take(event)
+            case Forgotten():
+                gone = (event.station, event.session)
+                self._updates = {key: update for key, update in self._updates.items() if key != gone}
+                self._current = self._ask_current()
+            case ServiceIs("there") if not self._service:
+                pass  # it was there before it was watched
+            case ServiceIs():
+                self._service = SAID_OF_SERVICE[event.state]
+
+    def shown(self) -> list[Update]:
+        """The current session of each station, by station."""
+        newest: dict[str, Update] = {}
+        for (station, _), update in self._updates.items():
+            if station not in newest or newest[station].session != self._current.get(station):
+                newest[station] = update
+        return [newest[station] for station in sorted(newest)]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        yield from self._fitting(console, options)
+
+    def _take(self, update: Update) -> None:
+        key = (update.station, update.session)
+        if key not in self._updates:
+            self._current = self._ask_current()
+        self._updates = {**self._updates, key: update}
+        if self._service == SAID_OF_SERVICE["there"]:
+            self._service = ""
+
+    def _fitting(self, console: Console, options: ConsoleOptions) -> list[RenderableType]:
+        """Everything, or as many of the newest rows as the terminal has room for."""
+        updates = self.shown()
+        if not updates:
+            return [Text(self._service or self._waiting)]
+        most = max(LEAST_ROWS, *(min(len(one.segments), console.height) for one in updates))
+
+        def overflows(rows: int) -> bool:
+            drawn = console.render_lines(Group(*self._views(updates, rows)), options, pad=False)
+            return len(drawn) > console.height
+
+        fitting = bisect_left(range(LEAST_ROWS, most + 1), True, key=overflows)
+        return self._views(updates, max(LEAST_ROWS, fitting))
+
+    def _views(self, updates: Iterable[Update], rows: int) -> list[RenderableType]:
+        """The newest rows of each station, and what is to be said of the service."""
+        views = [segments_view(update.status, update.segments, newest=rows) for update in updates]
+        return [*views, Text(self._service)] if self._service else views

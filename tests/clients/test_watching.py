@@ -1,0 +1,113 @@
+"""What is kept in view: one session a station, its newest rows, and whether there is a service."""
+
+import pytest
+from rich.console import Console
+
+from caesura_clients.cli.watching import Watching
+from caesura_clients.results import Forgotten, ServiceIs, SessionReader
+from clients.examples import snapshot
+
+
+def update(*kinds, **changes):
+    reader = SessionReader()
+    reader.restart(snapshot(0, *kinds, **changes))
+    return reader.update
+
+
+@pytest.fixture
+def current():
+    """What the service says of its stations."""
+    return {}
+
+
+@pytest.fixture
+def view(current):
+    return Watching(lambda: dict(current), waiting="waiting for cell-1")
+
+
+def drawn(view, height=40, width=120):
+    console = Console(width=width, height=height, force_terminal=True, color_system=None)
+    return [line.rstrip() for line in "".join(s.text for s in console.render(view)).splitlines()]
+
+
+def sessions(view):
+    return [(one.station, one.session) for one in view.shown()]
+
+
+def test_two_sessions_at_a_station_do_not_take_turns(view, current):
+    # Keyed by the station alone, the table once alternated between them at every message.
+    current["cell-1"] = "new"
+    for _ in range(2):
+        view.receive(update("motion", session="abandoned"))
+        view.receive(update("hold", session="new"))
+        assert sessions(view) == [("cell-1", "new")]
+    view.receive(update("motion", "contact", session="abandoned"))
+    assert sessions(view) == [("cell-1", "new")]
+
+
+def test_a_session_that_is_opened_later_takes_its_place(view, current):
+    current["cell-1"] = "zzz"
+    view.receive(update(session="zzz"))
+    current["cell-1"] = "aaa"
+    view.receive(update(session="aaa"))
+    view.receive(update("motion", session="zzz"))
+    assert sessions(view) == [("cell-1", "aaa")]
+
+
+def test_where_the_service_does_not_say_the_last_that_was_met_is_shown(view):
+    view.receive(update(session="one"))
+    view.receive(update(session="two"))
+    view.receive(update("motion", session="one"))
+    assert sessions(view) == [("cell-1", "two")]
+
+
+def test_stations_stand_beneath_each_other(view):
+    view.receive(update(station="cell-2"))
+    view.receive(update(station="cell-1"))
+    assert [station for station, _ in sessions(view)] == ["cell-1", "cell-2"]
+
+
+def test_what_is_forgotten_leaves_the_view(view):
+    view.receive(update(session="s1"))
+    view.receive(Forgotten("cell-1", "s1"))
+    assert drawn(view) == ["waiting for cell-1"]
+
+
+def test_a_service_that_is_gone_is_said_beneath_what_is_known(view):
+    view.receive(ServiceIs("there"))
+    assert drawn(view) == ["waiting for cell-1"]
+    view.receive(update("motion"))
+    assert "service" not in drawn(view)[-1]
+    view.receive(ServiceIs("gone"))
+    assert drawn(view)[-1] == "service gone, waiting"
+    assert any(" motion " in line for line in drawn(view))
+    view.receive(ServiceIs("there"))
+    assert drawn(view)[-1] == "service back"
+    view.receive(update("motion", "hold"))
+    assert "service" not in drawn(view)[-1]
+
+
+@pytest.mark.parametrize("height", [12, 16, 24])
+@pytest.mark.parametrize("width", [60, 120])
+@pytest.mark.parametrize("stations", [1, 2])
+def test_a_short_terminal_shows_the_newest_rows_and_how_many_are_hidden(view, height, width, stations):
+    # The rows that are found last, and the line on how the session is doing, were once cut off.
+    if stations == 2 and height < 24:
+        return
+    for number in range(stations):
+        view.receive(update(*["motion"] * 50, "hold", station=f"cell-{number}"))
+    view.receive(ServiceIs("gone"))
+    lines = drawn(view, height, width)
+    assert len(lines) <= height
+    assert lines[-1] == "service gone, waiting"
+    assert sum(line.split()[:1] == ["50"] and "hold" in line for line in lines) == stations
+    assert sum("earlier ones hidden · open" in line for line in lines) == stations
+    assert (
+        height - len(lines) < 3 * stations
+    )  # a row more may take two lines, and one of each station's title
+
+
+def test_a_terminal_that_is_tall_enough_hides_nothing(view):
+    view.receive(update(*["motion"] * 10))
+    assert not any("hidden" in line for line in drawn(view, height=40))
+    assert sum("motion" in line for line in drawn(view, height=40)) == 10

@@ -304,12 +304,47 @@ def test_the_command_line_assembles_itself_from_what_is_installed():
         assert command in result.stdout
 
 
-def test_commands_whose_extra_is_missing_are_left_out_in_silence(monkeypatch, tmp_path, capsys):
+@pytest.fixture
+def client_only(monkeypatch, tmp_path):
+    """The command line where an entry point needs a library that is not installed."""
     (tmp_path / "needs_an_extra.py").write_text("import a_library_that_is_not_installed\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    return build([entry("needs_an_extra:register"), entry("caesura_clients.cli.commands:register")])
+
+
+def test_commands_whose_extra_is_missing_are_not_listed(client_only, capsys):
+    assert capsys.readouterr() == ("", "")
+    listed = CliRunner().invoke(client_only, ["--help"]).stdout
+    assert "bridge" in listed
+    for command in ("serve", "segment", "demo", "evaluate", "report", "teach"):
+        assert f" {command} " not in listed
+
+
+@pytest.mark.parametrize(
+    ("typed", "extra"),
+    [
+        (["serve", "--listen", "tcp/0.0.0.0:7447"], "service"),
+        (["segment", "a.npz", "--json", "b.json"], "service"),
+        (["demo", "--fast"], "service"),
+        (["evaluate", "--help"], "service"),
+        (["report", "a.npz", "-o", "b.pdf"], "service"),
+        (["teach"], "teacher"),
+    ],
+)
+def test_whoever_types_one_is_told_what_to_install(client_only, typed, extra):
+    # "No such command" was once all that a client install had to say.
+    result = CliRunner().invoke(client_only, typed)
+    assert result.exit_code == 2
+    assert result.stderr == f"error: caesura {typed[0]} needs pip install 'caesura[{extra}]'\n"
+
+
+def test_what_is_installed_has_no_stand_in():
+    pytest.importorskip("caesura_service.commands")
+    assert not any(info.hidden for info in build().registered_commands)
+
+
+def test_an_own_module_that_is_missing_is_no_extra(monkeypatch, tmp_path):
     (tmp_path / "broken.py").write_text("import caesura_clients.a_module_that_is_not_there\n")
     monkeypatch.syspath_prepend(tmp_path)
-    app = build([entry("needs_an_extra:register"), entry("caesura_clients.cli.commands:register")])
-    assert len(app.registered_commands) == 4
-    assert capsys.readouterr() == ("", "")
     with pytest.raises(ModuleNotFoundError, match="a_module_that_is_not_there"):
         build([entry("broken:register")])

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from caesura_clients import memory
+from caesura_clients import attendance, memory, recording, transport
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.memory import intersect
@@ -147,8 +147,13 @@ def test_a_full_inbox_drops_the_oldest_and_counts():
     assert inbox.get(0.0) is None
 
 
+@pytest.mark.parametrize("module", [attendance, memory, recording, transport], ids=lambda one: one.__name__)
+def test_the_examples_in_docstrings_hold(module):
+    result = doctest.testmod(module)
+    assert (result.failed, result.attempted > 0) == (0, True)
+
+
 def test_key_expressions_meet_part_by_part():
-    assert doctest.testmod(memory).failed == 0
     assert intersect(ANY, KEY)
     assert not intersect(ANY, KEY + "/more")
     assert not intersect("a/b", "a/c")
@@ -182,9 +187,28 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
     file.write_text('{metadata: {name: "cell-1"}, scouting: {multicast: {enabled: true}}}')
     with ZenohTransport(router.endpoint, config_file=file, timeout_s=5.0) as transport:
         assert transport.alive("a/*") == ()
-    file.write_text("{nonsense: ")
-    with pytest.raises(CaesuraError, match=r"client\.json5"):
-        ZenohTransport(router.endpoint, config_file=file, timeout_s=0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("{nonsense: ", "client.json5 with endpoint 'tcp/127.0.0.1:7447': --> 1:"),
+        ("{nonsense: 5}", "unknown field `nonsense`"),
+        ("{connect: {endpoints: 3}}", "invalid type: integer `3`"),
+    ],
+)
+def test_a_config_file_that_makes_no_sense_is_named_without_the_librarys_own_sources(
+    tmp_path, content, reason
+):
+    # A place in /root/.cargo and the names of Rust types once stood in the message.
+    file = tmp_path / "client.json5"
+    file.write_text(content)
+    with pytest.raises(CaesuraError) as caught:
+        ZenohTransport("tcp/127.0.0.1:7447", config_file=file, timeout_s=0.1)
+    message = str(caught.value)
+    assert reason in message
+    for foreign in (" at /", ".cargo", "Message {", "Some(", "\n"):
+        assert foreign not in message
 
 
 def test_a_closed_transport_raises_our_own_error(router):

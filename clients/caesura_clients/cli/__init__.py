@@ -1,15 +1,20 @@
 """The command `caesura`. It assembles itself from what is installed: every entry point of the group
-`caesura.commands` names a function that adds its commands; those whose extra is missing are left out.
+`caesura.commands` names a function that adds its commands. Those whose extra is missing are not listed, but
+whoever types one is told what to install.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 
 import typer
 
 GROUP = "caesura.commands"
+COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
+    "service": ("serve", "segment", "demo", "evaluate", "report"),
+    "teacher": ("teach",),
+}
 OWN_PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients")
 
 
@@ -29,6 +34,9 @@ def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
 
     for entry_point in entry_points(group=GROUP) if found is None else found:
         _add(app, entry_point)
+    for extra, names in COMMANDS_OF_EXTRA.items():
+        for name in sorted(set(names) - _names(app)):
+            _stand_in(app, name, extra)
     return app
 
 
@@ -45,3 +53,17 @@ def _add(app: typer.Typer, entry_point: EntryPoint) -> None:
             raise
         return  # an extra that is not installed
     register(app)
+
+
+def _names(app: typer.Typer) -> set[str]:
+    return {info.name or getattr(info.callback, "__name__", "") for info in app.registered_commands}
+
+
+def _stand_in(app: typer.Typer, name: str, extra: str) -> None:
+    """A command that takes anything, says what it needs, and is not listed."""
+    anything = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+    @app.command(name, hidden=True, context_settings=anything)
+    def _missing() -> None:
+        typer.echo(f"error: caesura {name} needs pip install 'caesura[{extra}]'", err=True)
+        raise typer.Exit(2)

@@ -82,7 +82,10 @@ def _near(online: OnlineFilter, start: int) -> float:
 
 
 def _interval(online: OnlineFilter, start: int) -> tuple[int, int]:
-    """First and last observation of the central interval, among those that may be the same event."""
+    """First and last observation of the central interval, among those that may be the same event.
+
+    One observation wider on either side: what happens lies between observations, not at one.
+    """
     first, last = max(start - INTERVAL_REACH, 1), min(start + INTERVAL_REACH, online.count - 1)
     if start == 0 or first > last:
         return start, start
@@ -90,4 +93,5 @@ def _interval(online: OnlineFilter, start: int) -> tuple[int, int]:
     share = np.cumsum(mass) / max(mass.sum(), np.finfo(float).tiny)
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
     low, high = (int(np.searchsorted(share, level)) for level in (tail, 1.0 - tail))
-    return min(first + low, start), max(first + min(high, mass.size - 1), start)
+    low, high = min(first + low, start) - 1, max(first + min(high, mass.size - 1), start) + 1
+    return max(low, 0), min(high, online.count - 1)

@@ -23,6 +23,7 @@ from caesura_service.signals.gripper import GripperEvent, GripperParameters, Gri
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import Observation, observation_of, tared
 from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
+from caesura_service.signals.wrench import WrenchSource
 
 Array = NDArray[np.float64]
 
@@ -37,8 +38,7 @@ class ConditioningParameters:
     segmentation_hz: float = 10.0  # divides grid_hz
     gap_limit_s: float = 0.25  # a longer hole between samples is a gap, a shorter one is interpolated
     tare_window_s: float = 0.4  # from the first sample on
-    rest_speed_limit_m_per_s: float = 0.05
-    rest_force_scatter_limit_n: float = 0.5  # standard deviation on the worst axis
+    tare_scatter_limit_n: float = 0.5  # standard deviation on the worst axis
     gripper: GripperParameters = field(default_factory=GripperParameters)
 
     def __post_init__(self) -> None:
@@ -62,10 +62,9 @@ class ConditioningParameters:
         """Grid rows per observation."""
         return round(self.grid_hz / self.segmentation_hz)
 
-    @property
-    def taring(self) -> Taring:
+    def taring(self, source: WrenchSource) -> Taring:
         """The tare at the start."""
-        criterion = RestCriterion(self.rest_speed_limit_m_per_s, self.rest_force_scatter_limit_n)
+        criterion = RestCriterion(source.tare_speed_m_per_s, self.tare_scatter_limit_n)
         return Taring(round(self.tare_window_s * self.grid_hz), criterion)
 
 
@@ -105,7 +104,7 @@ class Conditioner:
         self.parameters = parameters or ConditioningParameters()
         self._columns = columns_of(layout)
         self._filter = self.parameters.filter
-        self._taring = self.parameters.taring
+        self._taring = self.parameters.taring(layout.source)
         self._resampler = Resampler(
             self.parameters.grid_hz,
             self.parameters.gap_limit_s,

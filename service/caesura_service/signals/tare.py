@@ -1,4 +1,7 @@
-"""Tare: the bias of the force, taken at the start of a demonstration and only at rest.
+"""Tare: the bias of the force, taken at the start of a demonstration and only where nothing else is in it.
+
+That is at rest, or in free motion too where the sensor lies below the hand: it feels neither, and a force
+that scatters gives a touch away.
 
 Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
 would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
@@ -18,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RestCriterion:
-    """When the start of a demonstration counts as rest."""
+    """When the force at the start of a demonstration is bias and nothing else."""
 
     speed_limit_m_per_s: float
     scatter_limit_n: float  # standard deviation on the worst axis
@@ -60,7 +63,7 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion) -> Tare:
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return Tare(None, f"Not tared: the force varied by {worst:.2f} N at the start ({limit}).")
     x, y, z = mean.tolist()
-    return Tare((x, y, z), f"Tared at rest at the start: ({x:.2f}, {y:.2f}, {z:.2f}) N are taken off.")
+    return Tare((x, y, z), f"Tared at the start: ({x:.2f}, {y:.2f}, {z:.2f}) N are taken off.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ class WrenchSource:
     contact_models: bool  # can contact and free space be told apart?
     transport_models: bool  # can a load be weighed?
     noise_n: float  # [N] scale of the static noise on each axis
+    tare_speed_m_per_s: float  # up to which the force at the start is taken for bias
     note: str  # for whoever reads the results
 
 
@@ -28,18 +29,21 @@ WRENCH_SOURCES: Mapping[str, WrenchSource] = {
         contact_models=True,
         transport_models=True,
         noise_n=0.2,
+        tare_speed_m_per_s=0.25,  # it feels no movement as slow as this
         note="Force sensor below the guiding hand: it feels the environment only.",
     ),
     "flange_sensor_with_hand": WrenchSource(
         contact_models=False,
         transport_models=False,
         noise_n=0.2,
+        tare_speed_m_per_s=0.01,
         note="The guiding hand is in the force: contact and load cannot be told from it and stay off.",
     ),
     "joint_torque_estimate": WrenchSource(
         contact_models=False,
         transport_models=False,
         noise_n=0.5,
+        tare_speed_m_per_s=0.01,
         note="Force estimated from joint torques: the guiding hand and 3 N of model error in motion "
         "are in it; contact and load are off.",
     ),
@@ -47,6 +51,7 @@ WRENCH_SOURCES: Mapping[str, WrenchSource] = {
         contact_models=False,
         transport_models=False,
         noise_n=0.0,
+        tare_speed_m_per_s=0.01,
         note="No force was recorded: contact and load are off.",
     ),
 }

@@ -130,5 +130,4 @@ def test_a_changepoint_lies_in_its_interval(found: View):
     for one in found.changepoints:
         assert one.t_low <= one.t <= one.t_high
         assert one.t_high - one.t_low <= 1.0
-    sure = [one for one in found.changepoints if one.t_low == one.t_high]
-    assert sure
+    assert min(one.t_high - one.t_low for one in found.changepoints) <= 0.25

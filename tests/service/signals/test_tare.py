@@ -12,19 +12,25 @@ from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, 
 
 Array = NDArray[np.float64]
 
-LAYOUT = Layout(("t", *POSITION, *FORCE))
+COLUMNS = ("t", *POSITION, *FORCE)
+LAYOUT = Layout(COLUMNS)
 BIAS = np.array([1.5, -2.5, 4.0])
 T = times(500.0, 3.0)
 
 
 def demonstration(
-    *, speed_m_per_s: float = 0.0, noise_n: float = 0.1, contact_n: float = 0.0, gap: bool = False
+    *,
+    speed_m_per_s: float = 0.0,
+    noise_n: float = 0.1,
+    contact_n: float = 0.0,
+    gap: bool = False,
+    source: str = "flange_sensor",
 ) -> tuple[Conditioner, Array]:
     """Biased force, a contact along z after 2 s; position moves from the start where a speed is given."""
     noise = np.random.default_rng(0).normal(0.0, noise_n, (len(T), 3))
     force = BIAS + noise + along((0.0, 0.0, contact_n), (T > 2.0).astype(float))
     t = T + (0.5 if gap else 0.0) * (T > 0.2)
-    conditioner = Conditioner(LAYOUT)
+    conditioner = Conditioner(Layout(COLUMNS, wrench_source=source))
     samples = np.column_stack([t, along((speed_m_per_s, 0.0, 0.0), T), force])
     return conditioner, column(together(conditioner, [samples]).observations, "force_base")
 
@@ -32,10 +38,16 @@ def demonstration(
 def test_the_bias_at_rest_is_taken_off_everything() -> None:
     conditioner, force = demonstration(contact_n=8.0)
     assert conditioner.tare == pytest.approx(tuple(BIAS), abs=0.05)
-    assert "Tared at rest" in conditioner.tare_note
+    assert "Tared at the start" in conditioner.tare_note
     assert len(force) == 29
     assert_allclose(force[:19], 0.0, atol=0.15)
     assert_allclose(force[21:], [[0.0, 0.0, 8.0]] * 8, atol=0.15)
+
+
+def test_a_sensor_below_the_hand_is_tared_in_free_motion_too() -> None:
+    conditioner, force = demonstration(speed_m_per_s=0.1)
+    assert conditioner.tare == pytest.approx(tuple(BIAS), abs=0.05)
+    assert_allclose(force, 0.0, atol=0.15)
 
 
 def test_the_bias_is_the_mean_of_the_window_itself() -> None:
@@ -47,7 +59,11 @@ def test_the_bias_is_the_mean_of_the_window_itself() -> None:
 @pytest.mark.parametrize(
     ("start", "reason"),
     [
-        ({"speed_m_per_s": 0.05}, "the robot moved at 0.050 m/s"),
+        ({"speed_m_per_s": 0.3}, "the robot moved at 0.300 m/s"),
+        (
+            {"speed_m_per_s": 0.05, "source": "flange_sensor_with_hand"},
+            "the robot moved at 0.050 m/s",
+        ),
         ({"noise_n": 5.0}, "the force varied by"),
         ({"gap": True}, "samples are missing within the tare window"),
     ],

@@ -73,6 +73,16 @@ def test_what_is_forgotten_leaves_the_view(view):
     assert drawn(view) == ["waiting for cell-1"]
 
 
+def test_after_a_restart_that_lost_the_session_it_says_what_it_waits_for(view):
+    view.receive(ServiceIs("there"))
+    view.receive(update(session="s1"))
+    for event in (ServiceIs("gone"), ServiceIs("there"), Forgotten("cell-1", "s1")):
+        view.receive(event)
+    assert drawn(view) == ["service back, waiting for cell-1"]
+    view.receive(ServiceIs("gone"))
+    assert drawn(view) == ["service gone, waiting for cell-1"]
+
+
 def test_a_service_that_is_gone_is_said_beneath_what_is_known(view):
     view.receive(ServiceIs("there"))
     assert drawn(view) == ["waiting for cell-1"]

@@ -56,7 +56,7 @@ def _add(app: typer.Typer, entry_point: EntryPoint) -> None:
 
 
 def _names(app: typer.Typer) -> set[str]:
-    return {info.name or getattr(info.callback, "__name__", "") for info in app.registered_commands}
+    return {str(info.name or getattr(info.callback, "__name__", "")) for info in app.registered_commands}
 
 
 def _stand_in(app: typer.Typer, name: str, extra: str) -> None:

@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterable, Mapping
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
+from caesura_clients.attendance import Change
 from caesura_clients.cli.show import segments_view
 from caesura_clients.results import Event, Forgotten, ServiceIs, Update
 
 LEAST_ROWS = 1
-SAID_OF_SERVICE = {"gone": "service gone, waiting", "there": "service back"}
+SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}
 
 
 class Watching:
@@ -70,7 +71,7 @@ class Watching:
         """Everything, or as many of the newest rows as the terminal has room for."""
         updates = self.shown()
         if not updates:
-            return [Text(self._service or self._waiting)]
+            return [Text(", ".join(filter(None, (self._service.removesuffix(", waiting"), self._waiting))))]
         most = max(LEAST_ROWS, *(min(len(one.segments), console.height) for one in updates))
 
         def overflows(rows: int) -> bool:

@@ -16,7 +16,7 @@ from caesura_clients.recording import RecordingError
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Program
+from caesura_protocol.messages import Program, Refusal
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import example, recording, snapshot
@@ -104,7 +104,8 @@ def played(caesura, router, service, file):
 
 def test_bridge_tells_what_was_refused(played):
     # It once said "closed, 640 batches" and ended with 0 where every one had been refused.
-    result = played(refusing(refused={"malformed": 640}, repeats=3, samples=100))
+    why = Refusal(code="malformed", message="malformed: not a map")
+    result = played(refusing(refused={"malformed": 640}, last_refusal=why, repeats=3, samples=100))
     assert result.exit_code == 1
     assert result.stdout == "cell-2/mine closed, 5 batches\n"
     line = result.stderr.splitlines()[-1]

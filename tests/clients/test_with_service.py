@@ -10,11 +10,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.cli.commands import register
+from caesura_clients.recording import Recording
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples
 from clients.fake_service import eventually
@@ -107,6 +111,19 @@ def test_a_service_that_is_killed_and_comes_back_has_everything():
             assert bridge.finish().next_seq == 100
             status = caesura.snapshot("cell-3").status
             assert (status.samples, status.gaps) == (2000, ())
+
+
+def test_bridge_tells_that_the_service_refused_every_batch(endpoint, tmp_path):
+    # Times in microseconds: it once said "closed, 5 batches" and ended with 0.
+    seconds = recording(100)
+    Recording(seconds.t * 1e6, seconds.signals).save(tmp_path / "micro.npz")
+    app = typer.Typer()
+    register(app)
+    options = ("--station", "cell-4", "--session", "micro", "--pace", "fast", "--connect", endpoint)
+    result = CliRunner().invoke(app, ["bridge", "--file", str(tmp_path / "micro.npz"), *options])
+    assert result.exit_code == 1
+    assert result.stdout == "cell-4/micro closed, 5 batches\n"
+    assert "cell-4/micro: 5 refused (last: batch 4 lasts too long" in result.stderr
 
 
 @contextmanager

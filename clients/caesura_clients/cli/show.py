@@ -13,7 +13,7 @@ from rich.text import Text
 
 from caesura_clients.query import SessionInfo
 from caesura_clients.recording import Recording, did_you_mean
-from caesura_protocol.messages import App, Program, Segment, SessionStatus, Vector
+from caesura_protocol.messages import App, Program, Refusal, Segment, SessionStatus, Vector
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
@@ -61,7 +61,7 @@ def status_line(status: SessionStatus) -> Text:
     if status.gaps:
         parts.append(_gaps(status))
     if status.last_refusal is not None:
-        parts.append(f"{sum(status.refused.values())} refused, last: {status.last_refusal.message}")
+        parts.append(f"{sum(status.refused.values())} refused, last: {_why(status.last_refusal)}")
     return Text(" · ".join(parts), style="dim")
 
 
@@ -69,7 +69,7 @@ def outcome_line(status: SessionStatus) -> str:
     """What became of what was sent, where it is not simply segments; empty where it is."""
     parts = []
     if status.refused:
-        last = "" if status.last_refusal is None else f" (last: {status.last_refusal.message})"
+        last = "" if status.last_refusal is None else f" (last: {_why(status.last_refusal)})"
         parts.append(f"{sum(status.refused.values())} refused{last}")
     if status.repeats:
         parts.append(f"{status.repeats} of {status.samples} samples dropped: their time did not advance")
@@ -120,6 +120,11 @@ def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
             info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance
         )
     return table
+
+
+def _why(refusal: Refusal) -> str:
+    """The reason without the code, which is the wire's word."""
+    return refusal.message.removeprefix(f"{refusal.code}: ")
 
 
 def _gaps(status: SessionStatus) -> str:

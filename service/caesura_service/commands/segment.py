@@ -12,7 +12,7 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from caesura_clients.cli.options import reported
-from caesura_clients.cli.show import apps_table, segments_table
+from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
@@ -75,12 +75,14 @@ def _shown(recording: Recording, preset: str, view: View) -> Group:
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
         apps_table(view.apps, title="task program"),
         view.wrench.note,
-        *_warnings(view),
+        *_warnings(recording, view),
     )
 
 
-def _warnings(view: View) -> Iterator[str]:
+def _warnings(recording: Recording, view: View) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
+    if ignored := ignored_line(recording):
+        yield ignored
     if view.repeats:
         yield f"{view.repeats} of {view.samples} samples were dropped: their time did not advance"
     for gap in view.gaps[:SHOWN_GAPS]:

@@ -22,7 +22,7 @@ from caesura_service.session.view import View
 BATCH_SAMPLES = 20
 
 
-def opening_of(recording: Recording, preset: str) -> Open:
+def opening_of(recording: Recording, preset: str | None = None) -> Open:
     """What a bridge would say of the recording."""
     return Open(
         session="file",

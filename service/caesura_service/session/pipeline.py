@@ -122,6 +122,10 @@ class SegmentationPipeline:
             counts = self._conditioner
             self._view = replace(self._view, samples=counts.samples, repeats=counts.repeats)
 
+    @property
+    def _bias_n(self) -> float:
+        return UNTARED_BIAS_N if self._conditioner.tare is None else TARED_BIAS_N
+
     def _look(self) -> View:
         parts = self._parts()
         segments = [segment for _, segment in parts]
@@ -152,7 +156,11 @@ class SegmentationPipeline:
         fresh = [
             (all_stretches[i], self._segment(all_stretches, i)) for i in range(known, len(all_stretches))
         ]
-        compared = [i for i, (stretch, _) in enumerate(fresh) if stretch.end_final and is_baseline(stretch)]
+        compared = [
+            i
+            for i, (stretch, _) in enumerate(fresh)
+            if stretch.end_final and is_baseline(stretch, self._history, self._bias_n)
+        ]
         parts = [*self._settled, *fresh]
         if compared:
             self._settled += fresh[: compared[-1] + 1]
@@ -161,7 +169,7 @@ class SegmentationPipeline:
     def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
         stretch, history = all_stretches[index], self._history
         found = stretch.verdict
-        load = weigh(all_stretches, index, history)
+        load = weigh(all_stretches, index, history, self._bias_n)
         begin, last = self._first_of(stretch.start), stretch.end - 1
         return Segment(
             t0=history.t(begin),

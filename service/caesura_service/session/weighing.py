@@ -18,7 +18,7 @@ from caesura_service.session.history import History
 LEAST_BASELINE = 3  # observations of free space that a baseline needs
 EDGE = 2  # observations at either end of a stretch that belong to the transition
 DEPENDENT = 4.0  # forces stay alike for 0.2 s, so that many observations count as one
-BIAS_N = 1.5  # what the bias may be where there is no free space to compare with
+MOST_BIASES = 2.0  # free space that reads more than this many scales of the bias is something else
 WANDER_N = 0.5  # what it may have wandered by where there is free space on one side only
 
 
@@ -30,29 +30,34 @@ class Load:
     sd_kg: float
 
 
-def is_baseline(stretch: Stretch) -> bool:
-    """Is this enough free space to compare with?"""
-    return stretch.verdict.kind.contact == "free" and stretch.end - stretch.start >= LEAST_BASELINE
+def is_baseline(stretch: Stretch, history: History, bias_n: float) -> bool:
+    """Is this free space to compare with: long enough, and no force that its bias [N] cannot account for?"""
+    if stretch.verdict.kind.contact != "free" or stretch.end - stretch.start < LEAST_BASELINE:
+        return False
+    return abs(_vertical(stretch, history)[0]) <= MOST_BIASES * bias_n
 
 
-def weigh(stretches: Sequence[Stretch], index: int, history: History) -> Load | None:
-    """The load of a stretch in which something is carried; None for any other."""
+def weigh(stretches: Sequence[Stretch], index: int, history: History, bias_n: float) -> Load | None:
+    """The load of a stretch in which something is carried; None for any other.
+
+    bias_n [N]: scale of what free space may read.
+    """
     if stretches[index].verdict.kind.contact != "transport":
         return None
     mean, variance = _vertical(stretches[index], history)
-    sides = (stretches[:index][::-1], stretches[index + 1 :])
-    nearest = [next((s for s in side if is_baseline(s)), None) for side in sides]
+    sides = (reversed(stretches[:index]), stretches[index + 1 :])
+    nearest = [next((s for s in side if is_baseline(s, history, bias_n)), None) for side in sides]
     baselines = [_vertical(s, history) for s in nearest if s is not None]
     zero = float(np.mean([m for m, _ in baselines])) if baselines else 0.0
     noise = variance + float(np.mean([v for _, v in baselines])) if baselines else variance
-    sd = np.sqrt(noise + _bias_sd([m for m, _ in baselines]) ** 2)
+    sd = np.sqrt(noise + _bias_sd([m for m, _ in baselines], bias_n) ** 2)
     return Load(max(-(mean - zero) / GRAVITY, 0.0), float(sd) / GRAVITY)
 
 
-def _bias_sd(means: list[float]) -> float:
+def _bias_sd(means: list[float], bias_n: float) -> float:
     match means:
         case []:
-            return BIAS_N
+            return bias_n
         case [_]:
             return WANDER_N
     return float(abs(means[1] - means[0]) / np.sqrt(12.0))

@@ -36,15 +36,13 @@ class Lattice:
     """Kinds over named channel models.
 
     `choice`: the evidence of a segment is the prior-weighted mixture over its kinds, or their maximum
-    (thesis (3.64)). `tempering` multiplies the log evidence of each segment: residuals of people stay alike
-    for several samples, and counting each anew overstates what is known (power posterior).
+    (thesis (3.64)).
     Raises ValueError where a kind names a channel that is not there.
     """
 
     channels: Mapping[str, ChannelModel]
     kinds: tuple[Kind, ...]
     choice: Choice = "mixture"
-    tempering: float = 1.0
 
     def __post_init__(self) -> None:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
@@ -71,8 +69,7 @@ class Lattice:
         channel = {name: model.log_evidence(part) for (name, model), part in parts}
         total = sum(kind.weight for kind in self.kinds)
         columns = [
-            self.tempering * sum(channel[c] for c in kind.channels) + np.log(kind.weight / total)
-            for kind in self.kinds
+            sum(channel[c] for c in kind.channels) + np.log(kind.weight / total) for kind in self.kinds
         ]
         return np.column_stack(columns)
 

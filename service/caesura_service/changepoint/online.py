@@ -81,6 +81,7 @@ class OnlineFilter:
         self.map_prior: Array = np.zeros(0)  # (h,) the same with maximum
         self.rows: LatticeRows = self.lattice.empty()
         self.kind_log_evidence: Array = np.zeros((0, len(self.lattice.kinds)))  # (h, kinds)
+        self.log_evidence: Array = np.zeros(0)  # (h,) the same over all kinds
         self.ended: dict[int, Ended] = {}  # by the start that follows; what living hypotheses descend from
         self.root = 0  # the latest start that every living hypothesis descends from
         self.final: list[Ended] = []  # the segments before the root, which no later sample can undo
@@ -103,11 +104,9 @@ class OnlineFilter:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
         self._grow(observed)
-        log_evidence = self.lattice.combine(self.kind_log_evidence)
-        self._remember(log_evidence)
-        joint = self.log_prior + self.hazard.log_survival(self.count - 1 - self.starts) + log_evidence
-        self._prepare_next(log_evidence)
-        self._prune(joint)
+        self._remember()
+        self._prepare_next()
+        self._prune()
         self._settle()
         self._smooth()
 
@@ -115,7 +114,7 @@ class OnlineFilter:
     def log_joint(self) -> Array:
         """(h,) log joint of each hypothesis and everything so far."""
         survived = self.hazard.log_survival(self.count - 1 - self.starts)
-        return self.log_prior + survived + self.lattice.combine(self.kind_log_evidence)
+        return self.log_prior + survived + self.log_evidence
 
     @property
     def posterior(self) -> Array:
@@ -127,7 +126,7 @@ class OnlineFilter:
     def map_path(self) -> list[Ended]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         survived = self.hazard.log_survival(self.count - 1 - self.starts)
-        best = int(np.argmax(self.map_prior + survived + self.lattice.combine(self.kind_log_evidence)))
+        best = int(np.argmax(self.map_prior + survived + self.log_evidence))
         path = [Ended(int(self.starts[best]), self.kind_log_evidence[best])]
         while path[-1].start != self.root:
             path.append(self.ended[path[-1].start])
@@ -147,26 +146,27 @@ class OnlineFilter:
         self.log_prior = np.append(self.log_prior, self._next_prior)
         self.map_prior = np.append(self.map_prior, self._next_map)
         self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
+        self.log_evidence = self.lattice.combine(self.kind_log_evidence)
         self.count += 1
 
-    def _remember(self, log_evidence: Array) -> None:
+    def _remember(self) -> None:
         window, now = self.parameters.window, self.count - 1
         self._window_evidence[now % window] = -np.inf
         self._window_prior[now % window] = self.log_prior[-1]
         recent = self.starts > now - window
         starts = self.starts[recent]
-        self._window_evidence[starts % window, now - starts] = log_evidence[recent]
+        self._window_evidence[starts % window, now - starts] = self.log_evidence[recent]
 
-    def _prepare_next(self, log_evidence: Array) -> None:
-        mass = self.hazard.log_mass(self.count - self.starts) + log_evidence
+    def _prepare_next(self) -> None:
+        mass = self.hazard.log_mass(self.count - self.starts) + self.log_evidence
         self._next_prior = float(log_sum_exp(self.log_prior + mass))
         scores = self.map_prior + mass
         best = int(np.argmax(scores))
         self._next_map = float(scores[best])
         self.ended[self.count] = Ended(int(self.starts[best]), self.kind_log_evidence[best].copy())
 
-    def _prune(self, joint: Array) -> None:
-        p = self.parameters
+    def _prune(self) -> None:
+        p, joint = self.parameters, self.log_joint
         with np.errstate(divide="ignore"):
             keep = joint >= joint.max() + np.log(p.prune_ratio)
         keep[max(keep.size - p.keep_youngest, 0) :] = True
@@ -179,7 +179,8 @@ class OnlineFilter:
 
     def _keep(self, keep: NDArray[np.bool_]) -> None:
         self.starts, self.log_prior = self.starts[keep], self.log_prior[keep]
-        self.map_prior, self.kind_log_evidence = self.map_prior[keep], self.kind_log_evidence[keep]
+        self.map_prior, self.log_evidence = self.map_prior[keep], self.log_evidence[keep]
+        self.kind_log_evidence = self.kind_log_evidence[keep]
         self.rows = self.lattice.select(self.rows, keep)
         self._forget()
 

@@ -45,7 +45,6 @@ class Preset:
     channels: Callable[[float], Mapping[str, ChannelModel]]
     kinds: tuple[Kind, ...]
     maximum: bool = False
-    tempering: float = 1.0
     continuous: bool = False
     mean_segment_s: float = 2.0
     least_segment_s: float = 0.3
@@ -70,7 +69,7 @@ class Preset:
             )
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}
-        return Lattice(channels, kinds, "maximum" if self.maximum else "mixture", self.tempering)
+        return Lattice(channels, kinds, "maximum" if self.maximum else "mixture")
 
     def online(
         self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N

@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 
 from caesura_clients.recording import Recording, load_recording
+from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_service.recordings import segment_recording
+from caesura_service.session.pipeline import METRES_PER_UNIT
 from caesura_service.session.view import View
+from caesura_service.signals.layout import SIGNALS
+from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES
 
 DATA = Path(__file__).parents[3] / "data"
 
@@ -131,3 +136,11 @@ def test_a_changepoint_lies_in_its_interval(found: View):
         assert one.t_low <= one.t <= one.t_high
         assert one.t_high - one.t_low <= 1.0
     assert min(one.t_high - one.t_low for one in found.changepoints) <= 0.25
+
+
+def test_the_wire_and_the_signals_name_the_same_columns():
+    """The core sees no message, so the names stand twice; they must not drift apart."""
+    assert dict(SIGNALS) == COLUMNS_OF_SIGNAL
+    assert set(WRENCH_SOURCES) == set(wire.WRENCH_SOURCES)
+    assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
+    assert set(METRES_PER_UNIT) == set(wire.LENGTH_UNITS)

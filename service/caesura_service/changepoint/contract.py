@@ -1,0 +1,195 @@
+"""What a channel model promises, as checks that run on any of them, ours or a third party's.
+
+Each takes a model and some observations and raises AssertionError where the promise is broken. `mass` is no
+check but a measurement: a model whose evidence is a density comes to 1 over what may be observed next, and
+then its evidence is the product of its predictives.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+import sys
+import tracemalloc
+from collections.abc import Callable, Iterable, Sequence
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Observed, Rows, select
+
+Array = NDArray[np.float64]
+
+EARLY, LATE = 20, 1000  # observations between which nothing may grow
+SPARE_BYTES = 2048  # what Python itself allocates now and then; a number an observation would be 8000
+ROUNDING = 1e-10
+BEFORE = 1  # the hypothesis that `mass` looks at starts after so many observations
+
+
+def rows_after(model: ChannelModel, observations: Iterable[Observed], rows: Rows | None = None) -> Rows:
+    """Rows of all hypotheses after some observations, from `rows` on."""
+    rows = model.empty() if rows is None else rows
+    for observed in observations:
+        rows = model.extend(rows, observed)
+    return rows
+
+
+def check_pure(model: ChannelModel, observations: Sequence[Observed]) -> None:
+    """Nothing given is changed or kept, and the same gives the same bits."""
+    rows = model.empty()
+    for observed in observations:
+        _freeze(rows)
+        _freeze((observed.position, observed.force))
+        given = _bytes(rows)
+        extended = model.extend(rows, observed)
+        told = model.log_evidence(_freeze(extended))
+        assert _bytes(rows) == given, "extend changes the rows it is given"
+        assert told.shape == (len(rows[0]) + 1,), (
+            f"evidence has shape {told.shape}, expected one a hypothesis"
+        )
+        for vector in (observed.position, observed.force):
+            kept = any(np.shares_memory(array, vector) for array in extended)
+            assert not kept, "rows keep the observation's own memory"
+        assert _bytes(model.extend(rows, observed)) == _bytes(extended), "the same rows give other bits"
+        assert _bytes([model.log_evidence(extended)]) == _bytes([told]), "the same rows tell other evidence"
+        rows = extended
+
+
+def check_independent(model: ChannelModel, observations: Sequence[Observed]) -> None:
+    """A hypothesis goes on alone, or beside any others, as it does beside all."""
+    *past, observed = observations
+    rows = rows_after(model, past)
+    count = len(rows[0])
+    every = model.log_evidence(model.extend(rows, observed))
+    for index in (*([i] for i in range(count)), range(0, count, 2), range(1, count)):
+        some = model.log_evidence(model.extend(select(rows, np.array(index)), observed))
+        np.testing.assert_allclose(some[:-1], every[np.array(index)], atol=ROUNDING, rtol=ROUNDING)
+
+
+def check_serialisable(model: ChannelModel, observations: Sequence[Observed]) -> None:
+    """Model and rows survive being written down, bit for bit, and go on as if nothing had been."""
+    half = len(observations) // 2
+    rows = rows_after(model, observations[:half])
+    again, file = pickle.loads(pickle.dumps(model)), io.BytesIO()
+    np.savez(file, *rows, allow_pickle=False)
+    file.seek(0)
+    with np.load(file) as stored:
+        read = tuple(stored[name] for name in stored.files)
+    assert _bytes(read) == _bytes(rows), "rows change when they are stored"
+    ended, other = (
+        rows_after(model, observations[half:], rows),
+        rows_after(again, observations[half:], read),
+    )
+    assert _bytes(other) == _bytes(ended), "model and rows that were stored go on otherwise"
+    assert _bytes([again.log_evidence(other)]) == _bytes([model.log_evidence(ended)]), "and tell otherwise"
+
+
+def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -> None:
+    """After a thousand observations a hypothesis takes the memory, and the lines run, that it took early on.
+
+    observations: endless, or longer than `LATE`. No clock is looked at.
+    """
+    rows, measured = model.empty(), []
+    for n, observed in enumerate(observations):
+        if n in (EARLY, LATE):
+            measured.append(_work(model, rows, observed))
+        if n == LATE:
+            break
+        rows = select(model.extend(rows, observed), np.array([0]))
+    (size, lines, peak), (late_size, late_lines, late_peak) = measured
+    assert late_size == size, f"rows grow from {size} to {late_size} bytes"
+    assert late_lines == lines, f"a step runs {lines} lines early, {late_lines} late"
+    assert late_peak <= peak + SPARE_BYTES, f"a step takes {peak} bytes early, {late_peak} late"
+
+
+def everywhere(
+    channel: Channel, centre: ArrayLike, scale: ArrayLike, *, nodes: int = 16, reach: float = 3.6
+) -> tuple[list[Observed], Array]:
+    """Places all over one channel's space, and the volume that each stands for [unit³].
+
+    Dense within `scale` [unit] of the centre and ever wider apart up to scale · sinh(reach), as heavy tails
+    need it; scale: (3,) or one number.
+    """
+    steps = np.linspace(-reach, reach, nodes)
+    spread, width = np.sinh(steps), (steps[1] - steps[0]) * np.cosh(steps)
+    scale = np.broadcast_to(np.asarray(scale, float), AXES)
+    grid = np.stack(np.meshgrid(spread, spread, spread, indexing="ij"), -1).reshape(-1, AXES)
+    volumes = np.einsum("i,j,k->ijk", width, width, width).ravel() * np.prod(scale)
+    zero = np.zeros(AXES)
+    values = np.asarray(centre, float) + scale * grid
+    if channel == "position":
+        return [Observed(value, zero) for value in values], volumes
+    return [Observed(zero, value) for value in values], volumes
+
+
+def mass(
+    model: ChannelModel,
+    past: Sequence[Observed],
+    places: tuple[Sequence[Observed], Array],
+    after: Sequence[Observed] = (),
+) -> float:
+    """What the next observation's density comes to over all places, given the past.
+
+    past: its first observation comes before the segment, which starts with the second, or with the next where
+    there is no second. after: what follows the next one; then it is the density of both that is summed.
+    """
+    rows, known = rows_after(model, past), 0.0
+    if len(past) > BEFORE:
+        rows = select(rows, np.array([BEFORE]))
+        known = float(model.log_evidence(rows)[0])
+    mine = np.array([0 if len(past) > BEFORE else BEFORE])
+    ahead = [select(model.extend(rows, place), mine) for place in places[0]]
+    batch: Rows = tuple(np.concatenate(arrays) for arrays in zip(*ahead, strict=True))
+    for observed in after:
+        batch = select(model.extend(batch, observed), np.arange(len(ahead)))
+    return float(places[1] @ np.exp(model.log_evidence(batch) - known))
+
+
+def _work(model: ChannelModel, rows: Rows, observed: Observed) -> tuple[int, int, int]:
+    """Of one step: bytes of the rows, lines run, most bytes allocated."""
+
+    def step() -> Rows:
+        extended = model.extend(rows, observed)
+        model.log_evidence(extended)
+        return extended
+
+    size = sum(array.nbytes for array in step())
+    return size, _lines(step), _peak(step)
+
+
+def _lines(step: Callable[[], object]) -> int:
+    count = 0
+
+    def trace(frame: FrameType, event: str, argument: Any) -> Any:
+        nonlocal count
+        count += event == "line"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        step()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+def _peak(step: Callable[[], object]) -> int:
+    tracemalloc.start()
+    try:
+        step()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def _freeze(rows: Rows) -> Rows:
+    for array in rows:
+        array.flags.writeable = False
+    return rows
+
+
+def _bytes(rows: Iterable[NDArray[Any]]) -> list[tuple[str, tuple[int, ...], bytes]]:
+    return [(array.dtype.str, array.shape, array.tobytes()) for array in rows]

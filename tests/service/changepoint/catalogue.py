@@ -1,0 +1,205 @@
+"""Every channel model with every option that matters, every preset's lattice, and what is true of each.
+
+`DENSITY`: exp(evidence) over the next observation sums to the evidence before, so that it is the product of
+predictives. The others are no densities, by design or by approximation; each says why, and what holds instead
+is what test_contract.py looks at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import cycle
+from typing import Any, get_args
+
+import numpy as np
+
+from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
+from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.lattice import Kind, Lattice
+from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
+from caesura_service.changepoint.trend import ConstantVelocity
+
+DENSITY = "a density"
+APART = "a density of all samples together; of the next alone only where the noise is known for certain"
+WEIGHTED = "a density times weights of at most 1, so that what should not be there is not overrated"
+GIVEN_TARGET = (
+    "the target is the last sample (3.27), which explains itself: a density of those before, given it"
+)
+PLUGGED_IN = "the thesis' mean is the data's own (3.52): the best of all loads, not their average"
+LARGEST = "the thesis' maximum over profiles (3.39): the largest of densities, which sums to more than 1"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model, and what is true of it.
+
+    unit: of the data, in the channel's; size: how far residuals go [unit]; `explains_first`: the first sample
+    is the origin, and its evidence the same constant wherever it lies.
+    """
+
+    model: ChannelModel
+    holds: str
+    channel: Channel = "position"
+    unit: float = 1.0
+    size: float = 0.5
+    explains_first: bool = False
+
+    def observe(self, values: np.ndarray) -> list[Observed]:
+        """Observations of values (n, 3) [unit] in the model's channel."""
+        zero = np.zeros(3)
+        values = self.unit * values
+        if self.channel == "position":
+            return [Observed(value, zero) for value in values]
+        return [Observed(zero, value) for value in values]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A lattice as if it were one model; its rows are those of all channels in a row."""
+
+    lattice: Lattice
+
+    def _divided(self, rows: Rows) -> tuple[Rows, ...]:
+        rest = iter(rows)
+        return tuple(tuple(next(rest) for _ in part) for part in self.lattice.empty())
+
+    def empty(self) -> Rows:
+        return sum(self.lattice.empty(), ())
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        return sum(self.lattice.extend(self._divided(rows), observed), ())
+
+    def log_evidence(self, rows: Rows) -> np.ndarray:
+        return self.lattice.combine(self.lattice.kind_log_evidence(self._divided(rows)))
+
+
+ORIGINS: tuple[Origin, ...] = get_args(Origin)
+LIBRARIES = {
+    "overdamped": (overdamped(8.0, 32.5), overdamped(24.0, 10.0)),
+    "minimum jerk": (minimum_jerk(0.25), minimum_jerk(0.8)),
+    "rise": (first_order(2.0), first_order(12.0)),
+}
+CERTAIN = 1e5  # nu0 of a noise whose variance is known
+SHARES = (0.05, 0.3)
+
+
+def library(name: str, correlation: float = 0.0) -> ProfileLibrary:
+    return ProfileLibrary(LIBRARIES[name], 0.1, correlation)
+
+
+def _constants() -> Iterator[tuple[str, Entry]]:
+    channels = cycle(get_args(Channel))
+    for origin in ORIGINS:
+        for correlation, joint in ((0.0, False), (0.0, True), (0.6, True)):
+            channel, noise = next(channels), Noise(4.0, 0.5, joint=joint, correlation=correlation)
+            name = f"constant {channel}, {origin}, ρ = {correlation}{', joint' * joint}"
+            model = Constant(channel, noise, origin)
+            yield name, Entry(model, DENSITY, channel, explains_first=origin == "first")
+
+
+def _free_space() -> Iterator[tuple[str, Entry]]:
+    for correlation, joint in ((0.0, False), (0.6, True)):
+        noise = Noise(4.0, 0.5, joint=joint, correlation=correlation)
+        name = f"ρ = {correlation}{', joint' * joint}"
+        yield f"biased, {name}", Entry(Biased(noise, 1.5), APART, "force")
+        yield (
+            f"biased, {name}, noise known",
+            Entry(Biased(replace(noise, nu0=CERTAIN), 1.5), DENSITY, "force"),
+        )
+        yield f"biased, {name}, absence", Entry(Biased(noise, 1.5, absence=3.0), WEIGHTED, "force")
+        yield f"laden, {name}", Entry(Laden(noise, 1.5), APART, "force")
+        yield f"laden, {name}, absence", Entry(Laden(noise, 1.5, absence=3.0), WEIGHTED, "force")
+
+
+def _profiled() -> Iterator[tuple[str, Entry]]:
+    noise = Noise(4.0, 0.5)
+    human = replace(noise, shares=SHARES, joint=True, correlation=0.6)
+    target = Target(reach=4.0, least=0.5)
+
+    def entry(moves: str, noise: Noise, holds: str = GIVEN_TARGET, **options: Any) -> Entry:
+        channel: Channel = options.pop("channel", "force" if moves == "rise" else "position")
+        model = Profiled(channel, library(moves, noise.correlation), noise, **options)
+        return Entry(model, holds, channel, explains_first=model.origin == "first")
+
+    for moves, origin in zip(LIBRARIES, ORIGINS, strict=True):
+        yield f"{moves}, maximum", entry(moves, noise, LARGEST, choice="maximum")
+        yield f"{moves}, {origin}", entry(moves, noise, origin=origin)
+    for moves, origin in zip(reversed(LIBRARIES), ORIGINS, strict=True):
+        yield f"{moves}, {origin}, human, target", entry(moves, human, origin=origin, target=target)
+    for varied in (noise, replace(noise, correlation=0.6, joint=True)):
+        name = f"minimum jerk, ρ = {varied.correlation}"
+        yield name, entry("minimum jerk", varied, origin="previous")
+        yield f"{name}, target", entry("minimum jerk", varied, origin="previous", target=target)
+    shared = replace(noise, shares=SHARES)
+    yield "minimum jerk, shares", entry("minimum jerk", shared, origin="previous", target=target)
+    release = {"channel": "force", "origin": "previous", "target": target}
+    yield "force along minimum jerk", entry("minimum jerk", human, **release)
+    yield "rise or release, presence", entry("rise", human, WEIGHTED, presence=2.0, **release)
+
+
+def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
+    for preset in PRESETS.values():
+        for name, model in preset.channels(1.5).items():
+            yield f"{preset.name}: {name}", model
+
+
+_TWO_LEVELS = Lattice(
+    {
+        "low": Constant("force", Noise(4.0, 0.5, joint=True), "zero"),
+        "high": Constant("force", Noise(4.0, 2.0, joint=True), "zero"),
+    },
+    (Kind("motion", "motion", "free", ("low",), 3.0), Kind("steady", "steady", "free", ("high",), 1.0)),
+)
+
+MODELS: dict[str, Entry] = {
+    "constant velocity": Entry(
+        ConstantVelocity(nu0=4.0, sigma2=0.5, kappa0=1.0, length_unit_m=0.01, step_s=0.1),
+        DENSITY,
+        unit=0.01,
+        explains_first=True,
+    ),
+    **dict(_constants()),
+    **dict(_free_space()),
+    **dict(_profiled()),
+    **{
+        f"contact, state {state}": Entry(ContactShare(state, contact2=1.5), DENSITY, "force")
+        for state in (FREE, CONTACT, TRANSPORT)
+    },
+    "carried": Entry(Carried(Noise(4.0, 0.5), least_kg=0.2), PLUGGED_IN, "force"),
+    "a mixture of two kinds": Entry(Whole(_TWO_LEVELS), DENSITY, "force"),
+}
+
+# What has no value in space, or is a preset's: the properties that need no density.
+EVERYTHING: dict[str, ChannelModel] = {
+    **{name: entry.model for name, entry in MODELS.items()},
+    "held": Held(0.2, change=0.1),
+    **dict(_preset_channels()),
+    **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
+}
+
+
+def observations(count: int, seed: int = 0) -> list[Observed]:
+    """Something of everything: a movement, a force, a gripper that is known now and then."""
+    rng = np.random.default_rng(seed)
+    position = np.array([0.4, -0.3, 0.2]) + np.cumsum(rng.normal(0, 0.01, (count, 3)), axis=0)
+    force = rng.normal([0.5, 0.0, -3.0], 1.0, (count, 3))
+    holding = np.resize([np.nan, 0.0, 0.0, 1.0, np.nan], count)
+    return [Observed(*one) for one in zip(position, force, holding.tolist(), strict=True)]
+
+
+def digest() -> str:
+    """Of all that every model says, bit for bit."""
+    told = hashlib.sha256()
+    for model in EVERYTHING.values():
+        told.update(model.log_evidence(rows_after(model, observations(12))).tobytes())
+    return told.hexdigest()
+
+
+if __name__ == "__main__":
+    print(digest())

@@ -1,0 +1,164 @@
+"""Evidence the long way: the likelihood times the prior, summed over the parameters.
+
+Nothing of the models' own sums is used: residuals are written out, their correlation is a matrix, and the
+variance, the bias or the line through time is a grid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
+from caesura_service.changepoint.levels import Biased, Carried, Constant
+from caesura_service.changepoint.models import Noise
+from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.trend import ConstantVelocity
+
+Array = np.ndarray
+GRAVITY = 9.81
+
+
+def log_integral_over_the_variance(log_likelihood, nu0: float, scale2: float) -> float:
+    """log_likelihood: of variances (k,), (k,); their prior is scaled inverse chi-squared."""
+    log_variance = np.log(scale2) + np.linspace(-30.0, 60.0, 501) * min(1.0, 4.0 / np.sqrt(nu0))
+    variance = np.exp(log_variance)
+    prior = stats.invgamma.logpdf(variance, nu0 / 2, scale=nu0 * scale2 / 2) + log_variance
+    step = log_variance[1] - log_variance[0]
+    return float(log_sum_exp(log_likelihood(variance) + prior)) + np.log(step)
+
+
+def correlation_matrix(n: int, correlation: float, *, pinned: bool) -> Array:
+    """Of residuals 1..n of an autoregression whose scale is 1; pinned: residual 0 is known to be 0."""
+    i = np.arange(1, n + 1)
+    matrix = correlation ** np.abs(np.subtract.outer(i, i))
+    return matrix - correlation ** np.add.outer(i, i) * pinned
+
+
+def log_normal(residuals: Array, matrix: Array, variance: Array) -> Array:
+    """(k,) log density of residuals (n, axes) with covariance variance (k,) × matrix on each axis."""
+    n, axes = residuals.shape
+    square = np.einsum("na,nm,ma->", residuals, np.linalg.inv(matrix), residuals)
+    logdet = np.linalg.slogdet(matrix)[1]
+    return -0.5 * (square / variance + n * axes * np.log(2 * np.pi * variance) + axes * logdet)
+
+
+def log_known_mean(noise: Noise, residuals: Array, scale2: float, *, pinned: bool, weigh_last: bool) -> Array:
+    """(axes or 1,) evidence of residuals (n, axes); weigh_last: the last one's density is 1 at its mode."""
+    matrix = correlation_matrix(len(residuals), noise.correlation, pinned=pinned)
+
+    def evidence(some: Array) -> float:
+        def likelihood(variance: Array) -> Array:
+            peak = np.log(2 * np.pi * variance * (1 - noise.correlation**2)) if weigh_last else 0.0
+            return log_normal(some, matrix, variance) + 0.5 * some.shape[1] * peak
+
+        return log_integral_over_the_variance(likelihood, noise.nu0, scale2)
+
+    groups = [residuals] if noise.joint else np.split(residuals, 3, axis=1)
+    return np.array([evidence(group) for group in groups])
+
+
+def origin(model, before: Array, z: Array) -> Array:
+    return {"previous": before, "first": z[0], "zero": np.zeros(3)}[model.origin]
+
+
+def constant(model: Constant, before: Array, z: Array) -> float:
+    y = z - origin(model, before, z)
+    pinned = model.origin == "previous"
+    scale2 = model.noise.floor**2
+    return float(log_known_mean(model.noise, y, scale2, pinned=pinned, weigh_last=False).sum())
+
+
+def profiled(model: Profiled, before: Array, z: Array) -> float:
+    start = origin(model, before, z)
+    y, noise = z - start, model.noise
+    pinned = model.origin == "previous"
+    t = model.library.step_s * (np.arange(len(y)) + pinned)
+    extent2 = y[-1] @ y[-1] + start @ start * (model.channel == "force")
+    each = [
+        [
+            log_known_mean(
+                noise,
+                y - y[-1] * profile(t)[:, None],
+                noise.floor**2 + share**2 * extent2,
+                pinned=pinned,
+                weigh_last=model.target is not None,
+            )
+            for share in noise.shares
+        ]
+        for profile in model.library.profiles
+    ]
+    over_profiles = np.max if model.choice == "maximum" else log_mean_exp
+    total = float(np.sum(over_profiles(log_mean_exp(np.array(each), axis=1), axis=0)))
+    if model.target is not None:
+        given = start if model.channel == "force" else np.zeros(3)
+        total += float(model.target.log_density(given[None], y[-1:])[0])
+    if model.presence:
+        total += float(np.log1p(-np.exp(-0.5 * (z**2).sum(axis=1) / model.presence**2)).sum())
+    return total
+
+
+def biased(model: Biased, before: Array, z: Array) -> float:
+    """Deviations from the mean with their variance summed over, and the mean with the bias summed over."""
+    n, noise = len(z), model.noise
+    matrix = correlation_matrix(n, noise.correlation, pinned=False)
+    inverse = np.linalg.inv(matrix)
+    weight = inverse.sum()
+    mean = inverse.sum(axis=0) @ z / weight
+
+    def deviations(some: Array) -> float:
+        def likelihood(variance: Array) -> Array:
+            whole = log_normal(some, matrix, variance)
+            return whole + 0.5 * some.shape[1] * np.log(2 * np.pi * variance / weight)
+
+        return log_integral_over_the_variance(likelihood, noise.nu0, noise.floor**2)
+
+    groups = [z - mean] if noise.joint else np.split(z - mean, 3, axis=1)
+    variance = noise.floor**2 / weight
+    if type(model) is Biased:
+        grid = np.linspace(-12 * model.bias, 12 * model.bias, 20_001)
+        prior = stats.norm.logpdf(grid, 0.0, model.bias) + np.log(grid[1] - grid[0])
+        given = sum(log_sum_exp(prior + stats.norm.logpdf(m, grid, np.sqrt(variance))) for m in mean)
+    else:  # a load's density is not one of an unknown bias: it is looked at by itself
+        given = model.mean_log_density(mean[None], np.array([[variance]]))[0]
+    beyond = np.array([model.beyond(force) for force in z])
+    absent = -0.5 * (beyond**2).sum() / model.absence**2 if model.absence else 0.0
+    return sum(map(deviations, groups)) + float(given) + absent
+
+
+def carried(model: Carried, before: Array, z: Array) -> float:
+    """The best of all loads."""
+    lightest = -model.least_kg * GRAVITY
+    load = np.array([0.0, 0.0, min(lightest, z[:, 2].mean())])
+    scale2 = model.noise.floor**2
+    return float(log_known_mean(model.noise, z - load, scale2, pinned=False, weigh_last=False).sum())
+
+
+def constant_velocity(model: ConstantVelocity, before: Array, z: Array) -> float:
+    """Both coefficients of the line, and the variance, on grids."""
+    y, t = (z - z[0]) / model.length_unit_m, model.step_s * np.arange(len(z))
+    unit = np.linspace(-8.0, 8.0, 65)  # of coefficients whose prior is N(0, σ²/κ₀)
+    level, slope = (grid.ravel() for grid in np.meshgrid(unit, unit))
+    prior = stats.norm.logpdf(level) + stats.norm.logpdf(slope) + 2 * np.log(unit[1] - unit[0])
+    log_variance = np.log(model.sigma2) + np.linspace(-5.0, 14.0, 77)
+    total = 0.0
+    for axis in range(3):
+        terms = []
+        for one in log_variance:
+            line = np.sqrt(np.exp(one) / model.kappa0) * (level[:, None] + slope[:, None] * t)
+            likelihood = stats.norm.logpdf(y[:, axis], line, np.exp(0.5 * one)).sum(axis=1)
+            terms.append(float(log_sum_exp(likelihood + prior)))
+        chi2 = stats.invgamma.logpdf(np.exp(log_variance), model.nu0 / 2, scale=model.nu0 * model.sigma2 / 2)
+        total += float(log_sum_exp(np.array(terms) + chi2 + log_variance))
+        total += np.log(log_variance[1] - log_variance[0])
+    return total
+
+
+QUADRATURE = {
+    "Constant": constant,
+    "Profiled": profiled,
+    "Biased": biased,
+    "Laden": biased,
+    "Carried": carried,
+    "ConstantVelocity": constant_velocity,
+}

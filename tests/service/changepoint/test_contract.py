@@ -1,0 +1,254 @@
+"""One contract over every segment model: catalogue.py says which there are and what is true of each."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from caesura_service.changepoint import contract
+from caesura_service.changepoint.contract import everywhere, mass, rows_after
+from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
+from caesura_service.changepoint.levels import Held
+from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.profiled import Profiled
+from service.changepoint.catalogue import (
+    APART,
+    DENSITY,
+    EVERYTHING,
+    GIVEN_TARGET,
+    LARGEST,
+    MODELS,
+    PLUGGED_IN,
+    WEIGHTED,
+    Entry,
+    Whole,
+    digest,
+    observations,
+)
+from service.changepoint.quadrature import QUADRATURE
+
+TOLERANCE = 5e-3  # of a sum over all of space with 16³ places
+
+
+def that(holds: str) -> pytest.MarkDecorator:
+    """Every model of which something is true."""
+    return pytest.mark.parametrize(
+        "entry", [pytest.param(e, id=n) for n, e in MODELS.items() if e.holds == holds]
+    )
+
+
+every_model = pytest.mark.parametrize("name", EVERYTHING)
+
+
+def data(count: int, *, seed: int = 1, down: float = 0.0) -> np.ndarray:
+    """(count, 3) in an entry's unit."""
+    return np.random.default_rng(seed).normal([0.0, 0.0, -down], 0.5, (count, 3))
+
+
+def evidence_of(entry: Entry, values: np.ndarray) -> float:
+    """Log evidence of all but the first value as one segment."""
+    return float(entry.model.log_evidence(rows_after(entry.model, entry.observe(values)))[1])
+
+
+# Normalised
+
+
+@that(DENSITY)
+@pytest.mark.parametrize("before", [0, 2])
+def test_evidence_summed_over_the_next_observation_is_the_evidence_before(entry: Entry, before: int) -> None:
+    first = int(entry.explains_first)  # it is the origin, and no density
+    past = data(1 + first + before)
+    places = everywhere(entry.channel, entry.unit * past.mean(axis=0), entry.unit * entry.size)
+    assert mass(entry.model, entry.observe(past), places) / entry.unit**3 == pytest.approx(1.0, abs=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    "entry", [pytest.param(e, id=n) for n, e in MODELS.items() if e.explains_first and "target" not in n]
+)
+def test_a_first_observation_that_is_the_origin_says_the_same_wherever_it_lies(entry: Entry) -> None:
+    values = data(2)
+    assert evidence_of(entry, values + 40.0) == pytest.approx(evidence_of(entry, values), abs=1e-9)
+
+
+@that(APART)
+def test_all_observations_of_free_space_together_sum_to_one(entry: Entry) -> None:
+    """Of two, the mean and the difference are independent, so that each can be summed by itself."""
+    at = np.array([[0.3, -0.2, -3.0], [0.4, 0.1, -0.5]])  # mean and difference
+
+    def density(mean: np.ndarray, difference: np.ndarray) -> float:
+        lead_in = np.zeros(3)
+        return float(
+            np.exp(evidence_of(entry, np.array([lead_in, mean - difference / 2, mean + difference / 2])))
+        )
+
+    def along(axis: int, grid: np.ndarray, which: int) -> float:
+        """Sum over one axis of the mean (0) or the difference (1), relative to what is there."""
+        points = [at.copy() for _ in grid]
+        for point, value in zip(points, grid, strict=True):
+            point[which, axis] = value
+        return integrate.trapezoid([density(*point) for point in points], grid) / density(*at)
+
+    total = density(*at)
+    for axis in range(3):
+        total *= along(axis, np.linspace(-60.0, 60.0, 301), 0)
+    if entry.model.noise.joint:  # type: ignore[attr-defined]
+        size = np.linspace(0.0, 60.0, 401)
+        told = [density(at[0], np.array([one, 0.0, 0.0])) for one in size]
+        total *= integrate.trapezoid(4 * np.pi * size**2 * told, size) / density(*at)
+    else:
+        for axis in range(3):
+            total *= along(axis, np.linspace(-60.0, 60.0, 301), 1)
+    assert total == pytest.approx(1.0, abs=TOLERANCE)
+
+
+@that(WEIGHTED)
+def test_weights_only_take_away(entry: Entry) -> None:
+    off = {name: 0.0 for name in ("absence", "presence") if hasattr(entry.model, name)}
+    rows = entry.observe(data(9, down=2.5))
+    with_weights, without = (
+        model.log_evidence(rows_after(model, rows)) for model in (entry.model, replace(entry.model, **off))
+    )
+    taken = without - with_weights
+    assert (taken > 0.0).all()
+    assert (np.diff(taken) < 0.0).all()  # the longer a segment, the more was weighed
+
+
+@that(GIVEN_TARGET)
+def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_worth(entry: Entry) -> None:
+    """With a target the rest sums to a weight below 1, for the target's own residual is weighed, not counted.
+
+    With v the variance of that residual e, given where the segment starts, and noise of scale σ:
+    without a target the sum is the density of e, and with one √((1 − ρ²)/v) exp(−e²/2vσ²), σ averaged.
+    """
+    model = entry.model
+    assert isinstance(model, Profiled)
+    n = 3 if entry.explains_first else 2
+    values = np.array([[0.0, 0.1, -0.2], [0.3, -0.1, 0.4], [1.1, 0.6, -0.9]])[3 - n :]
+    past, last = values[:-1], values[-1]
+    start = {"previous": past[0], "first": past[-1], "zero": np.zeros(3)}[model.origin]
+    y, level = last - start, start * (entry.channel == "force")
+
+    places = everywhere(entry.channel, 0.5 * (last + past[-1]), entry.size, nodes=14)
+    known = evidence_of(entry, past) if entry.explains_first else 0.0
+    got = np.log(mass(model, entry.observe(past), places, entry.observe(last[None]))) + known
+
+    correlation2 = model.noise.correlation**2
+    variance = 1.0 if model.origin == "zero" else 1.0 - correlation2**2
+    t = np.array(model.library.step_s * (n - 1 + (model.origin == "previous")))
+    residual2 = np.array([(y * (1.0 - profile(t))) ** 2 / variance for profile in model.library.profiles])
+    counted = n - 1 - (model.target is not None)
+    if model.noise.joint:
+        residual2, counted = residual2.sum(axis=1, keepdims=True), 3 * counted
+    scales2 = [model.noise.floor**2 + share**2 * (y @ y + level @ level) for share in model.noise.shares]
+    each = [known_mean_log_evidence(counted, residual2, model.noise.nu0, scale2) for scale2 in scales2]
+    expected = float(log_mean_exp(np.vstack(each), axis=0).sum())
+    if model.target is None:
+        expected -= 1.5 * np.log(variance)
+    else:
+        expected += 1.5 * np.log((1.0 - correlation2) / variance)
+        assert expected < 0.0 or n == 3
+        expected += float(model.target.log_density(level[None], y[None])[0])
+    assert got == pytest.approx(expected, abs=2 * TOLERANCE)
+
+
+@that(LARGEST)
+def test_the_maximum_is_that_of_each_profile_alone(entry: Entry) -> None:
+    model = entry.model
+    assert isinstance(model, Profiled)
+    rows = entry.observe(data(6))
+    told = model.log_evidence(rows_after(model, rows))
+    mixture = replace(model, choice="mixture")
+    even = mixture.log_evidence(rows_after(mixture, rows))
+    count = len(model.library)
+    assert (told >= even).all()
+    assert (told <= even + 3 * np.log(count)).all()
+    assert told[0] - even[0] > 0.1
+
+
+@that(PLUGGED_IN)
+def test_the_load_that_is_plugged_in_is_the_best_of_all(entry: Entry) -> None:
+    values = data(5, down=4.0)
+    told = evidence_of(entry, values)
+    loads = np.linspace(0.2, 1.0, 4001)
+    scale2, nu0 = entry.model.noise.floor**2, entry.model.noise.nu0  # type: ignore[attr-defined]
+    ssr = np.array([((values[1:] - [0.0, 0.0, -9.81 * kg]) ** 2).sum(axis=0) for kg in loads])
+    alone = known_mean_log_evidence(len(values) - 1, ssr, nu0, scale2).sum(axis=1)
+    assert told >= alone.max() - 1e-12
+    assert told == pytest.approx(alone.max(), abs=1e-5)
+    assert told > log_mean_exp(alone) + 1.0
+
+
+def test_what_the_gripper_holds_next_is_a_probability() -> None:
+    model = Held(0.2, change=0.1)
+    nowhere = Observed(np.zeros(3), np.zeros(3))
+    places = [nowhere._replace(holding=holding) for holding in (0.0, 1.0)], np.ones(2)
+    for past in ([], [0.0], [1.0, 0.0], [np.nan, 1.0, np.nan]):
+        known = [nowhere, *(nowhere._replace(holding=holding) for holding in past)]
+        assert mass(model, known, places) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("name", [name for name, e in MODELS.items() if type(e.model).__name__ in QUADRATURE])
+def test_evidence_is_the_sum_over_all_parameters(name: str, n: int) -> None:
+    entry = MODELS[name]
+    values = data(1 + n, seed=n, down=1.5)
+    reference = QUADRATURE[type(entry.model).__name__]
+    expected = reference(entry.model, entry.unit * values[0], entry.unit * values[1:])
+    assert evidence_of(entry, values) == pytest.approx(expected, abs=1e-6)
+
+
+# Pure, independent, serialisable, seeded, constant work
+
+
+@every_model
+def test_rows_and_observations_are_never_changed(name: str) -> None:
+    contract.check_pure(EVERYTHING[name], observations(8))
+
+
+@every_model
+def test_hypotheses_do_not_know_of_each_other(name: str) -> None:
+    contract.check_independent(EVERYTHING[name], observations(8))
+
+
+def _holds_profiles(name: str) -> bool:
+    model = EVERYTHING[name]
+    channels = model.lattice.channels.values() if isinstance(model, Whole) else [model]
+    return any(isinstance(channel, Profiled) for channel in channels)
+
+
+@every_model
+def test_model_and_rows_can_be_written_down_and_go_on(name: str, request: pytest.FixtureRequest) -> None:
+    if _holds_profiles(name):
+        reason = "profiles are functions within functions, which pickle refuses"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+    contract.check_serialisable(EVERYTHING[name], observations(10))
+
+
+@pytest.mark.parametrize("name", [name for name in EVERYTHING if ": " not in name])  # lattices have those
+def test_a_step_costs_the_same_early_and_late(name: str) -> None:
+    seen = observations(10)
+    contract.check_constant_work(EVERYTHING[name], (seen[i % 10] for i in range(contract.LATE + 1)))
+
+
+def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:
+    before = np.random.get_state()  # noqa: NPY002
+    here = digest()
+    assert str(before) == str(np.random.get_state())  # noqa: NPY002
+    environment = os.environ | {"PYTHONHASHSEED": "12345", "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "service.changepoint.catalogue"]
+    there = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    assert there.stdout.strip() == here
+
+
+def test_the_catalogue_has_every_model_of_every_preset() -> None:
+    used = {type(model) for preset in PRESETS.values() for model in preset.channels(1.5).values()}
+    listed = {type(entry.model) for entry in MODELS.values()} | {Held}
+    assert used <= listed

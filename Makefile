@@ -1,10 +1,10 @@
-# Four doors: demo, test, check, bench. Each sets up what it needs.
+# Four doors: demo, test, check, bench. Each sets up what it needs. `thesis` measures the thesis' results.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench thesis clean
 
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
@@ -22,6 +22,9 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)
+
+thesis: $(STAMP)
+	$(BIN)/caesura evaluate --suite thesis $(ARGS)
 
 $(STAMP): pyproject.toml constraints.txt
 	PYTHON="$(PYTHON)" scripts/setup.sh $(VENV)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import typer
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
 from caesura_clients.cli.options import reported
@@ -18,14 +19,32 @@ from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
-from caesura_service.judge.report import Report, as_json, report
+from caesura_service.judge.pool import each
+from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, suite
 from caesura_service.judge.tables import as_markdown, as_text
+from caesura_service.judge.thesis import suite as thesis
+from caesura_service.judge.thesis import summary as thesis_summary
+from caesura_service.judge.thesis import tables as thesis_tables
 from caesura_service.judge.truth import TruthError
 
 DEFAULT_PRESETS = ["default", "integrated"]
 WORKERS = 2
 WIDTH = 90  # [characters] of text in a file
+THESIS = "thesis"
+ALL_SUITES = [*SUITES, THESIS]
+SEEDS, THESIS_SEEDS = 5, 20
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Page:
+    """Results, as they can be written."""
+
+    text: Callable[[], RenderableType]
+    markdown: Callable[[], str]
+    plain: Callable[[], dict[str, Any]]
 
 
 class Format(StrEnum):
@@ -43,10 +62,15 @@ def evaluate(
     ] = None,
     *,
     suite_name: Annotated[
-        str | None, typer.Option("--suite", help=f"Instead of files: {', '.join(SUITES)}.")
+        str | None, typer.Option("--suite", help=f"Instead of files: {', '.join(ALL_SUITES)}.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Teacher: people a scenario.")] = 5,
-    first_seed: Annotated[int, typer.Option(min=0, help="Teacher: the first of them.")] = 1,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Simulated people a scenario.", show_default=f"{SEEDS}, thesis {THESIS_SEEDS}"
+        ),
+    ] = None,
+    first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
     data: Annotated[
         Path, typer.Option(help="Real: the directory of the recordings.", show_default="../shared/data/real")
     ] = REAL,
@@ -69,14 +93,40 @@ def evaluate(
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
-            methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-            cases = _cases(recordings or [], suite_name, Extent(seeds, first_seed, data))
-            verdicts = _judged(cases, methods, tolerance, workers)
+            if suite_name == THESIS and not recordings:
+                page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
+            else:
+                cases = _cases(recordings or [], suite_name, Extent(seeds or SEEDS, first_seed, data))
+                methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                verdicts = _judged(cases, methods, tolerance, workers)
+                title = _title(suite_name, cases, tolerance)
+                detailed = (preset or DEFAULT_PRESETS) if confusion else []
+                page = _page(title, methods, verdicts, detailed)
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
-        title = _title(suite_name, cases, tolerance)
-        result = report(title, [method.name for method in methods], verdicts)
-        _write(result, output_format, out, (preset or DEFAULT_PRESETS) if confusion else [])
+        _write(page, output_format, out)
+
+
+def _thesis(seeds: range, workers: int) -> Page:
+    tasks = thesis.tasks(seeds)
+    result = thesis_summary.summarise(_watched(each(thesis.perform, tasks, workers=workers), tasks))
+    title = thesis_tables.title(seeds)
+    return Page(
+        text=lambda: thesis_tables.as_text(result, title),
+        markdown=lambda: thesis_tables.as_markdown(result, title),
+        plain=lambda: {"title": title, "settings": thesis_summary.as_json(result)},
+    )
+
+
+def _page(
+    title: str, methods: Sequence[Method], verdicts: Sequence[Verdict], detailed: Sequence[str]
+) -> Page:
+    result = report(title, [method.name for method in methods], verdicts)
+    return Page(
+        text=lambda: as_text(result, detailed=detailed),
+        markdown=lambda: as_markdown(result, detailed=detailed),
+        plain=lambda: as_json(result),
+    )
 
 
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
@@ -89,7 +139,9 @@ def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
 
 def _cases(recordings: Sequence[Path], suite_name: str | None, extent: Extent) -> list[Case]:
     if bool(recordings) == (suite_name is not None):
-        raise TruthError(f"name either files or one --suite of {list(SUITES)}")
+        raise TruthError(f"name either files or one --suite of {ALL_SUITES}")
+    if suite_name is not None and suite_name not in SUITES:
+        raise TruthError(f"no suite {suite_name!r}, known: {ALL_SUITES}")
     if suite_name is not None:
         return suite(suite_name, extent)
     return files(recordings)
@@ -98,14 +150,15 @@ def _cases(recordings: Sequence[Path], suite_name: str | None, extent: Extent) -
 def _judged(
     cases: Sequence[Case], methods: Sequence[Method], tolerance_s: float, workers: int
 ) -> list[Verdict]:
-    verdicts: list[Verdict] = []
+    verdicts = _watched(judge_all(cases, methods, tolerance_s, workers=workers), cases)
+    return [verdict for some in verdicts for verdict in some]
+
+
+def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
+    """The results, with a bar that tells how many have come."""
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("judging", total=len(cases))
-        for some in judge_all(cases, methods, tolerance_s, workers=workers):
-            verdicts += some
-            progress.advance(task)
-    return verdicts
+        yield from progress.track(results, total=len(of), description="judging")
 
 
 def _title(suite_name: str | None, cases: Sequence[Case], tolerance_s: float) -> str:
@@ -114,25 +167,22 @@ def _title(suite_name: str | None, cases: Sequence[Case], tolerance_s: float) ->
     return f"{what}: {len(cases)} recordings, each point's own tolerance{floor}; 95 % intervals"
 
 
-def _write(result: Report, output_format: Format, out: Path | None, detailed: Sequence[str]) -> None:
+def _write(page: Page, output_format: Format, out: Path | None) -> None:
     try:
-        _print(result, output_format, out, detailed)
+        _print(page, output_format, out)
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {out}: {error.strerror}") from error
 
 
-def _print(result: Report, output_format: Format, out: Path | None, detailed: Sequence[str]) -> None:
+def _print(page: Page, output_format: Format, out: Path | None) -> None:
     if output_format is Format.TEXT:
         if out is None:
-            Console().print(as_text(result, detailed=detailed))
+            Console().print(page.text())
         else:
             with out.open("w", encoding="utf-8") as file:
-                Console(file=file, width=WIDTH).print(as_text(result, detailed=detailed))
+                Console(file=file, width=WIDTH).print(page.text())
         return
-    if output_format is Format.MARKDOWN:
-        text = as_markdown(result, detailed=detailed)
-    else:
-        text = json.dumps(as_json(result), indent=1) + "\n"
+    text = page.markdown() if output_format is Format.MARKDOWN else json.dumps(page.plain(), indent=1) + "\n"
     if out is None:
         typer.echo(text, nl=False)
     else:

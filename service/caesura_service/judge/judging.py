@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.judge.conditioned import condition
 from caesura_service.judge.methods import Method
+from caesura_service.judge.pool import each
 from caesura_service.judge.score import Score, score
 from caesura_service.judge.suites import Case
 
@@ -49,15 +49,4 @@ def judge_all(
     cases: Sequence[Case], methods: Sequence[Method], floor_s: float = 0.0, *, workers: int = 1
 ) -> Iterator[list[Verdict]]:
     """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
-    if workers <= 1 or len(cases) == 1:
-        for case in cases:
-            yield judge(case, methods, floor_s)
-        return
-    # Spawned, not forked: the parent may have threads.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(judge, case, methods, floor_s) for case in cases]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    return each(partial(judge, methods=methods, floor_s=floor_s), cases, workers=workers)

@@ -37,7 +37,7 @@ def as_text(report: Report, *, detailed: Sequence[str] = ()) -> RenderableType:
     """
     parts: list[RenderableType] = [Text(report.title, style="bold")]
     for grid in _grids(report, "{}\n{}", detailed):
-        parts += [Text(f"\n{grid.title}", style="italic"), _rich(grid)]
+        parts += rich_grid(grid)
     return Group(*parts, *map(Text, _notes(report)))
 
 
@@ -45,8 +45,7 @@ def as_markdown(report: Report, *, detailed: Sequence[str] = ()) -> str:
     """For a page: intervals stand beside their values. detailed: as in `as_text`."""
     parts = [f"**{report.title}**"]
     for grid in _grids(report, "{} ({})", detailed):
-        lines = [_line(grid.headings), _line(["---"] + ["---:"] * (len(grid.headings) - 1))]
-        parts.append("\n".join([f"{grid.title}\n", *lines, *map(_line, grid.rows)]))
+        parts.append(markdown_grid(grid))
     return "\n\n".join([*parts, *_notes(report)]) + "\n"
 
 
@@ -162,13 +161,20 @@ def _notes(report: Report) -> list[str]:
     ]
 
 
-def _rich(grid: Grid) -> Table:
+def rich_grid(grid: Grid) -> list[RenderableType]:
+    """A grid for a terminal: its title, and the table."""
     table = Table(padding=(0, 1, 0, 0), box=None)
     for i, heading in enumerate(grid.headings):
         table.add_column(Text(heading), justify="right" if i else "left")
     for row in grid.rows:
         table.add_row(*map(Text, row))  # as text: brackets are no markup here
-    return table
+    return [Text(f"\n{grid.title}", style="italic"), table]
+
+
+def markdown_grid(grid: Grid) -> str:
+    """A grid for a page: its title, and the table."""
+    lines = [_line(grid.headings), _line(["---"] + ["---:"] * (len(grid.headings) - 1))]
+    return "\n".join([f"{grid.title}\n", *lines, *map(_line, grid.rows)])
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -1,0 +1,26 @@
+"""The same work on many items, in processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+def each(work: Callable[[Item], Made], items: Sequence[Item], *, workers: int = 1) -> Iterator[Made]:
+    """What comes of each item as it comes, in no order. With more than one worker, in processes."""
+    if workers <= 1 or len(items) == 1:
+        yield from map(work, items)
+        return
+    # Spawned, not forked: the parent may have threads.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(work, item) for item in items]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,0 +1,118 @@
+"""All rows on all demonstrations: which settings are compared, and the work in processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from caesura_clients.bridge.teacher.intentions import Profile
+from caesura_service.changepoint.models import ChannelModel
+from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.judge.thesis.demonstrations import Taught
+from caesura_service.judge.thesis.measure import Outcome, measure
+from caesura_service.judge.thesis.rows import ROWS
+
+SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the rows are measured: who teaches, and what the thesis leaves open.
+
+    mean_segment_s: instead of the presets'; length_unit_m: instead of the constant velocity model's; rows:
+    only these, all where empty. Online rows are measured where the presets stand as they are.
+    """
+
+    name: str
+    profile: Profile = "overdamped"
+    wander: bool = False
+    timed: bool = True
+    mean_segment_s: float | None = None
+    length_unit_m: float | None = None
+    rows: tuple[str, ...] = field(default=())
+
+    @property
+    def as_preset(self) -> bool:
+        """Whether the presets stand as they are."""
+        return self.mean_segment_s is None and self.length_unit_m is None
+
+    def preset(self, name: str) -> Preset:
+        """A preset with what this setting changes."""
+        preset = PRESETS[name]
+        if self.mean_segment_s is not None:
+            preset = replace(preset, mean_segment_s=self.mean_segment_s)
+        if self.length_unit_m is not None:
+            preset = replace(preset, channels=_Measured(preset.channels, self.length_unit_m))
+        return preset
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Channels whose constant velocity model measures in another unit [m]."""
+
+    channels: Callable[[float], Mapping[str, ChannelModel]]
+    length_unit_m: float
+
+    def __call__(self, bias_n: float) -> Mapping[str, ChannelModel]:
+        return {
+            name: replace(model, length_unit_m=self.length_unit_m)
+            if isinstance(model, ConstantVelocity)
+            else model
+            for name, model in self.channels(bias_n).items()
+        }
+
+
+MAIN = (Setting("overdamped"), Setting("minimum jerk", profile="minimum_jerk"))
+_UNITS = ("R1", "R2", "R3")
+OPEN = (
+    Setting("mean segment 1 s", mean_segment_s=1.0),
+    Setting("mean segment 4 s", mean_segment_s=4.0),
+    Setting("bias wanders as drawn", wander=True),
+    Setting("the teacher's own times", timed=False),
+    *(Setting(f"unit {u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.03, 0.05, 0.1, 1.0)),
+)
+SETTINGS: Mapping[str, Setting] = MappingProxyType({setting.name: setting for setting in (*MAIN, *OPEN)})
+
+
+@dataclass(frozen=True)
+class Task:
+    """One demonstration, and in which settings its rows are measured."""
+
+    taught: Taught
+    settings: tuple[Setting, ...]
+
+
+Result = Mapping[str, Sequence[Outcome]]  # by setting
+
+
+def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) -> list[Task]:
+    """One for every different demonstration."""
+    demonstrations: dict[Taught, list[Setting]] = {}
+    for setting in settings:
+        for scenario in SCENARIOS:
+            if any(_wanted(setting, row.name) for row in ROWS if row.scenario == scenario):
+                for seed in seeds:
+                    taught = Taught(scenario, seed, setting.profile, setting.wander, setting.timed)
+                    demonstrations.setdefault(taught, []).append(setting)
+    return [Task(taught, tuple(some)) for taught, some in demonstrations.items()]
+
+
+def perform(task: Task) -> Result:
+    """Simulate a demonstration and measure all rows of its scenario."""
+    recording, truth = task.taught.load()
+    return {
+        setting.name: [
+            measure(row, recording, truth, task.taught.seed, setting.preset(row.preset))
+            for row in ROWS
+            if row.scenario == task.taught.scenario
+            and _wanted(setting, row.name)
+            and (setting.as_preset or not row.online)
+        ]
+        for setting in task.settings
+    }
+
+
+def _wanted(setting: Setting, row: str) -> bool:
+    return not setting.rows or row in setting.rows

@@ -1,0 +1,143 @@
+"""The thesis suite as tables for a terminal, a page and a script."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
+from caesura_service.judge.thesis.measure import TOLERANCE_S
+from caesura_service.judge.thesis.rows import ROWS, Row, Value
+from caesura_service.judge.thesis.suite import OPEN
+from caesura_service.judge.thesis.summary import PASSES, Report, Summary, main_settings
+
+FAULTS = 3  # so many of a row's differences are shown
+UNITS = {"force_n": "N", "load_kg": "kg"}
+NOTES = (
+    "What the thesis leaves open, and what was chosen:",
+    "* Expected length of a segment: 2 s (geometric). The third table has 1 s and 4 s.",
+    "* Changepoints: those of the best segmentation, not a threshold on their probability.",
+    "* Pruning: none offline; online below 1e-6 of the best, but never the 20 youngest.",
+    "* Filter: Savitzky-Golay, 0.11 s on a grid of 100 Hz, 0.055 s behind.",
+    "* Minimum time: not applied; the thesis' tables stand before it too.",
+    "* Λ = 1 kg, which keeps every pair of K and D overdamped. Length unit of R1 to R3: 1 cm.",
+    "* Wrench: a sensor below the hand, base frame, tared over the first 0.4 s.",
+    "* R10's table is not printed: times of R7, and the second approach when the hand begins it.",
+)
+
+
+def as_text(report: Report, title: str) -> RenderableType:
+    """For a terminal of 80 columns."""
+    parts: list[RenderableType] = [Text(title, style="bold")]
+    for grid in _grids(report):
+        parts += rich_grid(grid)
+    return Group(*parts, Text(""), *map(Text, NOTES))
+
+
+def as_markdown(report: Report, title: str) -> str:
+    """For a page."""
+    return "\n\n".join([f"**{title}**", *map(markdown_grid, _grids(report)), "\n".join(NOTES)]) + "\n"
+
+
+def title(seeds: range) -> str:
+    """What was measured."""
+    return (
+        f"suite thesis: seeds {seeds[0]} to {seeds[-1]}; boundaries within {TOLERANCE_S:g} s; "
+        f"a row passes with {PASSES:.0%} of them"
+    )
+
+
+def _grids(report: Report) -> Iterator[Grid]:
+    columns = main_settings(report)
+    yield Grid(
+        "rows: share of the seeds, and the median number of segments",
+        ("row", "scenario", "preset", "thesis", *(heading for c in columns for heading in (c, ""))),
+        tuple(_row(row, [report[c][row.name] for c in columns]) for row in ROWS),
+    )
+    for column in columns:
+        yield _differences(column, report)
+    yield _values(columns, report)
+    yield _online(columns, report)
+    yield from _open(report)
+
+
+def _row(row: Row, summaries: list[Summary]) -> tuple[str, ...]:
+    results = [(_share(one), "pass" if one.passes else "miss") for one in summaries]
+    return (row.name, row.scenario, row.preset, str(row.segments), *(cell for two in results for cell in two))
+
+
+def _share(one: Summary) -> str:
+    return f"{one.share:.0%} ({one.segments:g})"
+
+
+def _differences(column: str, report: Report) -> Grid:
+    rows = tuple(
+        (name, "; ".join(f"{fault}: {times}" for fault, times in one.faults[:FAULTS]))
+        for name, one in report[column].items()
+        if one.faults
+    )
+    return Grid(f"{column}: what differs, in how many seeds", ("row", "boundary [s] or state"), rows)
+
+
+def _values(columns: list[str], report: Report) -> Grid:
+    rows = tuple(
+        (row.name, f"{i_value.segment + 1}", *_value(i_value, i, [report[c][row.name] for c in columns]))
+        for row in ROWS
+        for i, i_value in enumerate(row.values)
+    )
+    return Grid(
+        "force that a segment ends with, load in it: medians where the row came out",
+        ("row", "segment", "thesis", *columns),
+        rows,
+    )
+
+
+def _value(value: Value, index: int, summaries: list[Summary]) -> list[str]:
+    digits, unit = (3 if value.what == "load_kg" else 1), UNITS[value.what]
+    medians = [f"{one.values[index]:.{digits}f}" if one.values else "–" for one in summaries]
+    return [f"{value.thesis:.{digits}f} {unit}", *medians]
+
+
+def _online(columns: list[str], report: Report) -> Grid:
+    rows: list[tuple[str, ...]] = []
+    for row in ROWS:
+        if row.online:
+            summaries = [report[c][row.name] for c in columns]
+            rows += [
+                (row.name, f"{b.t:.1f} s", _seconds(b.seen_after_s, "never"), *_delays(summaries, i))
+                for i, b in enumerate(row.inner)
+            ]
+            for name, of in (("contact", "contact_s"), ("others", "others_s")):
+                rows.append((row.name, name, "", *(_seconds(getattr(one, of), "–") for one in summaries)))
+            cycles = [one.cycle_ms for one in summaries]
+            rows.append((row.name, "a cycle", f"{row.cycle_ms} ms", *(f"{ms:.1f} ms" for ms in cycles)))
+    return Grid(
+        "online: median delay until a boundary is there for good, share that shows it",
+        ("row", "boundary", "thesis", *columns),
+        tuple(rows),
+    )
+
+
+def _delays(summaries: list[Summary], index: int) -> list[str]:
+    delays = [one.delays[index] for one in summaries]
+    return [f"{_seconds(delay.median_s, 'never')} ({delay.shown:.0%})" for delay in delays]
+
+
+def _seconds(value: float | None, none: str) -> str:
+    return none if value is None else f"{value:.2f} s"
+
+
+def _open(report: Report) -> Iterator[Grid]:
+    names = [row.name for row in ROWS if not row.online]
+    for title, wanted in (("", False), (" in another unit", True)):
+        settings = [s for s in OPEN if s.name in report and bool(s.rows) is wanted]
+        shown = [name for name in names if any(name in report[s.name] for s in settings)]
+        if settings:
+            rows = tuple(
+                (name, *(_share(report[s.name][name]) for s in settings if name in report[s.name]))
+                for name in shown
+            )
+            headings = ("row", *(s.name for s in settings))
+            yield Grid(f"what the thesis leaves open, overdamped people{title}", headings, rows)

@@ -105,7 +105,7 @@ def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -
 
 
 def everywhere(
-    channel: Channel, centre: ArrayLike, scale: ArrayLike, *, nodes: int = 16, reach: float = 3.6
+    channel: Channel, centre: ArrayLike, scale: ArrayLike, *, nodes: int = 13, reach: float = 3.5
 ) -> tuple[list[Observed], Array]:
     """Places all over one channel's space, and the volume that each stands for [unit³].
 

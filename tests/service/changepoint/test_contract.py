@@ -35,7 +35,7 @@ from service.changepoint.catalogue import (
 )
 from service.changepoint.quadrature import QUADRATURE
 
-TOLERANCE = 5e-3  # of a sum over all of space with 16³ places
+TOLERANCE = 1e-2  # of a sum over all of space with 13³ places
 
 
 def that(holds: str) -> pytest.MarkDecorator:
@@ -136,7 +136,7 @@ def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_wor
     start = {"previous": past[0], "first": past[-1], "zero": np.zeros(3)}[model.origin]
     y, level = last - start, start * (entry.channel == "force")
 
-    places = everywhere(entry.channel, 0.5 * (last + past[-1]), entry.size, nodes=14)
+    places = everywhere(entry.channel, 0.5 * (last + past[-1]), entry.size)
     known = evidence_of(entry, past) if entry.explains_first else 0.0
     got = np.log(mass(model, entry.observe(past), places, entry.observe(last[None]))) + known
 
@@ -156,7 +156,7 @@ def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_wor
         expected += 1.5 * np.log((1.0 - correlation2) / variance)
         assert expected < 0.0 or n == 3
         expected += float(model.target.log_density(level[None], y[None])[0])
-    assert got == pytest.approx(expected, abs=2 * TOLERANCE)
+    assert got == pytest.approx(expected, abs=TOLERANCE)
 
 
 @that(LARGEST)
@@ -232,7 +232,7 @@ def test_model_and_rows_can_be_written_down_and_go_on(name: str, request: pytest
     contract.check_serialisable(EVERYTHING[name], observations(10))
 
 
-@pytest.mark.parametrize("name", [name for name in EVERYTHING if ": " not in name])  # lattices have those
+@pytest.mark.parametrize("name", [*MODELS, "held", "default's lattice"])
 def test_a_step_costs_the_same_early_and_late(name: str) -> None:
     seen = observations(10)
     contract.check_constant_work(EVERYTHING[name], (seen[i % 10] for i in range(contract.LATE + 1)))

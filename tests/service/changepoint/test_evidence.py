@@ -147,14 +147,6 @@ def test_profiles_begin_at_zero_and_settle_at_one() -> None:
         np.testing.assert_allclose(profile(late), [0.0, 1.0], atol=1e-6)
 
 
-def test_an_overdamped_response_obeys_its_equation_of_motion() -> None:
-    stiffness, damping, t, h = 12.0, 32.5, np.linspace(0.05, 2.0, 9), 1e-4
-    x = overdamped(stiffness, damping)
-    velocity = (x(t + h) - x(t - h)) / (2 * h)
-    acceleration = (x(t + h) - 2 * x(t) + x(t - h)) / h**2
-    np.testing.assert_allclose(acceleration + damping * velocity + stiffness * x(t), stiffness, atol=1e-4)
-
-
 def test_a_profile_that_is_not_overdamped_is_refused() -> None:
     with pytest.raises(ValueError, match="not overdamped"):
         overdamped(30.0, 10.0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.lattice import Kind
-from caesura_service.changepoint.online import Ended, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
 
 Array = NDArray[np.float64]
 
@@ -56,40 +56,42 @@ def stretches(online: OnlineFilter, first: int = 0) -> list[Stretch]:
     """The best segmentation so far, from the final segment number `first` on."""
     settled = len(online.final)
     path = [*online.final[first:], *online.map_path()]
-    ends = [*(ended.start for ended in path[1:]), online.count]
+    before = online.final[first - 1].start if first else -1
+    starts = [before, *(ended.start for ended in path), online.count]
     return [
-        _stretch(online, ended, end, number + first, settled)
-        for number, (ended, end) in enumerate(zip(path, ends, strict=True))
+        _stretch(
+            online, ended.kind_log_evidence, (starts[i], starts[i + 1], starts[i + 2]), first + i, settled
+        )
+        for i, ended in enumerate(path)
     ]
 
 
-def _stretch(online: OnlineFilter, ended: Ended, end: int, number: int, settled: int) -> Stretch:
+def _stretch(
+    online: OnlineFilter, kinds: Array, starts: tuple[int, int, int], number: int, settled: int
+) -> Stretch:
+    """starts: of the segment before, of this one, and of the one after."""
+    before, start, after = starts
     return Stretch(
-        start=ended.start,
-        end=end,
-        verdict=verdict(online.lattice.kinds, ended.kind_log_evidence),
-        start_probability=_near(online, ended.start),
-        start_interval=_interval(online, ended.start),
+        start=start,
+        end=after,
+        verdict=verdict(online.lattice.kinds, kinds),
+        start_probability=online.event_probability(start, others=(before, after)),
+        start_interval=_interval(online, before, start, after),
         start_final=number <= settled,
         end_final=number < settled,
     )
 
 
-def _near(online: OnlineFilter, start: int) -> float:
-    """Probability of a start at an observation or next to it: the same event, to the grid's resolution."""
-    near = range(max(start - 1, 0), min(start + 2, online.count))
-    return min(1.0, sum(online.changepoint_probability(s) for s in near))
-
-
-def _interval(online: OnlineFilter, start: int) -> tuple[int, int]:
+def _interval(online: OnlineFilter, before: int, start: int, after: int) -> tuple[int, int]:
     """First and last observation of the central interval, among those that may be the same event.
 
     One observation wider on either side: what happens lies between observations, not at one.
     """
-    first, last = max(start - INTERVAL_REACH, 1), min(start + INTERVAL_REACH, online.count - 1)
-    if start == 0 or first > last:
-        return start, start
-    mass = np.array([online.changepoint_probability(s) for s in range(first, last + 1)])
+    if start == 0:
+        return 0, 0
+    first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
+    around = range(first, last + 1)
+    mass = np.array([online.changepoint_probability(s, about=start) for s in around])
     share = np.cumsum(mass) / max(mass.sum(), np.finfo(float).tiny)
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
     low, high = (int(np.searchsorted(share, level)) for level in (tail, 1.0 - tail))

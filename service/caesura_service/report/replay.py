@@ -64,7 +64,7 @@ def replay(recording: Recording, preset: str) -> Replay:
     return Replay(
         observations=observations,
         beliefs=beliefs,
-        smoothed=np.array([online.changepoint_probability(i) for i in range(online.count)]),
+        smoothed=online.smoothed,
         offline=_offline(online, observations),
         boundary_t=_boundary_times(observations, continuous=chosen.continuous),
     )

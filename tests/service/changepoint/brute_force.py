@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -40,16 +40,18 @@ def segmentations(n: int) -> Iterator[tuple[int, ...]]:
 
 
 class BruteForce:
-    """Log joint of the data and every segmentation of it."""
+    """Log joint of the data and every segmentation of it, or of those that have some boundaries."""
 
-    def __init__(self, lattice: Lattice, data: list[Observed], hazard: Hazard) -> None:
+    def __init__(
+        self, lattice: Lattice, data: list[Observed], hazard: Hazard, boundaries: Collection[int] = ()
+    ) -> None:
         n = len(data)
         self.n, self.hazard = n, hazard
         self.kinds = {
             (s, e): segment_log_evidence(lattice, data, s, e) for s in range(n) for e in range(s + 1, n + 1)
         }
         evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
-        self.paths = list(segmentations(n))
+        self.paths = [path for path in segmentations(n) if set(boundaries) <= set(path)]
         self.joint = np.array([self.log_joint(path, n, evidence) for path in self.paths])
         self.total = float(log_sum_exp(self.joint))
 

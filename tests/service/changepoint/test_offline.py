@@ -13,7 +13,7 @@ from caesura_service.changepoint.presets import PRESETS
 from service.changepoint.brute_force import BruteForce, demonstration
 
 HAZARDS = [Geometric(8.0), Uniform(12), Uniform(5), NegativeBinomial(6.0, 3.0)]
-EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64)
+EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
 
 
 @pytest.mark.parametrize("hazard", HAZARDS, ids=repr)

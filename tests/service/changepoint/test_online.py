@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
@@ -11,11 +15,28 @@ from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.segments import stretches
 from service.changepoint.brute_force import BruteForce, demonstration
+from service.streams import pieces
 
-EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64)
+EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
 HAZARD = Geometric(8.0)
 LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
+
+
+def check_against(brute: BruteForce, online: OnlineFilter) -> None:
+    """Posterior, smoothed probabilities and best segmentation are those of the segmentations written out."""
+    assert float(log_sum_exp(online.log_joint)) == pytest.approx(brute.total, abs=1e-9)
+    expected = [brute.probability([path[-1] == start for path in brute.paths]) for start in online.starts]
+    np.testing.assert_allclose(online.posterior, expected, atol=1e-9)
+    got = [online.changepoint_probability(start) for start in range(brute.n)]
+    np.testing.assert_allclose(got, brute.changepoint_probability(), atol=1e-9)
+
+    best = brute.best
+    path = [*online.final, *online.map_path()]
+    assert tuple(segment.start for segment in path) == best
+    for segment, end in zip(path, (*best[1:], brute.n), strict=True):
+        np.testing.assert_allclose(segment.kind_log_evidence, brute.kinds[segment.start, end], atol=1e-9)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
@@ -25,28 +46,88 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(lattice: Lattice, see
     online = OnlineFilter(lattice, HAZARD, EXACT)
     for observed in data:
         online.step(observed)
-    brute = BruteForce(lattice, data, HAZARD)
+    assert online.starts.size == len(data)
+    check_against(BruteForce(lattice, data, HAZARD), online)
 
-    assert float(log_sum_exp(online.log_joint)) == pytest.approx(brute.total, abs=1e-9)
-    expected = [brute.probability([path[-1] == start for path in brute.paths]) for start in range(len(data))]
-    np.testing.assert_allclose(online.posterior, expected, atol=1e-9)
-    got = [online.changepoint_probability(start) for start in range(len(data))]
-    np.testing.assert_allclose(got, brute.changepoint_probability(), atol=1e-9)
 
-    best = brute.best
-    path = [*online.final, *online.map_path()]
-    assert tuple(segment.start for segment in path) == best
-    for segment, end in zip(path, (*best[1:], len(data)), strict=True):
-        np.testing.assert_allclose(segment.kind_log_evidence, brute.kinds[segment.start, end], atol=1e-9)
+@pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.parametrize(("taken", "at"), [((3,), 4), ((4,), 8), ((2, 6), 9), ((11,), 12)], ids=str)
+def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_the_boundary(
+    lattice: Lattice, taken: tuple[int, ...], at: int
+) -> None:
+    data = demonstration(2)
+    online = OnlineFilter(lattice, HAZARD, EXACT)
+    for observed in data:
+        online.step(observed)
+        if online.count == at:
+            for start in taken:
+                online.condition(start)
+            check_against(BruteForce(lattice, data[:at], HAZARD, taken), online)
+    check_against(BruteForce(lattice, data, HAZARD, taken), online)
+    assert online.starts.min() == online.root >= taken[-1]
+
+
+class Recorded(OnlineFilter):
+    """A filter that remembers what it was conditioned on, and at which observation."""
+
+    def condition(self, start: int) -> None:
+        assert start in {segment.start for segment in self.map_path()}
+        before = [segment.start for segment in (*self.final, *self.map_path())]
+        super().condition(start)
+        assert [segment.start for segment in (*self.final, *self.map_path())] == before
+        self.taken = [*getattr(self, "taken", []), (start, self.count)]
+
+
+@pytest.mark.parametrize("name", ["default", "integrated", "force"])
+def test_what_is_certain_conditions_the_filter_and_is_final_at_once(name: str) -> None:
+    lattice, data = PRESETS[name].lattice(), demonstration(2)
+    online = Recorded(lattice, HAZARD, replace(EXACT, certain=0.8, certain_after=3))
+    for observed in data:
+        online.step(observed)
+    check_against(BruteForce(lattice, data, HAZARD, [start for start, _ in online.taken]), online)
+    assert all(count - 1 - start >= 3 for start, count in online.taken)
+    assert online.root >= online.taken[-1][0]
+
+
+def test_how_probable_a_certain_changepoint_was_is_not_forgotten() -> None:
+    online = OnlineFilter(PRESETS["default"].lattice(), HAZARD, EXACT)
+    for observed in demonstration(2):
+        online.step(observed)
+    before = [online.changepoint_probability(s) for s in range(online.count)]
+    start = int(np.argmin(np.abs(np.array(before) - 0.5)))
+    event = online.event_probability(start)
+    online.condition(start)
+    assert online.changepoint_probability(start) == pytest.approx(1.0, abs=1e-12)
+    assert [online.changepoint_probability(s, about=start) for s in range(online.count)] == before
+    assert online.smoothed[start - 1 : start + 2].tolist() == before[start - 1 : start + 2]
+    assert online.event_probability(start) == event
+    assert online.event_probability(start + 1) > 0.99
+    assert online.event_probability(start + 1, others=(start,)) < 0.5
+
+
+def test_conditioning_off_leaves_everything_to_coalescence() -> None:
+    online = Recorded(PRESETS["default"].lattice(), HAZARD, FilterParameters(certain=1.0, certain_after=0))
+    for observed in demonstration(2, 80):
+        online.step(observed)
+    assert not hasattr(online, "taken")
+    assert online.final
+
+
+@pytest.mark.parametrize("start", [-1, 0, 3, 7, 30])
+def test_only_what_is_open_and_in_the_window_can_be_conditioned_on(start: int) -> None:
+    online = OnlineFilter(PRESETS["default"].lattice(), HAZARD, replace(EXACT, window=4))
+    for observed in demonstration(2, 8):
+        online.step(observed)
+    online.condition(7)
+    with pytest.raises(ValueError, match=f"start is {start}, expected"):
+        online.condition(start)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
 def test_smoothing_is_exact_inside_a_short_window(lattice: Lattice) -> None:
     data = demonstration(3)
     wide = OnlineFilter(lattice, HAZARD, EXACT)
-    narrow = OnlineFilter(
-        lattice, HAZARD, FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=4)
-    )
+    narrow = OnlineFilter(lattice, HAZARD, replace(EXACT, window=4))
     for observed in data:
         wide.step(observed)
         narrow.step(observed)
@@ -70,19 +151,38 @@ def test_a_boundary_is_certain_and_cuts_every_hypothesis() -> None:
     np.testing.assert_allclose(online.posterior, alone.posterior, atol=1e-12)
 
 
-def test_what_is_final_is_never_revised() -> None:
-    rng = np.random.default_rng(5)
-    online = OnlineFilter(PRESETS["default"].lattice(), Geometric(30.0))
-    before: list[int] = []
-    position = np.zeros(3)
-    for i in range(150):
-        position = position + (rng.normal(0, 0.01, 3) if (i // 20) % 2 else rng.normal(0, 2e-4, 3))
-        force = np.array([0.0, 0.0, 8.0 * ((i // 30) % 2)]) + rng.normal(0, 0.2, 3)
-        online.step(Observed(position, force))
-        now = [segment.start for segment in online.final]
+SMALL = st.builds(
+    FilterParameters,
+    prune_ratio=st.sampled_from([0.0, 1e-6, 1e-2]),
+    keep_youngest=st.sampled_from([0, 4, 20]),
+    cap=st.sampled_from([21, 100]),
+    window=st.sampled_from([2, 10, 40]),
+    certain=st.sampled_from([0.6, 0.9, 0.99, 1.0]),
+    certain_after=st.sampled_from([0, 3, 15]),
+)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(PRESETS)), SMALL)
+def test_what_is_final_is_never_revised(seed: int, name: str, parameters: FilterParameters) -> None:
+    online = OnlineFilter(PRESETS[name].lattice(), Geometric(20.0), parameters)
+    before: list[tuple[int, int, bytes]] = []
+    for observed, boundary in pieces(np.random.default_rng(seed), 70):
+        online.step(observed, boundary=boundary)
+        path = [*online.final, *online.map_path()]
+        starts = [segment.start for segment in path]
+        now = [
+            (segment.start, end, segment.kind_log_evidence.tobytes())
+            for segment, end in zip(online.final, starts[1:], strict=False)
+        ]
         assert now[: len(before)] == before
+        assert starts == sorted(set(starts))
+        assert online.starts.min() >= online.root == path[len(now)].start
+        assert online.posterior.sum() == pytest.approx(1.0, abs=1e-9)
+        for one in stretches(online):
+            assert 0.0 <= one.start_probability <= 1.0
+            assert one.start_interval[0] <= one.start <= one.start_interval[1]
         before = now
-    assert len(before) > 3
 
 
 def test_pruning_drops_almost_nothing_of_the_posterior() -> None:

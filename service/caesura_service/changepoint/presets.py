@@ -38,7 +38,8 @@ class Preset:
     `mean_segment_s` [s] sets the hazard; segments shorter than `least_segment_s` [s] become no app (the
     thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
     sample, and there the changepoint lies in time; otherwise it begins with its own first sample, as in the
-    thesis.
+    thesis. `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without
+    one the best segmentation does.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Preset:
     continuous: bool = False
     mean_segment_s: float = 2.0
     least_segment_s: float = 0.3
+    threshold: float | None = None
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(

@@ -17,6 +17,7 @@ from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.judge import evidence as libraries
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
@@ -86,6 +87,9 @@ def evaluate(
     confusion: Annotated[
         bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
     ] = False,
+    evidence: Annotated[
+        bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
+    ] = False,
     output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
@@ -93,7 +97,11 @@ def evaluate(
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
-            if suite_name == THESIS and not recordings:
+            if evidence:
+                extent = Extent(seeds or SEEDS, first_seed, data)
+                cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
+                page = _evidence(suite_name, cases, workers)
+            elif suite_name == THESIS and not recordings:
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             else:
                 cases = _cases(recordings or [], suite_name, Extent(seeds or SEEDS, first_seed, data))
@@ -118,6 +126,16 @@ def _thesis(seeds: range, workers: int) -> Page:
     )
 
 
+def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Page:
+    told = libraries.ordered(_watched(each(libraries.tell, cases, workers=workers), cases))
+    title = libraries.title(f"suite {suite_name}" if suite_name else "files", told)
+    return Page(
+        text=lambda: libraries.as_text(told, title),
+        markdown=lambda: libraries.as_markdown(told, title),
+        plain=lambda: libraries.as_json(told, title),
+    )
+
+
 def _page(
     title: str, methods: Sequence[Method], verdicts: Sequence[Verdict], detailed: Sequence[str]
 ) -> Page:
@@ -137,11 +155,17 @@ def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
     return [*ours, *(baselines() if with_baselines else [])]
 
 
-def _cases(recordings: Sequence[Path], suite_name: str | None, extent: Extent) -> list[Case]:
+def _cases(
+    recordings: Sequence[Path],
+    suite_name: str | None,
+    extent: Extent,
+    *,
+    known: Sequence[str] = ALL_SUITES,
+) -> list[Case]:
     if bool(recordings) == (suite_name is not None):
-        raise TruthError(f"name either files or one --suite of {ALL_SUITES}")
+        raise TruthError(f"name either files or one --suite of {known}")
     if suite_name is not None and suite_name not in SUITES:
-        raise TruthError(f"no suite {suite_name!r}, known: {ALL_SUITES}")
+        raise TruthError(f"no suite {suite_name!r}, known: {known}")
     if suite_name is not None:
         return suite(suite_name, extent)
     return files(recordings)

@@ -12,7 +12,7 @@ held against it, since the thesis says only which of its boundaries were found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
 
@@ -27,7 +27,7 @@ from caesura_service.changepoint.segments import verdict
 from caesura_service.judge.metrics import ROUNDING_S, Look
 from caesura_service.judge.thesis.rows import Boundary, Row
 from caesura_service.judge.truth import Truth
-from caesura_service.recordings import batches, opening_of, views
+from caesura_service.recordings import opening_of, views
 from caesura_service.session.pipeline import filter_of, layout_of, observed
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, Observation
 
@@ -72,12 +72,30 @@ class Outcome:
         return not self.faults
 
 
-def measure(row: Row, recording: Recording, truth: Truth, seed: int, preset: Preset | None = None) -> Outcome:
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A demonstration, and what the segment models see of it."""
+
+    recording: Recording
+    truth: Truth
+    observations: tuple[Observation, ...]
+    tared: bool
+
+
+def see(recording: Recording, truth: Truth) -> Seen:
+    """Condition a demonstration as a session does; in one push, which gives the same numbers."""
+    conditioner = Conditioner(layout_of(opening_of(recording)))
+    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
+    observations = (*pushed.observations, *ended.observations)
+    return Seen(recording, truth, observations, conditioner.tare is not None)
+
+
+def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None) -> Outcome:
     """One row on one demonstration; preset: instead of the row's."""
-    right = references(row, recording, truth)
+    right = references(row, seen)
     if row.online:
-        return _online(row, recording, seed, right)
-    found = divide(recording, preset or PRESETS[row.preset])
+        return _online(row, seen.recording, seed, right)
+    found = divide(seen, preset or PRESETS[row.preset])
     faults = tuple(differences(row, found, right))
     values = (
         ()
@@ -90,21 +108,21 @@ def measure(row: Row, recording: Recording, truth: Truth, seed: int, preset: Pre
     return Outcome(row.name, seed, len(found.states), faults, values)
 
 
-def references(row: Row, recording: Recording, truth: Truth) -> list[tuple[float, ...]]:
+def references(row: Row, seen: Seen) -> list[tuple[float, ...]]:
     """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
-    return [(b.t, *_event(b, recording, truth)) for b in row.inner]
+    return [(b.t, *_event(b, seen)) for b in row.inner]
 
 
-def _event(boundary: Boundary, recording: Recording, truth: Truth) -> tuple[float, ...]:
+def _event(boundary: Boundary, seen: Seen) -> tuple[float, ...]:
     if boundary.event is None:
         return ()
     if isinstance(boundary.event, str):
-        times = [point.t for point in truth.points if point.kind == boundary.event]
+        times = [point.t for point in seen.truth.points if point.kind == boundary.event]
         near = [t for t in times if abs(t - boundary.t) <= SAME_EVENT_S]
         return (min(near, key=lambda t: abs(t - boundary.t)),) if near else ()
-    t = recording.t
+    t = seen.recording.t
     inside = np.flatnonzero(np.abs(t - boundary.t) <= SAME_EVENT_S)
-    distance = np.linalg.norm(recording.signals["pos"][inside] - boundary.event, axis=1)
+    distance = np.linalg.norm(seen.recording.signals["pos"][inside] - boundary.event, axis=1)
     return (float(t[inside[np.argmin(distance)]]),)
 
 
@@ -152,37 +170,30 @@ def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int
     return partners
 
 
-def divide(recording: Recording, preset: Preset) -> Found:
+def divide(seen: Seen, preset: Preset) -> Found:
     """The best division of a whole recording at once. Thesis 2.1.4, changepoints by the best segmentation."""
-    conditioner = Conditioner(layout_of(opening_of(recording)))
-    seen = tuple(_conditioned(recording, conditioner))
-    source = WRENCH_SOURCES[recording.wrench_source]
-    online = filter_of(preset, source, tared=conditioner.tare is not None)
-    path = segment_offline(online.lattice, online.hazard, [observed(one) for one in seen]).path
+    source = WRENCH_SOURCES[seen.recording.wrench_source]
+    online = filter_of(preset, source, tared=seen.tared)
+    rows = [observed(one) for one in seen.observations]
+    path = segment_offline(online.lattice, online.hazard, rows).path
     starts = [ended.start for ended in path]
     kinds = [verdict(online.lattice.kinds, ended.kind_log_evidence).kind for ended in path]
     joins = int(preset.continuous)
-    forces_n = np.array([one.force_base[2] for one in seen])
-    parts = [forces_n[a:b] for a, b in pairwise([*starts, len(seen)])]
+    forces_n = np.array([row.force[2] for row in rows])
+    parts = [forces_n[a:b] for a, b in pairwise([*starts, len(rows)])]
     return Found(
-        inner=tuple(seen[start - joins].t for start in starts[1:]),
+        inner=tuple(seen.observations[start - joins].t for start in starts[1:]),
         states="".join(STATES[kind.contact] for kind in kinds),
         forces_n=tuple(float(part[-1]) for part in parts),
         loads_kg=tuple(float(-part.mean() / GRAVITY) for part in parts),
     )
 
 
-def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Observation]:
-    for samples in batches(recording):
-        yield from conditioner.push(samples).observations
-    yield from conditioner.finish().observations
-
-
 def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> Outcome:
     began = perf_counter()
     observations, looks = _looks(recording, row.preset)
     cycle_ms = 1e3 * (perf_counter() - began) / observations
-    since = _standing_since(looks, right)
+    since = standing_since(looks, right)
     delays = tuple(None if t is None else t - times[-1] for t, times in zip(since, right, strict=True))
     faults = tuple(f"no {b.t:.1f}" for b, t in zip(row.inner, since, strict=True) if t is None)
     segments = len(looks[-1].changepoints) + 1
@@ -200,15 +211,10 @@ def _looks(recording: Recording, preset: str) -> tuple[int, list[Look]]:
     return view.observations, looks
 
 
-def _standing_since(looks: Sequence[Look], right: Sequence[Sequence[float]]) -> list[float | None]:
+def standing_since(looks: Sequence[Look], right: Sequence[Sequence[float]]) -> list[float | None]:
     """Since when each boundary has been there without a break [s]; None if it is not."""
     since: list[float | None] = [None] * len(right)
     for look in looks:
         for i, partner in enumerate(paired(look.changepoints, right)):
             since[i] = None if partner is None else look.t if since[i] is None else since[i]
     return since
-
-
-def with_mean_segment(preset: Preset, mean_segment_s: float) -> Preset:
-    """The preset with another expected length of a segment [s]."""
-    return replace(preset, mean_segment_s=mean_segment_s)

@@ -11,7 +11,7 @@ from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.judge.thesis.demonstrations import Taught
-from caesura_service.judge.thesis.measure import Outcome, measure
+from caesura_service.judge.thesis.measure import Outcome, measure, see
 from caesura_service.judge.thesis.rows import ROWS
 
 SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
@@ -101,10 +101,10 @@ def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) ->
 
 def perform(task: Task) -> Result:
     """Simulate a demonstration and measure all rows of its scenario."""
-    recording, truth = task.taught.load()
+    seen = see(*task.taught.load())
     return {
         setting.name: [
-            measure(row, recording, truth, task.taught.seed, setting.preset(row.preset))
+            measure(row, seen, task.taught.seed, setting.preset(row.preset))
             for row in ROWS
             if row.scenario == task.taught.scenario
             and _wanted(setting, row.name)

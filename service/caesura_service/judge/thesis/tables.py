@@ -51,15 +51,16 @@ def title(seeds: range) -> str:
 
 def _grids(report: Report) -> Iterator[Grid]:
     columns = main_settings(report)
+    rows = [row for row in ROWS if all(row.name in report[column] for column in columns)]
     yield Grid(
         "rows: share of the seeds, and the median number of segments",
         ("row", "scenario", "preset", "thesis", *(heading for c in columns for heading in (c, ""))),
-        tuple(_row(row, [report[c][row.name] for c in columns]) for row in ROWS),
+        tuple(_row(row, [report[c][row.name] for c in columns]) for row in rows),
     )
     for column in columns:
         yield _differences(column, report)
-    yield _values(columns, report)
-    yield _online(columns, report)
+    yield _values(columns, report, rows)
+    yield _online(columns, report, rows)
     yield from _open(report)
 
 
@@ -81,11 +82,11 @@ def _differences(column: str, report: Report) -> Grid:
     return Grid(f"{column}: what differs, in how many seeds", ("row", "boundary [s] or state"), rows)
 
 
-def _values(columns: list[str], report: Report) -> Grid:
+def _values(columns: list[str], report: Report, of: list[Row]) -> Grid:
     rows = tuple(
-        (row.name, f"{i_value.segment + 1}", *_value(i_value, i, [report[c][row.name] for c in columns]))
-        for row in ROWS
-        for i, i_value in enumerate(row.values)
+        (row.name, str(value.segment + 1), *_value(value, i, [report[c][row.name] for c in columns]))
+        for row in of
+        for i, value in enumerate(row.values)
     )
     return Grid(
         "force that a segment ends with, load in it: medians where the row came out",
@@ -100,19 +101,21 @@ def _value(value: Value, index: int, summaries: list[Summary]) -> list[str]:
     return [f"{value.thesis:.{digits}f} {unit}", *medians]
 
 
-def _online(columns: list[str], report: Report) -> Grid:
+def _online(columns: list[str], report: Report, of: list[Row]) -> Grid:
     rows: list[tuple[str, ...]] = []
-    for row in ROWS:
+    for row in of:
         if row.online:
             summaries = [report[c][row.name] for c in columns]
             rows += [
                 (row.name, f"{b.t:.1f} s", _seconds(b.seen_after_s, "never"), *_delays(summaries, i))
                 for i, b in enumerate(row.inner)
             ]
-            for name, of in (("contact", "contact_s"), ("others", "others_s")):
-                rows.append((row.name, name, "", *(_seconds(getattr(one, of), "–") for one in summaries)))
-            cycles = [one.cycle_ms for one in summaries]
-            rows.append((row.name, "a cycle", f"{row.cycle_ms} ms", *(f"{ms:.1f} ms" for ms in cycles)))
+            rows += [
+                (row.name, "contact", "", *(_seconds(one.contact_s, "–") for one in summaries)),
+                (row.name, "others", "", *(_seconds(one.others_s, "–") for one in summaries)),
+            ]
+            cycles = (f"{one.cycle_ms:.1f} ms" for one in summaries)
+            rows.append((row.name, "a cycle", f"{row.cycle_ms} ms", *cycles))
     return Grid(
         "online: median delay until a boundary is there for good, share that shows it",
         ("row", "boundary", "thesis", *columns),

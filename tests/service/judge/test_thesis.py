@@ -1,0 +1,188 @@
+"""The thesis suite: what counts as a row that came out, who teaches, and what is said of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_clients.bridge.teacher.person import THESIS
+from caesura_clients.recording import Recording
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.commands import register
+from caesura_service.judge.metrics import Look
+from caesura_service.judge.thesis import suite
+from caesura_service.judge.thesis.demonstrations import DRAWN, TIMED, Taught, person
+from caesura_service.judge.thesis.measure import (
+    SAME_EVENT_S,
+    Found,
+    Outcome,
+    Seen,
+    differences,
+    paired,
+    references,
+    standing_since,
+)
+from caesura_service.judge.thesis.rows import ROWS, Boundary, Row
+from caesura_service.judge.thesis.suite import MAIN, Setting, Task, perform, tasks
+from caesura_service.judge.thesis.summary import summarise
+from caesura_service.judge.truth import Point, Truth
+
+ROW = Row("R", "Fig.", "s", "force", (Boundary(2.0), Boundary(4.0), Boundary(4.5)), states="12?1")
+RIGHT = [(2.0,), (4.0, 4.2), (4.5,)]
+NAMED = {row.name: row for row in ROWS}
+
+
+def found(*inner: float, states: str = "1221") -> Found:
+    return Found(inner, states, (0.0,) * len(states), (0.0,) * len(states))
+
+
+def seen(*points: Point, path: np.ndarray | None = None) -> Seen:
+    t = np.arange(0.0, 6.0, 0.01)
+    pos = np.zeros((t.size, 3)) if path is None else path
+    return Seen(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points), (), tared=True)
+
+
+def test_the_table_is_consistent():
+    for row in ROWS:
+        times = [boundary.t for boundary in row.inner]
+        assert times == sorted(set(times))
+        assert len(row.states) in (0, row.segments)
+        assert set(row.states) <= set("123?")
+        assert all(value.segment < row.segments for value in row.values)
+        assert row.preset in PRESETS
+        assert row.scenario in TIMED
+        assert times[-1] < TIMED[row.scenario].steps[-1].until_s
+    assert {f"R{n}" for n in range(1, 14)} == {name.split(".")[0].split()[0] for name in NAMED}
+
+
+def test_demonstrations_are_as_long_as_the_thesis_says():
+    ends = {name: scenario.steps[-1].until_s for name, scenario in TIMED.items()}
+    assert ends == {"three_point": 15.1, "parkour": 8.9, "pick_and_place": 12.8, "dispenser": 12.2}
+    for scenario in TIMED.values():
+        times = [step.until_s for step in scenario.steps]
+        assert times == sorted(set(times))
+
+
+def test_a_person_differs_from_the_thesis_in_body_and_sensors_only():
+    drawn = person(3, "overdamped")
+    differing = {f.name for f in fields(drawn) if getattr(drawn, f.name) != getattr(THESIS, f.name)}
+    assert differing == {"name", "profile", *DRAWN}
+    assert person(3, "overdamped") == drawn != replace(person(4, "overdamped"), name=drawn.name)
+    assert person(3, "overdamped", wander=True).bias_wander_n != THESIS.bias_wander_n
+
+
+def test_what_the_thesis_says_has_no_faults():
+    assert list(differences(ROW, found(2.0, 4.0, 4.5), RIGHT)) == []
+    assert list(differences(ROW, found(1.7, 4.5, 4.8, states="1231"), RIGHT)) == []
+
+
+@pytest.mark.parametrize(
+    ("division", "faults"),
+    [
+        (found(1.69, 4.0, 4.5), ["2.0 early"]),
+        (found(2.0, 4.51, 4.5), ["4.0 late"]),
+        (found(2.0, 4.0, 4.5, states="1321"), ["2 is 3 in segment 2"]),
+        (found(2.0, 4.0, states="121"), ["no 4.5"]),
+        (found(2.0, 3.0, 4.0, 4.5, states="12221"), ["1 more after 2.0"]),
+        (found(states="1"), ["no 2.0", "no 4.0", "no 4.5"]),
+    ],
+)
+def test_every_difference_is_named(division: Found, faults: list[str]):
+    assert list(differences(ROW, division, RIGHT)) == faults
+
+
+def test_one_changepoint_stands_for_one_boundary():
+    assert paired([4.25], RIGHT) == [None, 0, None]
+    assert paired([4.25, 4.3], RIGHT) == [None, 0, 1]
+    assert paired([], RIGHT) == [None, None, None]
+
+
+def test_an_event_counts_beside_the_thesis_time_unless_it_is_another_one():
+    row = Row("R", "Fig.", "s", "force", (Boundary(2.0, "contact_on"),))
+    near, far = (Point(2.0 + by, 0.15, kind="contact_on") for by in (0.4, SAME_EVENT_S + 0.1))
+    assert references(row, seen(near, far)) == [(2.0, 2.4)]
+    assert references(row, seen(far)) == [(2.0,)]
+    assert references(row, seen(replace(near, kind="decay"))) == [(2.0,)]
+
+
+def test_a_place_is_where_the_hand_comes_nearest():
+    row = Row("R", "Fig.", "s", "force", (Boundary(2.0, (0.25, 0.0, 0.0)),))
+    path = np.column_stack([0.1 * np.arange(0.0, 6.0, 0.01), *np.zeros((2, 600))])
+    assert references(row, seen(path=path)) == [(2.0, pytest.approx(2.5))]
+
+
+def test_a_delay_is_until_a_boundary_is_there_for_good():
+    looks = [Look(2.1, (2.0,), (False,)), Look(2.2, (), ()), Look(2.5, (2.1,), (False,))]
+    assert standing_since(looks, [(2.0,)]) == [2.5]
+    assert standing_since(looks[:2], [(2.0,)]) == [None]
+
+
+def test_a_row_passes_with_nine_of_ten_seeds_and_soon_enough():
+    row = NAMED["R13"]
+    name, n = row.name, len(row.inner)
+
+    def passes(failing: int, delay_s: float) -> bool:
+        outcomes = [
+            Outcome(name, i, 8, ("no 3.5",) if i < failing else (), delays_s=(delay_s,) * n)
+            for i in range(10)
+        ]
+        return summarise([{"a": outcomes}])["a"][name].passes
+
+    assert passes(1, 0.15)
+    assert not passes(2, 0.15)
+    assert not passes(1, 0.25)
+
+
+def test_each_demonstration_is_simulated_once_for_all_settings_that_share_it():
+    settings = (*MAIN, Setting("longer", mean_segment_s=4.0), Setting("cm", length_unit_m=0.1, rows=("R1",)))
+    work = tasks([1, 2], settings)
+    assert len(work) == len({task.taught for task in work}) == 2 * 2 * len(TIMED)
+    names = {task.taught.scenario: [s.name for s in task.settings] for task in work if task.taught.seed == 1}
+    assert names["parkour"] == ["minimum jerk"]
+    shared = next(task for task in work if task.taught == Taught("three_point", 1, "overdamped"))
+    assert [setting.name for setting in shared.settings] == ["overdamped", "longer", "cm"]
+
+
+def test_a_setting_changes_what_it_names():
+    assert MAIN[0].preset("force") is PRESETS["force"]
+    assert Setting("x", mean_segment_s=4.0).preset("force").mean_segment_s == 4.0
+    other = Setting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
+    assert other.length_unit_m == 0.5
+
+
+def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():
+    only = Setting("overdamped", rows=("R4",))
+    (outcome,) = perform(Task(Taught("three_point", 101, "overdamped"), (only,)))["overdamped"]
+    assert outcome == Outcome("R4", 101, 6, ())
+
+
+def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    small = tuple(replace(setting, rows=("R4",)) for setting in MAIN)
+    monkeypatch.setattr(suite, "tasks", lambda seeds: tasks(seeds, small))
+    app, out = typer.Typer(), tmp_path / "out.json"
+    register(app)
+
+    def run(*arguments: object) -> str:
+        common = ("evaluate", "--suite", "thesis", "--seeds", "1", "--first-seed", "101", "--workers", "1")
+        result = CliRunner().invoke(app, [*common, *map(str, arguments)])
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    text = run()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "100% (6) pass" in " ".join(text.split())
+    assert "| R4 | three_point | second_order_1 | 6 | 100% (6) | pass |" in run("--format", "markdown")
+    run("--format", "json", "-o", out)
+    settings = json.loads(out.read_text())["settings"]
+    assert settings["overdamped"]["R4"]["share"] == 1.0
+    assert settings["minimum jerk"]["R4"]["passes"] == (settings["minimum jerk"]["R4"]["share"] >= 0.9)
+
+
+def test_the_suite_knows_every_scenario_of_its_rows():
+    assert set(suite.SCENARIOS) == set(TIMED)

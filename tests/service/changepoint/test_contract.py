@@ -109,6 +109,15 @@ def test_all_observations_of_free_space_together_sum_to_one(entry: Entry) -> Non
     assert total == pytest.approx(1.0, abs=TOLERANCE)
 
 
+@pytest.mark.parametrize("name", ["untouched", "laden"])
+def test_free_space_is_all_but_a_product_of_predictives_with_the_presets_noise(name: str) -> None:
+    """To 2 %, where the noise is as large as the preset says; where it is eight times that, no longer."""
+    model = replace(PRESETS["default"].channels(1.5)[name], absence=0.0)  # type: ignore[type-var]
+    down = 4.0 * (name == "laden")
+    past = [Observed(np.zeros(3), force) for force in data(4, down=down)]
+    assert mass(model, past, everywhere("force", past[-1].force, 0.35)) == pytest.approx(1.0, abs=0.02)
+
+
 @that(WEIGHTED)
 def test_weights_only_take_away(entry: Entry) -> None:
     off = {name: 0.0 for name in ("absence", "presence") if hasattr(entry.model, name)}

@@ -109,6 +109,8 @@ def test_an_event_counts_beside_the_thesis_time_unless_it_is_another_one():
     assert references(row, seen(near, far)) == [(2.0, 2.4)]
     assert references(row, seen(far)) == [(2.0,)]
     assert references(row, seen(replace(near, kind="decay"))) == [(2.0,)]
+    twice = replace(row, inner=(Boundary(2.0, also=1.5),))
+    assert references(twice, seen(near)) == [(2.0, 1.5)]
 
 
 def test_a_place_is_where_the_hand_comes_nearest():
@@ -152,6 +154,7 @@ def test_each_demonstration_is_simulated_once_for_all_settings_that_share_it():
 def test_a_setting_changes_what_it_names():
     assert MAIN[0].preset("force") is PRESETS["force"]
     assert Setting("x", mean_segment_s=4.0).preset("force").mean_segment_s == 4.0
+    assert Setting("x", window=31).conditioning.filter.delay_s == pytest.approx(0.15)
     other = Setting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
     assert other.length_unit_m == 0.5
 
@@ -176,8 +179,8 @@ def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPa
 
     text = run()
     assert max(map(len, text.splitlines())) <= 80
-    assert "100% (6) pass" in " ".join(text.split())
-    assert "| R4 | three_point | second_order_1 | 6 | 100% (6) | pass |" in run("--format", "markdown")
+    assert "pass 100% (6)" in " ".join(text.split())
+    assert "| R4 | three_point | second_order_1 | 6 | pass 100% (6) |" in run("--format", "markdown")
     run("--format", "json", "-o", out)
     settings = json.loads(out.read_text())["settings"]
     assert settings["overdamped"]["R4"]["share"] == 1.0

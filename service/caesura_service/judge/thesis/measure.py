@@ -29,7 +29,7 @@ from caesura_service.judge.thesis.rows import Boundary, Row
 from caesura_service.judge.truth import Truth
 from caesura_service.recordings import opening_of, views
 from caesura_service.session.pipeline import filter_of, layout_of, observed
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, Observation
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, ConditioningParameters, Observation
 
 TOLERANCE_S = 0.3
 SAME_EVENT_S = 0.6  # further from the thesis' time than this an event is another one
@@ -82,9 +82,9 @@ class Seen:
     tared: bool
 
 
-def see(recording: Recording, truth: Truth) -> Seen:
+def see(recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None) -> Seen:
     """Condition a demonstration as a session does; in one push, which gives the same numbers."""
-    conditioner = Conditioner(layout_of(opening_of(recording)))
+    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
     pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
     observations = (*pushed.observations, *ended.observations)
     return Seen(recording, truth, observations, conditioner.tare is not None)
@@ -110,7 +110,7 @@ def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None) -> Ou
 
 def references(row: Row, seen: Seen) -> list[tuple[float, ...]]:
     """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
-    return [(b.t, *_event(b, seen)) for b in row.inner]
+    return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, seen)) for b in row.inner]
 
 
 def _event(boundary: Boundary, seen: Seen) -> tuple[float, ...]:

@@ -21,13 +21,15 @@ Mark = Literal["contact_on", "contact_off", "decay", "start", "stop", "corner"]
 class Boundary:
     """Where a segment ends in the thesis.
 
-    event: what the hand does there, None where nothing particular. stated: whether the thesis gives the time;
-    otherwise it is the simulated demonstration's. seen_after_s: delay with which the thesis' online
-    segmentation showed it, None where it never did.
+    event: what the hand does there, None where nothing particular. also: the time that the thesis' text gives
+    for it, where that is another. stated: whether the thesis gives the time; otherwise it is the simulated
+    demonstration's. seen_after_s: delay with which the thesis' online segmentation showed it, None where it
+    never did.
     """
 
     t: float
     event: Mark | Place | None = None
+    also: float | None = None
     stated: bool = True
     seen_after_s: float | None = None
 
@@ -225,7 +227,7 @@ ROWS: tuple[Row, ...] = (
             Boundary(5.7, _TRANSPORT),
             Boundary(7.5, "contact_on"),
             Boundary(9.8, "decay"),
-            Boundary(10.8, _RETREAT),
+            Boundary(10.8, _RETREAT, also=10.2),  # 10.2 s in section 4.2.6
         ),
         states="12133211",
         values=(Value(3, "load_kg", 0.257), Value(4, "load_kg", 0.293)),

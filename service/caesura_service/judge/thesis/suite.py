@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 from caesura_clients.bridge.teacher.intentions import Profile
 from caesura_service.changepoint.models import ChannelModel
@@ -13,6 +12,7 @@ from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.judge.thesis.demonstrations import Taught
 from caesura_service.judge.thesis.measure import Outcome, measure, see
 from caesura_service.judge.thesis.rows import ROWS
+from caesura_service.signals import ConditioningParameters
 
 SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 
@@ -21,8 +21,9 @@ SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 class Setting:
     """How the rows are measured: who teaches, and what the thesis leaves open.
 
-    mean_segment_s: instead of the presets'; length_unit_m: instead of the constant velocity model's; rows:
-    only these, all where empty. Online rows are measured where the presets stand as they are.
+    mean_segment_s: instead of the presets'; window: of the filter [rows of 0.01 s]; length_unit_m: instead of
+    the constant velocity model's; rows: only these, all where empty. Online rows are measured where all of
+    these are a session's.
     """
 
     name: str
@@ -30,13 +31,20 @@ class Setting:
     wander: bool = False
     timed: bool = True
     mean_segment_s: float | None = None
+    window: int | None = None
     length_unit_m: float | None = None
     rows: tuple[str, ...] = field(default=())
 
     @property
-    def as_preset(self) -> bool:
-        """Whether the presets stand as they are."""
-        return self.mean_segment_s is None and self.length_unit_m is None
+    def as_session(self) -> bool:
+        """Whether a session would segment in the same way."""
+        return (self.mean_segment_s, self.window, self.length_unit_m) == (None, None, None)
+
+    @property
+    def conditioning(self) -> ConditioningParameters:
+        """How the samples become observations."""
+        standard = ConditioningParameters()
+        return standard if self.window is None else replace(standard, savgol_window=self.window)
 
     def preset(self, name: str) -> Preset:
         """A preset with what this setting changes."""
@@ -67,13 +75,13 @@ class _Measured:
 MAIN = (Setting("overdamped"), Setting("minimum jerk", profile="minimum_jerk"))
 _UNITS = ("R1", "R2", "R3")
 OPEN = (
-    Setting("mean segment 1 s", mean_segment_s=1.0),
-    Setting("mean segment 4 s", mean_segment_s=4.0),
-    Setting("bias wanders as drawn", wander=True),
-    Setting("the teacher's own times", timed=False),
-    *(Setting(f"unit {u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.03, 0.05, 0.1, 1.0)),
+    Setting("mean 1 s", mean_segment_s=1.0),
+    Setting("mean 4 s", mean_segment_s=4.0),
+    Setting("filter 0.31 s", window=31),
+    Setting("bias as drawn", wander=True),
+    Setting("teacher's times", timed=False),
+    *(Setting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
 )
-SETTINGS: Mapping[str, Setting] = MappingProxyType({setting.name: setting for setting in (*MAIN, *OPEN)})
 
 
 @dataclass(frozen=True)
@@ -101,14 +109,15 @@ def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) ->
 
 def perform(task: Task) -> Result:
     """Simulate a demonstration and measure all rows of its scenario."""
-    seen = see(*task.taught.load())
+    recording, truth = task.taught.load()
+    seen = {s.conditioning: see(recording, truth, s.conditioning) for s in task.settings}
     return {
         setting.name: [
-            measure(row, seen, task.taught.seed, setting.preset(row.preset))
+            measure(row, seen[setting.conditioning], task.taught.seed, setting.preset(row.preset))
             for row in ROWS
             if row.scenario == task.taught.scenario
             and _wanted(setting, row.name)
-            and (setting.as_preset or not row.online)
+            and (setting.as_session or not row.online)
         ]
         for setting in task.settings
     }

@@ -43,12 +43,13 @@ def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
         yield samples_of(batch, recording.columns, Limits())
 
 
-def views(recording: Recording, preset: str = "default") -> Iterator[View]:
+def views(recording: Recording, preset: str = "default", *, threshold: float | None = None) -> Iterator[View]:
     """What is known after every batch of a recording, and last of all after its end.
 
-    Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
+    threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values
+    that cannot be segmented.
     """
-    pipeline = make_pipeline(opening_of(recording, preset), preset)
+    pipeline = make_pipeline(opening_of(recording, preset), preset, threshold=threshold)
     for samples in batches(recording):
         pipeline.push(samples)
         yield pipeline.view
@@ -60,10 +61,11 @@ def segment_recording(
     recording: Recording,
     preset: str = "default",
     *,
+    threshold: float | None = None,
     progress: Callable[[int], None] = lambda samples: None,
 ) -> View:
-    """Segment a whole recording; progress is told how many samples have been taken. Raises as `views`."""
-    for view in views(recording, preset):
+    """Segment a whole recording; progress is told how many samples have been taken. As `views`."""
+    for view in views(recording, preset, threshold=threshold):
         progress(view.samples)
     return view
 

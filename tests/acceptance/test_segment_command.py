@@ -39,6 +39,28 @@ def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
     assert "Move To Contact" in done.output
 
 
+def test_a_threshold_divides_as_in_the_thesis(tmp_path: Path):
+    found = []
+    for options in ([], ["--threshold", 0.2]):
+        out = tmp_path / "out.json"
+        done = caesura(
+            "segment", DATA / "pick_and_place.npz", "--preset", "integrated", *options, "--json", out
+        )
+        assert done.exit_code == 0, done.output
+        found.append(json.loads(out.read_text()))
+    best, above = found
+    assert len(above["segments"]) < len(best["segments"])
+    assert all(one["probability"] > 0.2 for one in above["changepoints"])
+
+
+def test_a_threshold_that_is_no_probability_is_one_clear_line():
+    done = caesura("segment", DATA / "button.npz", "--threshold", 2)
+    assert done.exit_code == 1
+    assert (
+        done.output.strip() == "error: button.npz: threshold is 2.0, expected a probability between 0 and 1"
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "t", "words"),
     [

@@ -15,7 +15,7 @@ number of changepoints. The same recursion with maximum gives the best segmentat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import Ended
+from caesura_service.changepoint.threshold import THRESHOLD, threshold_path
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,12 @@ class Offline:
     log_evidence: float
     changepoint_probability: Array
     path: tuple[Ended, ...]
+    lattice: Lattice = field(repr=False)
+    data: tuple[Observed, ...] = field(repr=False)
+
+    def threshold_path(self, level: float = THRESHOLD) -> tuple[Ended, ...]:
+        """The segments between changepoints whose probability is above a level. Raises as `runs_above`."""
+        return threshold_path(self.lattice, self.data, self.changepoint_probability, level)
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,8 @@ def segment_offline(
         log_evidence=float(backward[0]),
         changepoint_probability=_marginals(evidence, hazard, backward),
         path=_path(evidence, step, len(data)),
+        lattice=lattice,
+        data=tuple(data),
     )
 
 

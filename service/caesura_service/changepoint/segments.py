@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.threshold import OnlineThreshold
 
 Array = NDArray[np.float64]
 
@@ -52,11 +53,13 @@ def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     return Verdict(kinds[best], min(probability, 1.0), kinds[second], log_odds)
 
 
-def stretches(online: OnlineFilter, first: int = 0) -> list[Stretch]:
-    """The best segmentation so far, from the final segment number `first` on."""
-    settled = len(online.final)
-    path = [*online.final[first:], *online.map_path()]
-    before = online.final[first - 1].start if first else -1
+def stretches(
+    online: OnlineFilter, first: int = 0, *, decided: OnlineThreshold | None = None
+) -> list[Stretch]:
+    """The best segmentation so far, from the final segment number `first` on; or else what was `decided`."""
+    final, growing = (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
+    settled, path = len(final), [*final[first:], *growing]
+    before = final[first - 1].start if first else -1
     starts = [before, *(ended.start for ended in path), online.count]
     return [
         _stretch(

@@ -27,6 +27,10 @@ SHOWN_GAPS = 5
 def segment(
     file: Annotated[Path, typer.Argument(help="Recording, npz or csv.")],
     preset: Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")] = DEFAULT_PRESET,
+    threshold: Annotated[
+        float | None,
+        typer.Option(help="Changepoints where their probability is above this, as in the thesis (0.2)."),
+    ] = None,
     json_out: Annotated[
         Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
     ] = None,
@@ -40,18 +44,21 @@ def segment(
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise BadSource(f"cannot write {json_out}: no such directory")
         recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
-        view = _segmented(recording, preset)
+        view = _segmented(recording, preset, threshold)
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))
 
 
-def _segmented(recording: Recording, preset: str) -> View:
+def _segmented(recording: Recording, preset: str, threshold: float | None) -> View:
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:
             view = segment_recording(
-                recording, preset, progress=lambda samples: progress.update(task, completed=samples)
+                recording,
+                preset,
+                threshold=threshold,
+                progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:
             raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error

@@ -13,6 +13,7 @@ from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.presets import PRESETS, TARED_BIAS_N, UNTARED_BIAS_N, Preset
 from caesura_service.changepoint.segments import Stretch, stretches
+from caesura_service.changepoint.threshold import OnlineThreshold, check_level
 from caesura_service.program import Grip, Step, task_program
 from caesura_service.robot import load_panda
 from caesura_service.session.history import History
@@ -31,13 +32,22 @@ METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
-def make_pipeline(opening: Open, default_preset: str) -> Pipeline:
-    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that fail."""
+def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
+    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that fail.
+
+    threshold: on the smoothed probability, decides what is a changepoint instead of the best segmentation.
+    Raises ValueError for one that is not between 0 and 1.
+    """
     name = opening.preset or default_preset
     if name not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
+    preset = PRESETS[name]
+    if threshold is not None:
+        check_level(threshold)
+        unconditioned = replace(preset.filter, certain=1.0)
+        preset = replace(preset, threshold=threshold, filter=unconditioned)
     try:
-        return SegmentationPipeline(layout_of(opening), PRESETS[name], opening)
+        return SegmentationPipeline(layout_of(opening), preset, opening)
     except ValueError as error:
         raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
 
@@ -77,7 +87,7 @@ class SegmentationPipeline:
         self._preset = preset
         self._source = WRENCH_SOURCES[layout.wrench_source]
         self._conditioner = Conditioner(layout)
-        self._online = filter_of(preset, self._source, tared=True)
+        self._begin(tared=True)
         self._history = History()
         self._gaps: list[Gap] = []
         self._grips: list[Grip] = []
@@ -106,16 +116,22 @@ class SegmentationPipeline:
         self._finished = True
         self._take(self._conditioner.finish())
 
+    def _begin(self, *, tared: bool) -> None:
+        level = self._preset.threshold
+        self._online = filter_of(self._preset, self._source, tared=tared)
+        self._decided = None if level is None else OnlineThreshold(self._online, level)
+
     def _take(self, conditioned: Conditioned) -> None:
         for t0, tn in conditioned.gaps:
             self._gaps.append(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
             self._lost = False
         self._grips += [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         if conditioned.observations and not self._online.count and self._conditioner.tare is None:
-            self._online = filter_of(self._preset, self._source, tared=False)
+            self._begin(tared=False)
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._online.step(observed(observation), boundary=observation.after_gap)
+            follower = self._decided or self._online
+            follower.step(observed(observation), boundary=observation.after_gap)
         if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
             self._view = self._look()
         else:
@@ -152,7 +168,10 @@ class SegmentationPipeline:
         if not self._online.count:
             return []
         known = len(self._settled)
-        all_stretches = [*(s for s, _ in self._settled), *stretches(self._online, known)]
+        all_stretches = [
+            *(s for s, _ in self._settled),
+            *stretches(self._online, known, decided=self._decided),
+        ]
         fresh = [
             (all_stretches[i], self._segment(all_stretches, i)) for i in range(known, len(all_stretches))
         ]

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
-from caesura_service.recordings import segment_recording
-from caesura_service.session.pipeline import METRES_PER_UNIT
+from caesura_service.recordings import segment_recording, views
+from caesura_service.session.pipeline import METRES_PER_UNIT, make_pipeline
 from caesura_service.session.view import View
 from caesura_service.signals.layout import SIGNALS
 from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES
+from service.streams import pieces
 
 DATA = Path(__file__).parents[3] / "data"
 
@@ -129,6 +133,69 @@ def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording)
     pos[1234, 1] = np.nan
     with pytest.raises(ProtocolError, match="py is not finite"):
         segment_recording(changed(taught, pos=pos))
+
+
+COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
+
+
+def stream(seed: int, n: int) -> np.ndarray:
+    """n seconds of samples at 100 Hz, of pieces of anything, with holes here and there."""
+    seen, holes = zip(*pieces(np.random.default_rng(seed), 10 * n), strict=True)
+    coarse, fine = np.arange(10 * n) / 10, np.arange(100 * n) / 100
+    held = np.interp(fine, coarse, [0.02 if one.holding == 1.0 else 0.08 for one in seen])
+    values = np.array([[*one.position, *one.force] for one in seen])
+    smooth = [np.interp(fine, coarse, column) for column in values.T]
+    late = np.repeat(0.5 * np.cumsum(holes), 10)
+    return np.column_stack([fine + late, *smooth, held])
+
+
+def final_of(view: View) -> tuple[list[float], list[wire.Segment]]:
+    """What is final, but for the loads, which free space that is still to come may change."""
+    certain = [one.certainty == "final" for one in view.changepoints]
+    assert certain == sorted(certain, reverse=True), "what is final comes before what is not"
+    segments = [one for one in view.segments if one.certainty == "final"]
+    assert segments == list(view.segments[: len(segments)])
+    unweighed = [one.model_copy(update={"load_kg": None, "load_sd_kg": None}) for one in segments]
+    return [one.t for one, sure in zip(view.changepoints, certain, strict=True) if sure], unweighed
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["default", "default", "integrated", "contact", "second_order_2"]),
+    st.sampled_from([None, None, 0.2]),
+    st.lists(st.integers(1, 60), min_size=1, max_size=5),
+)
+def test_what_was_shown_as_final_is_never_revised(
+    seed: int, preset: str, threshold: float | None, cuts: list[int]
+):
+    opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
+    pipeline, samples = make_pipeline(opening, preset, threshold=threshold), stream(seed, 7)
+    changepoints: list[float] = []
+    segments: list[wire.Segment] = []
+    for cut in cycle(cuts):
+        pipeline.push(samples[:cut])
+        samples = samples[cut:]
+        if cut == 1:
+            pipeline.declare_gap()
+        if not len(samples):
+            pipeline.finish()
+        now, divided = final_of(pipeline.view)
+        assert now[: len(changepoints)] == changepoints
+        assert divided[: len(segments)] == segments
+        changepoints, segments = now, divided
+        if not len(samples):
+            break
+
+
+def test_a_threshold_decides_online_as_it_does_for_the_whole_recording(taught: Recording):
+    view = segment_recording(taught, "integrated", threshold=0.2)
+    kinds = [one.kind for one in view.segments]
+    assert kinds == ["motion", "contact", "contact", "motion", "transport", "transport", *kinds[6:]]
+    every = list(views(taught, "integrated", threshold=0.2))
+    assert any(one.certainty == "final" for one in every[-2].changepoints)
+    with pytest.raises(ValueError, match="threshold is 20"):
+        segment_recording(taught, threshold=20.0)
 
 
 def test_a_changepoint_lies_in_its_interval(found: View):

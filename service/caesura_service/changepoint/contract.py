@@ -22,8 +22,8 @@ from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Obse
 
 Array = NDArray[np.float64]
 
-EARLY, LATE = 20, 1000  # observations between which nothing may grow
-SPARE_BYTES = 2048  # what Python itself allocates now and then; a number an observation would be 8000
+EARLY, LATE = 20, 500  # observations between which nothing may grow
+SPARE_BYTES = 2048  # what Python itself allocates now and then; a number an observation would be 4000
 ROUNDING = 1e-10
 BEFORE = 1  # the hypothesis that `mass` looks at starts after so many observations
 
@@ -87,7 +87,7 @@ def check_serialisable(model: ChannelModel, observations: Sequence[Observed]) ->
 
 
 def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -> None:
-    """After a thousand observations a hypothesis takes the memory, and the lines run, that it took early on.
+    """After many observations a hypothesis takes the memory, and the lines run, that it took early on.
 
     observations: endless, or longer than `LATE`. No clock is looked at.
     """

@@ -12,7 +12,7 @@ held against it, since the thesis says only which of its boundaries were found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 
@@ -90,12 +90,16 @@ def see(recording: Recording, truth: Truth, parameters: ConditioningParameters |
     return Seen(recording, truth, observations, conditioner.tare is not None)
 
 
-def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None) -> Outcome:
-    """One row on one demonstration; preset: instead of the row's."""
+def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None, *, best: bool = False) -> Outcome:
+    """One row on one demonstration.
+
+    preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold.
+    """
+    row = replace(row, threshold=None) if best else row
     right = references(row, seen)
     if row.online:
         return _online(row, seen.recording, seed, right)
-    found = divide(seen, preset or PRESETS[row.preset])
+    found = divide(seen, preset or PRESETS[row.preset], row.threshold)
     faults = tuple(differences(row, found, right))
     values = (
         ()
@@ -170,12 +174,13 @@ def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int
     return partners
 
 
-def divide(seen: Seen, preset: Preset) -> Found:
-    """The best division of a whole recording at once. Thesis 2.1.4, changepoints by the best segmentation."""
+def divide(seen: Seen, preset: Preset, threshold: float | None) -> Found:
+    """Divide a whole recording at once, thesis 2.1.4, 4.1; without a threshold the best segmentation."""
     source = WRENCH_SOURCES[seen.recording.wrench_source]
     online = filter_of(preset, source, tared=seen.tared)
     rows = [observed(one) for one in seen.observations]
-    path = segment_offline(online.lattice, online.hazard, rows).path
+    offline = segment_offline(online.lattice, online.hazard, rows)
+    path = offline.path if threshold is None else offline.threshold_path(threshold)
     starts = [ended.start for ended in path]
     kinds = [verdict(online.lattice.kinds, ended.kind_log_evidence).kind for ended in path]
     joins = int(preset.continuous)
@@ -191,7 +196,7 @@ def divide(seen: Seen, preset: Preset) -> Found:
 
 def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> Outcome:
     began = perf_counter()
-    observations, looks = _looks(recording, row.preset)
+    observations, looks = _looks(recording, row)
     cycle_ms = 1e3 * (perf_counter() - began) / observations
     since = standing_since(looks, right)
     delays = tuple(None if t is None else t - times[-1] for t, times in zip(since, right, strict=True))
@@ -200,11 +205,11 @@ def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[
     return Outcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
 
 
-def _looks(recording: Recording, preset: str) -> tuple[int, list[Look]]:
+def _looks(recording: Recording, row: Row) -> tuple[int, list[Look]]:
     """How many observations there were, and what a session would have shown after every batch."""
     latest = np.maximum.accumulate(recording.t)
     looks: list[Look] = []
-    for view in views(recording, preset):
+    for view in views(recording, row.preset, threshold=row.threshold):
         times = tuple(one.t for one in view.changepoints)
         if not looks or looks[-1].changepoints != times:
             looks.append(Look(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times)))

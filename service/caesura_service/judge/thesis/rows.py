@@ -13,6 +13,8 @@ from typing import Literal
 
 import numpy as np
 
+from caesura_service.changepoint.threshold import THRESHOLD
+
 Place = tuple[float, float, float]
 Mark = Literal["contact_on", "contact_off", "decay", "start", "stop", "corner"]
 
@@ -48,7 +50,8 @@ class Row:
     """One result of the thesis.
 
     inner: all boundaries but the recording's end; states: the thesis' u of every segment (1 free, 2 contact,
-    3 transport), "?" where it says none, empty where the model has none. online: measured as a session
+    3 transport), "?" where it says none, empty where the model has none. threshold: on the probability of a
+    changepoint; without one the best segmentation decides. online: measured as a session
     measures; otherwise by the offline recursion, as the thesis did. contact_within_s, others_within_s: median
     delay allowed to a change of contact, and to any other boundary. cycle_ms: the thesis' cost of a cycle.
     """
@@ -60,6 +63,7 @@ class Row:
     inner: tuple[Boundary, ...]
     states: str = ""
     values: tuple[Value, ...] = ()
+    threshold: float | None = THRESHOLD
     online: bool = False
     contact_within_s: float = np.inf
     others_within_s: float = np.inf
@@ -267,5 +271,5 @@ ROWS: tuple[Row, ...] = (
         cycle_ms=82.6,
     ),
 )
-# The same boundaries by the preset that a session has without being asked.
-ROWS = (*ROWS, replace(ROWS[-1], name="R13 ours", preset="default"))
+# The same boundaries by the preset that a session has without being asked, and its way to decide.
+ROWS = (*ROWS, replace(ROWS[-1], name="R13 ours", preset="default", threshold=None))

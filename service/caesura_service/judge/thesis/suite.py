@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from caesura_clients.bridge.teacher.intentions import Profile
 from caesura_service.changepoint.models import ChannelModel
@@ -11,7 +11,7 @@ from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.judge.thesis.demonstrations import Taught
 from caesura_service.judge.thesis.measure import Outcome, measure, see
-from caesura_service.judge.thesis.rows import ROWS
+from caesura_service.judge.thesis.rows import ROWS, Row
 from caesura_service.signals import ConditioningParameters
 
 SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
@@ -21,24 +21,25 @@ SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 class Setting:
     """How the rows are measured: who teaches, and what the thesis leaves open.
 
-    mean_segment_s: instead of the presets'; window: of the filter [rows of 0.01 s]; length_unit_m: instead of
-    the constant velocity model's; rows: only these, all where empty. Online rows are measured where all of
-    these are a session's.
+    best: the best segmentation decides, not a threshold; mean_segment_s: instead of the presets'; window: of
+    the filter [rows of 0.01 s]; length_unit_m: instead of the constant velocity model's; online: measure the
+    online rows too; rows: only these, all where empty.
     """
 
     name: str
     profile: Profile = "overdamped"
     wander: bool = False
     timed: bool = True
+    best: bool = False
     mean_segment_s: float | None = None
     window: int | None = None
     length_unit_m: float | None = None
-    rows: tuple[str, ...] = field(default=())
+    online: bool = False
+    rows: tuple[str, ...] = ()
 
-    @property
-    def as_session(self) -> bool:
-        """Whether a session would segment in the same way."""
-        return (self.mean_segment_s, self.window, self.length_unit_m) == (None, None, None)
+    def wants(self, row: Row) -> bool:
+        """Whether a row is measured."""
+        return (self.online or not row.online) and (not self.rows or row.name in self.rows)
 
     @property
     def conditioning(self) -> ConditioningParameters:
@@ -72,9 +73,13 @@ class _Measured:
         }
 
 
-MAIN = (Setting("overdamped"), Setting("minimum jerk", profile="minimum_jerk"))
+MAIN = (
+    Setting("overdamped", online=True),
+    Setting("minimum jerk", profile="minimum_jerk", online=True),
+)
 _UNITS = ("R1", "R2", "R3")
 OPEN = (
+    Setting("best path", best=True, online=True),
     Setting("mean 1 s", mean_segment_s=1.0),
     Setting("mean 4 s", mean_segment_s=4.0),
     Setting("filter 0.31 s", window=31),
@@ -100,7 +105,7 @@ def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) ->
     demonstrations: dict[Taught, list[Setting]] = {}
     for setting in settings:
         for scenario in SCENARIOS:
-            if any(_wanted(setting, row.name) for row in ROWS if row.scenario == scenario):
+            if any(setting.wants(row) for row in ROWS if row.scenario == scenario):
                 for seed in seeds:
                     taught = Taught(scenario, seed, setting.profile, setting.wander, setting.timed)
                     demonstrations.setdefault(taught, []).append(setting)
@@ -113,15 +118,15 @@ def perform(task: Task) -> Result:
     seen = {s.conditioning: see(recording, truth, s.conditioning) for s in task.settings}
     return {
         setting.name: [
-            measure(row, seen[setting.conditioning], task.taught.seed, setting.preset(row.preset))
+            measure(
+                row,
+                seen[setting.conditioning],
+                task.taught.seed,
+                setting.preset(row.preset),
+                best=setting.best,
+            )
             for row in ROWS
-            if row.scenario == task.taught.scenario
-            and _wanted(setting, row.name)
-            and (setting.as_session or not row.online)
+            if row.scenario == task.taught.scenario and setting.wants(row)
         ]
         for setting in task.settings
     }
-
-
-def _wanted(setting: Setting, row: str) -> bool:
-    return not setting.rows or row in setting.rows

@@ -18,7 +18,7 @@ UNITS = {"force_n": "N", "load_kg": "kg"}
 NOTES = (
     "What the thesis leaves open, and what was chosen:",
     "* Expected length of a segment: 2 s, geometric (its tables: 1.7 s).",
-    "* Changepoints: those of the best segmentation, not a threshold of 0.2.",
+    "* Neighbours above the threshold of 0.2 are one changepoint, at the highest.",
     "* Pruning: none offline; online below 1e-6 of the best, never the 20 youngest.",
     "* Filter: Savitzky-Golay of order 2 over 0.11 s at 100 Hz.",
     "* Minimum time: none, as the thesis' tables stand before its filter too.",
@@ -135,14 +135,14 @@ def _seconds(value: float | None, none: str) -> str:
 
 
 def _open(report: Report) -> Iterator[Grid]:
-    names = [row.name for row in ROWS if not row.online]
     for unit, wanted in (("", False), (", another length unit", True)):
         settings = [s for s in OPEN if s.name in report and bool(s.rows) is wanted]
-        shown = [name for name in names if any(name in report[s.name] for s in settings)]
+        shown = [row.name for row in ROWS if any(row.name in report[s.name] for s in settings)]
         if settings:
-            rows = tuple(
-                (name, *(_share(report[s.name][name]) for s in settings if name in report[s.name]))
-                for name in shown
-            )
+            rows = tuple((name, *(_cell(report[s.name].get(name)) for s in settings)) for name in shown)
             headings = ("row", *(s.name for s in settings))
             yield Grid(f"what the thesis leaves open, overdamped people{unit}", headings, rows)
+
+
+def _cell(one: Summary | None) -> str:
+    return "–" if one is None else _share(one)

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, Channel, Noise, Observed, Origin, Rows, append, signal
+from caesura_service.changepoint.models import (
+    AXES,
+    Channel,
+    Noise,
+    Observed,
+    Origin,
+    Rows,
+    append,
+    log_absence,
+    signal,
+)
 from caesura_service.changepoint.profiled import origin_of
 
 Array = NDArray[np.float64]
@@ -74,14 +84,9 @@ class Biased:
         force = np.broadcast_to(observed.force, before.shape)
         w = self.noise.fresh(force, before, n, "zero")
         c = self.noise.fresh(np.ones(n.size), np.ones(n.size), n, "zero")
-        absent = append(rows[5], 0.0) + self._log_absence(observed.force)
+        beyond = self.beyond(observed.force)
+        absent = append(rows[5], 0.0) + log_absence(beyond @ beyond, self.absence)
         return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2, absent
-
-    def _log_absence(self, force: Array) -> float:
-        if not self.absence:
-            return 0.0
-        beyond = self.beyond(force)
-        return -0.5 * float(beyond @ beyond) / self.absence**2
 
     def beyond(self, force: Array) -> Array:
         """(3,) what of a force [N] is not explained without a contact."""

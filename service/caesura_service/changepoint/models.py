@@ -57,6 +57,22 @@ def append(array: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
     return np.concatenate([array, np.asarray(row, dtype=array.dtype)[None]])
 
 
+def log_presence(squared: ArrayLike, least: float) -> Array:
+    """Log weight 1 − exp(−z²/2 least²) of something that has to be there, z² given; 0 where `least` is 0."""
+    if not least:
+        return np.zeros_like(np.asarray(squared, float))
+    weight: Array = -np.expm1(-0.5 * np.asarray(squared, float) / least**2)
+    return np.log(np.maximum(weight, np.finfo(float).tiny))
+
+
+def log_absence(squared: ArrayLike, most: float) -> Array:
+    """Log weight exp(−z²/2 most²) of something that has not to be there, z² given; 0 where `most` is 0."""
+    if not most:
+        return np.zeros_like(np.asarray(squared, float))
+    weight: Array = -0.5 * np.asarray(squared, float) / most**2
+    return weight
+
+
 def signal(observed: Observed, channel: Channel) -> Array:
     """(3,) the channel's values."""
     return observed.position if channel == "position" else observed.force
@@ -94,17 +110,24 @@ class Noise:
         return np.where(first, now, whitened)
 
     def log_evidence(
-        self, n: ArrayLike, ssr: Array, *, extent2: ArrayLike = 0.0, whitened: ArrayLike = 0
+        self,
+        n: ArrayLike,
+        ssr: Array,
+        *,
+        extent2: ArrayLike = 0.0,
+        whitened: ArrayLike = 0,
+        log_scale: ArrayLike = 0.0,
     ) -> Array:
         """Log evidence of whitened residuals over all axes.
 
         n: (h,) values an axis; ssr: (h, 3, …) [unit²]; extent2: (h,) [unit²] squared length of the
-        segment; whitened: (h,) how many values an axis have been whitened. Returns (h, 3 or 1, …): one
-        entry an axis, or a single one where they are pooled.
+        segment; whitened: (h,) how many values an axis have been whitened; log_scale: (h, 1, …) Σ log of
+        what the values of an axis have been divided by. Returns (h, 3 or 1, …): one entry an axis, or a
+        single one where they are pooled.
         """
         shape = (-1,) + (1,) * (ssr.ndim - 1)
         count, extent2, jacobian = (np.asarray(a, float).reshape(shape) for a in (n, extent2, whitened))
-        jacobian = -0.5 * np.log1p(-(self.correlation**2)) * jacobian
+        jacobian = -0.5 * np.log1p(-(self.correlation**2)) * jacobian - np.asarray(log_scale)
         if self.joint:
             count, jacobian, ssr = AXES * count, AXES * jacobian, ssr.sum(axis=1, keepdims=True)
         scales2 = [self.floor**2 + share**2 * extent2 for share in self.shares]

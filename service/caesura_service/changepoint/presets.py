@@ -7,7 +7,7 @@ thesis leaves open (hazard, pruning, window, minimum time) is named here.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,8 +18,15 @@ from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, 
 from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.profiled import Profiled, Target
-from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
+from caesura_service.changepoint.profiles import (
+    ProfileLibrary,
+    first_order,
+    lognormal,
+    minimum_jerk,
+    overdamped,
+)
 from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.changepoint.walk import Walk
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
@@ -128,51 +135,49 @@ def correlation(time_s: float) -> float:
     return float(np.exp(-STEP_S / time_s))
 
 
-# How long residuals stay alike: what a person does wrong on the way, or presses too much, he does for about
-# one submovement, and a sensor's bias wanders with the pose, that is with the movement.
+# How long residuals stay alike: what a person does wrong on the way he does for about one submovement, and
+# a sensor's bias wanders with the pose, that is with the movement.
 MEMORY_S = 0.5
+DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of movements; real ones last 0.3–3.4 s
+CALM = 0.3  # a movement's residuals at rest, as a share of those at its fastest
+
+
+def even_moves() -> list[Profile]:
+    """Minimum jerk: the speed is a symmetric bell. Flash & Hogan 1985."""
+    return [minimum_jerk(float(duration)) for duration in DURATIONS_S]
+
+
+def early_moves() -> list[Profile]:
+    """Lognormal speed: fast at first, then a long tail. Plamondon 1995."""
+    return [lognormal(float(duration)) for duration in DURATIONS_S]
 
 
 def human_motion_library() -> ProfileLibrary:
-    """Minimum-jerk moves of 16 durations from 0.4 s to 5 s. Flash & Hogan 1985; real moves last 0.3–3.4 s."""
-    moves = [minimum_jerk(float(duration)) for duration in np.geomspace(0.4, 5.0, 16)]
-    return ProfileLibrary(moves, STEP_S, correlation(MEMORY_S))
-
-
-def human_force_library() -> ProfileLibrary:
-    """Changes of force: first order, as the thesis has them, and as smooth as a movement.
-
-    From within a sample, as a contact rises, to some seconds, as a hand builds up force.
-    """
-    sudden = [first_order(float(rate)) for rate in np.geomspace(1.0, 40.0, 10)]
-    smooth = [minimum_jerk(float(duration)) for duration in np.geomspace(0.1, 3.0, 12)]
-    return ProfileLibrary([*sudden, *smooth], STEP_S, correlation(MEMORY_S))
+    """Movements of 16 durations, even and early ones."""
+    return ProfileLibrary([*even_moves(), *early_moves()], STEP_S, correlation(MEMORY_S), CALM)
 
 
 def _default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     """Scales from what sensors and hands do (statistics of real recordings), none from our scenarios.
 
-    A hand at rest keeps within 0.3–1 mm; a wrench is uncertain by 0.1–1 N while the arm moves; its bias
-    wanders by 2.3 N within a recording. A path leaves its profile by about 4 % of its length and a pressing
-    hand its level by about a fifth. How much it is in one segment is nearly unknown where a person acts
-    (nu0 = 2) and known to about a third where only sensor and hand tremble (nu0 = 5: the log scale has a
-    deviation of 1/√(2 nu0)). A teacher reaches 0.2 m and presses with 10 N, give or take a factor of two.
+    A hand at rest keeps within 0.3–1 mm and shifts by a tenth of that from one observation to the next;
+    slower than 5 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias wanders by
+    2.3 N within a recording. A path leaves its profile by about 4 % of its length, give or take a half. How
+    much is known to about a third (nu0 = 5: the log scale has a deviation of 1/√(2 nu0)). A teacher reaches
+    0.2 m, give or take a factor of two.
     """
-    path = Noise(
-        nu0=5.0, floor=0.0007, shares=(0.01, 0.03, 0.1), joint=True, correlation=correlation(MEMORY_S)
-    )
-    rest = replace(path, shares=(0.0,))
-    push = Noise(nu0=2.0, floor=0.5, shares=(0.02, 0.06, 0.2), joint=True, correlation=correlation(MEMORY_S))
+    path = Noise(nu0=5.0, floor=0.0007, shares=(0.02, 0.06), joint=True, correlation=correlation(MEMORY_S))
     quiet = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))
+    slow = 0.005 * STEP_S
     beyond = 2.0 * bias_n  # a force that the bias does not explain
-    somewhere, some_force = Target(reach=0.2, least=0.005), Target(reach=10.0, least=beyond)
     return {
-        "moving": Profiled("position", human_motion_library(), path, origin="previous", target=somewhere),
-        "still": Constant("position", rest, origin="previous"),
-        "untouched": Biased(quiet, bias=bias_n, absence=beyond),
-        "pressed": Profiled(
-            "force", human_force_library(), push, origin="previous", target=some_force, presence=beyond
+        "moving": Profiled(
+            "position", human_motion_library(), path, origin="previous", target=Target(0.2, 0.005), pace=slow
         ),
+        "still": Walk("position", scale=0.0001, still=slow),
+        "stopped": Walk("position", scale=0.0001),
+        "untouched": Biased(quiet, bias=bias_n, absence=beyond),
+        "pressed": Walk("force", scale=0.5, presence=beyond),
         "laden": Laden(quiet, bias=bias_n, absence=beyond),
         "empty": Held(0.03),
         "gripping": Held(0.5, change=0.05),
@@ -192,13 +197,15 @@ _THESIS_KINDS = (
     Kind("contact", "steady", "contact", ("still", "pressed")),
     Kind("transport", "motion", "transport", ("moving", "loaded")),
 )
+# Without a gripper that says so, a hand is empty: a load and a wandering bias look alike.
+_LADEN_WEIGHT = 0.2
 _ALL_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
     Kind("steady", "steady", "free", ("still", "untouched", "empty")),
     Kind("sliding", "motion", "contact", ("moving", "pressed", "gripping")),
-    Kind("contact", "steady", "contact", ("still", "pressed", "gripping")),
-    Kind("transport", "motion", "transport", ("moving", "laden", "holding")),
-    Kind("hold", "steady", "transport", ("still", "laden", "holding")),
+    Kind("contact", "steady", "contact", ("stopped", "pressed", "gripping")),
+    Kind("transport", "motion", "transport", ("moving", "laden", "holding"), _LADEN_WEIGHT),
+    Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
 )
 
 PRESETS: Mapping[str, Preset] = {

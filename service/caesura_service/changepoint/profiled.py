@@ -17,6 +17,7 @@ from caesura_service.changepoint.models import (
     Origin,
     Rows,
     append,
+    log_presence,
     signal,
 )
 from caesura_service.changepoint.profiles import ProfileLibrary
@@ -26,24 +27,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Target:
-    """Prior of where a segment goes: normal about its start, but not so near zero that nothing explains it.
+    """Prior of how far a segment goes: normal, but not so near zero that nothing explains it.
 
-    reach [unit]: standard deviation an axis; least [unit]: what rest or a sensor's bias comes to. The
-    density at z is that of the normal, times 1 − exp(−z²/2 least²), normalised: a movement is a
-    displacement that no resting hand makes, a contact a force that no bias accounts for.
+    reach [unit]: standard deviation an axis; least [unit]: what rest comes to. The density at y is that of
+    the normal, times 1 − exp(−y²/2 least²), normalised: a movement is a displacement that no resting hand
+    makes.
     """
 
     reach: float
     least: float
 
-    def log_density(self, start: Array, moved: Array) -> Array:
-        """(h,) of start + moved, both (h, 3) [unit]."""
-        start2, moved2, end2 = ((v**2).sum(axis=1) for v in (start, moved, start + moved))
-        both = self.reach**2 + self.least**2
-        left_out = (self.least**2 / both) ** (AXES / 2) * np.exp(-0.5 * start2 / both)
-        something = -np.expm1(-0.5 * end2 / self.least**2)
+    def log_density(self, moved: Array) -> Array:
+        """(h,) of displacements (h, 3) [unit]."""
+        moved2 = (moved**2).sum(axis=1)
+        left_out = (self.least**2 / (self.reach**2 + self.least**2)) ** (AXES / 2)
         normal = normal_log_density(moved2, AXES, self.reach**2)
-        density: Array = normal + np.log(np.maximum(something, np.finfo(float).tiny)) - np.log1p(-left_out)
+        density: Array = normal + log_presence(moved2, self.least) - np.log1p(-left_out)
         return density
 
 
@@ -55,14 +54,14 @@ class Profiled:
     the sample before it (`"previous"`: nothing jumps between segments, so that a short segment explains
     nothing for free) or from zero (`"zero"`, the thesis' force model). Second order model: thesis
     (3.22)–(3.35). Force model: (3.36)–(3.45). As the target is the last sample (3.27), a naive evaluation
-    is linear in the segment's length; SSR_k = Σy² − 2 y_n Σ y_j φ_k(j) + y_n² Σ φ_k(j)² needs only
-    running sums. They are kept of whitened values, the target is not whitened.
+    is linear in the segment's length; SSR_k = Σwy² − 2 y_n Σ w y_j φ_k(j) + y_n² Σ w φ_k(j)² needs only
+    running sums, w = w_k(j) being the library's precisions. They are kept of whitened values, the target
+    is not whitened.
 
     `target` is the target's prior: its density takes the place of that of the last sample, which the
     target explains by construction, so that a movement is not chosen where nothing moves. None leaves it
-    out, as the thesis does. `presence` [unit] weighs every sample by 1 − exp(−z²/2 presence²): a contact
-    is there all the time, and does not last on into free space because its release explains that too.
-    The weight is at most 1, so that a contact is never overrated.
+    out, as the thesis does. `pace` [unit] weighs every step by 1 − exp(−step²/2 pace²): who moves does not
+    stand. The weight is at most 1, so that a movement is never overrated.
     """
 
     channel: Channel
@@ -71,7 +70,7 @@ class Profiled:
     choice: Choice = "mixture"
     origin: Origin = "first"
     target: Target | None = None
-    presence: float = 0.0
+    pace: float = 0.0
 
     def __post_init__(self) -> None:
         if self.library.correlation != self.noise.correlation:
@@ -86,53 +85,55 @@ class Profiled:
         return int(self.origin == "previous")
 
     def empty(self) -> Rows:
-        """Rows: n, origin, y, Σy², Σyφ, Σ log presence."""
-        vectors = [np.zeros((0, AXES)) for _ in range(3)]
-        return np.zeros(0, np.int64), *vectors, np.zeros((0, AXES, len(self.library))), np.zeros(0)
+        """Rows: n, origin, y, Σwy², Σwyφ, Σ log pace."""
+        vectors, moments = np.zeros((0, AXES)), np.zeros((0, AXES, len(self.library)))
+        return np.zeros(0, np.int64), vectors, vectors, moments, moments, np.zeros(0)
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
         z = signal(observed, self.channel)
         start = append(rows[1], origin_of(self.origin, rows, z))
-        n, before, squares = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3))
+        n, before, squares, moments, paced = (
+            append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, *range(2, 6))
+        )
         y = z - start
-        fresh = self.noise.fresh(y, before, n, self.origin)
-        phi = self.library.values(n + self._offset)
-        moments = append(rows[4], np.zeros(rows[4].shape[1:])) + fresh[:, :, None] * phi[:, None, :]
-        present = append(rows[5], 0.0) + self._log_presence(z)
-        return n + 1, start, y, squares + fresh**2, moments, present
+        fresh = self.noise.fresh(y, before, n, self.origin)[:, :, None]
+        phi, precision = (
+            table(n + self._offset)[:, None, :] for table in (self.library.values, self.library.precisions)
+        )
+        weighed = fresh * precision
+        paced = paced + self._log_pace(rows, z)
+        return n + 1, start, y, squares + fresh * weighed, moments + phi * weighed, paced
 
-    def _log_presence(self, z: Array) -> float:
-        if not self.presence:
+    def _log_pace(self, rows: Rows, z: Array) -> float:
+        """Of the step from the observation before, which is the same for every hypothesis."""
+        if not self.pace or not len(rows[0]):
             return 0.0
-        beyond = -np.expm1(-0.5 * float(z @ z) / self.presence**2)
-        return float(np.log(max(beyond, np.finfo(float).tiny)))
+        step = z - rows[1][-1] - rows[2][-1]
+        return float(log_presence(step @ step, self.pace))
 
     def residuals(self, rows: Rows) -> Array:
-        """(h, 3, profiles) sum of squared residuals [unit²] under each profile."""
+        """(h, 3, profiles) sum of squared residuals [unit²] under each profile, weighted by precision."""
         n, _, y, squares, moments, _ = rows
         norms = self.library.sums_of_squares(n - 1 + self._offset)[:, None, :]
-        y, squares = y[:, :, None], squares[:, :, None]
+        y = y[:, :, None]
         return np.maximum(squares - 2.0 * y * moments + y**2 * norms, 0.0)
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,) over all profiles: mixture (thesis (3.39) put right) or maximum (as printed)."""
-        n, start, y = rows[:3]
-        moved2 = (y**2).sum(axis=1)
-        level2 = (start**2).sum(axis=1) if self.channel == "force" else 0.0
+        n, _, y = rows[:3]
         explained = 0 if self.target is None else 1
+        last = n - 1 + self._offset - explained
         each = self.noise.log_evidence(
             n - explained,
             self.residuals(rows),
-            extent2=moved2 + level2,
-            whitened=n - 1 + self._offset - explained,
+            extent2=(y**2).sum(axis=1),
+            whitened=last,
+            log_scale=self.library.log_scales(np.maximum(last, 0))[:, None, :],
         )
         best = each.max(axis=-1) if self.choice == "maximum" else log_mean_exp(each)
         total: Array = best.sum(axis=1) + rows[5]
-        if self.target is None:
-            return total
-        given = start if self.channel == "force" else np.zeros_like(start)
-        return total + self.target.log_density(given, y)
+        return total if self.target is None else total + self.target.log_density(y)
 
 
 def origin_of(origin: Origin, rows: Rows, z: Array) -> Array:

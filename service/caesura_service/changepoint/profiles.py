@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 Array = NDArray[np.float64]
 
 
-def overdamped(stiffness: float, damping: float, mass: float = 1.0) -> Callable[[Array], Array]:
+Profile = Callable[[Array], Array]
+
+
+def overdamped(stiffness: float, damping: float, mass: float = 1.0) -> Profile:
     """Step response of a damped second-order system with two real roots, as a function of time [s].
 
     1 − e(t) with e(0) = 1 and ė(0) = 0. Thesis (3.25), (3.26), where the two coefficients stand exchanged.
@@ -27,33 +32,49 @@ def overdamped(stiffness: float, damping: float, mass: float = 1.0) -> Callable[
             f"not overdamped: D²−4ΛK is {discriminant}, expected > 0 (K={stiffness}, D={damping})"
         )
     fast, slow = ((-damping + s * np.sqrt(discriminant)) / (2.0 * mass) for s in (-1.0, 1.0))
-
-    def response(t: Array) -> Array:
-        decay: Array = (fast * np.exp(slow * t) - slow * np.exp(fast * t)) / (fast - slow)
-        return 1.0 - decay
-
-    return response
+    return partial(_overdamped, fast, slow)
 
 
-def minimum_jerk(duration_s: float) -> Callable[[Array], Array]:
+def _overdamped(fast: float, slow: float, t: Array) -> Array:
+    decay: Array = (fast * np.exp(slow * t) - slow * np.exp(fast * t)) / (fast - slow)
+    return 1.0 - decay
+
+
+def minimum_jerk(duration_s: float) -> Profile:
     """Position of the smoothest movement that takes duration_s [s]; 1 afterwards. Flash & Hogan 1985."""
-
-    def response(t: Array) -> Array:
-        u = np.clip(t / duration_s, 0.0, 1.0)
-        course: Array = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-        return course
-
-    return response
+    return partial(_minimum_jerk, duration_s)
 
 
-def first_order(rate: float) -> Callable[[Array], Array]:
+def _minimum_jerk(duration_s: float, t: Array) -> Array:
+    u = np.clip(t / duration_s, 0.0, 1.0)
+    course: Array = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return course
+
+
+def lognormal(duration_s: float, width: float = 0.5) -> Profile:
+    """Position of a movement whose speed is lognormal, an early peak and a long tail. Plamondon 1995.
+
+    99 % of the way lie behind it after duration_s [s]; width: standard deviation of the log of time.
+    """
+    return partial(_lognormal, duration_s * float(np.exp(-ndtri(0.99) * width)), width)
+
+
+def _lognormal(median_s: float, width: float, t: Array) -> Array:
+    course: Array = ndtr(np.log(np.maximum(t, np.finfo(float).tiny) / median_s) / width)
+    return course
+
+
+def first_order(rate: float) -> Profile:
     """1 − e^(−rate t), rate [1/s]. Thesis (3.38)."""
+    return partial(_first_order, rate)
 
-    def response(t: Array) -> Array:
-        rise: Array = -np.expm1(-rate * t)
-        return rise
 
-    return response
+def _first_order(rate: float, t: Array) -> Array:
+    rise: Array = -np.expm1(-rate * t)
+    return rise
+
+
+FIRST_ROWS = 64  # of a table; within them every profile is at its fastest
 
 
 def whiten(now: Array, before: Array, correlation: float) -> Array:
@@ -67,16 +88,25 @@ def whiten(now: Array, before: Array, correlation: float) -> Array:
 
 @dataclass
 class ProfileLibrary:
-    """Some profiles, sampled every step_s [s] and whitened for residuals with the given correlation."""
+    """Some profiles, sampled every step_s [s] and whitened for residuals with the given correlation.
 
-    profiles: Sequence[Callable[[Array], Array]]
+    calm: how large residuals are where a profile rests, as a share of where it is fastest; between, their
+    variance goes with the square of its speed (signal-dependent noise, Harris & Wolpert 1998). 1: even.
+    """
+
+    profiles: Sequence[Profile]
     step_s: float
     correlation: float = 0.0
+    calm: float = 1.0
     _values: Array = field(init=False, repr=False, compare=False)
+    _precisions: Array = field(init=False, repr=False, compare=False)
     _squares: Array = field(init=False, repr=False, compare=False)
+    _log_scales: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._tabulate(64)
+        if not 0.0 < self.calm <= 1.0:
+            raise ValueError(f"calm is {self.calm}, expected 0 < calm ≤ 1")
+        self._tabulate(FIRST_ROWS)
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -86,18 +116,38 @@ class ProfileLibrary:
         plain: Array = np.column_stack([profile(t) for profile in self.profiles])
         before = np.zeros_like(plain)
         before[1:] = plain[:-1]
+        variances = self._variances(np.abs(plain - before))
         self._values = whiten(plain, before, self.correlation)
-        self._squares = np.cumsum(self._values**2, axis=0)
+        self._precisions = 1.0 / variances
+        self._squares = np.cumsum(self._values**2 * self._precisions, axis=0)
+        self._log_scales = np.cumsum(0.5 * np.log(variances), axis=0)
+
+    def _variances(self, steps: Array) -> Array:
+        """Of residuals, (rows, profiles), 1 where a profile is fastest; the start itself has none."""
+        steps[0] = 0.0
+        variances: Array = self.calm**2 + (1.0 - self.calm**2) * (steps / steps[:FIRST_ROWS].max(axis=0)) ** 2
+        variances[0] = 1.0
+        return variances
 
     def values(self, index: NDArray[np.int64]) -> Array:
         """Value of every profile at each sample index (h,) counted from the start: (h, profiles)."""
         self._reach(index)
         return self._values[index]
 
+    def precisions(self, index: NDArray[np.int64]) -> Array:
+        """Weight of a squared residual at each sample index (h,): (h, profiles)."""
+        self._reach(index)
+        return self._precisions[index]
+
     def sums_of_squares(self, index: NDArray[np.int64]) -> Array:
-        """Σφ² over samples 0..index, for each index (h,): (h, profiles)."""
+        """Σφ², weighted by the precisions, over samples 0..index, for each index (h,): (h, profiles)."""
         self._reach(index)
         return self._squares[index]
+
+    def log_scales(self, index: NDArray[np.int64]) -> Array:
+        """Σ log of the residuals' scale over samples 1..index, for each index (h,): (h, profiles)."""
+        self._reach(index)
+        return self._log_scales[index]
 
     def _reach(self, index: NDArray[np.int64]) -> None:
         longest = int(np.max(index, initial=0))

@@ -12,24 +12,21 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_clients.bridge.teacher import intentions
 from caesura_clients.recording import Recording, RecordingError, load_recording
 from caesura_service.changepoint.models import ChannelModel, Observed
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.presets import (
     PRESETS,
-    STEP_S,
     Preset,
-    human_motion_library,
+    early_moves,
+    even_moves,
     thesis_motion_library,
 )
 from caesura_service.changepoint.profiled import Profiled
-from caesura_service.changepoint.profiles import ProfileLibrary
+from caesura_service.changepoint.profiles import Profile
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 from caesura_service.judge.truth import truth_file
@@ -37,39 +34,22 @@ from caesura_service.recordings import opening_of
 from caesura_service.session.pipeline import filter_of, layout_of, observed
 from caesura_service.signals import WRENCH_SOURCES, Conditioner
 
-Array = NDArray[np.float64]
-Move = Callable[[Array], Array]
-DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # those of the minimum-jerk library
-
 NOTE = (
     "In nats behind the best; 'per observation' (0.1 s) of all recordings. The library of the model's "
     "movements is exchanged, its noise, prior and everything else are not."
 )
 
 
-def lognormal(duration_s: float) -> Move:
-    """A movement with lognormal speed, early peak and long tail; 1 after duration_s [s]. Plamondon 1995."""
-
-    def response(t: Array) -> Array:
-        return intentions.lognormal(np.clip(t / duration_s, 0.0, 1.0))
-
-    return response
+def _overdamped() -> list[Profile]:
+    return [*thesis_motion_library().profiles]
 
 
-def _lognormal() -> list[Move]:
-    return [lognormal(float(duration)) for duration in DURATIONS_S]
-
-
-LIBRARIES: Mapping[str, Callable[[], list[Move]]] = {
-    "overdamped": lambda: [*thesis_motion_library().profiles],
-    "minimum jerk": lambda: [*human_motion_library().profiles],
-    "lognormal": _lognormal,
-    "first two": lambda: [*human_motion_library().profiles, *thesis_motion_library().profiles],
-    "all three": lambda: [
-        *human_motion_library().profiles,
-        *thesis_motion_library().profiles,
-        *_lognormal(),
-    ],
+LIBRARIES: Mapping[str, Callable[[], list[Profile]]] = {
+    "overdamped": _overdamped,
+    "minimum jerk": even_moves,
+    "lognormal": early_moves,
+    "last two": lambda: [*even_moves(), *early_moves()],
+    "all three": lambda: [*_overdamped(), *even_moves(), *early_moves()],
 }
 
 
@@ -82,7 +62,7 @@ class Told:
     log_evidence: Mapping[str, float]
 
 
-def with_moves(preset: Preset, moves: Sequence[Move]) -> Preset:
+def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
     """The preset with other profiles of movement; whatever else its channels are, they stay."""
 
     def channels(bias_n: float) -> dict[str, ChannelModel]:
@@ -91,9 +71,9 @@ def with_moves(preset: Preset, moves: Sequence[Move]) -> Preset:
     return replace(preset, channels=channels)
 
 
-def _moving(model: ChannelModel, moves: Sequence[Move]) -> ChannelModel:
+def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
     if isinstance(model, Profiled) and model.channel == "position":
-        return replace(model, library=ProfileLibrary(moves, STEP_S, model.noise.correlation))
+        return replace(model, library=replace(model.library, profiles=moves))
     return model
 
 

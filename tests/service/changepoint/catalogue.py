@@ -24,6 +24,7 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
 from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.changepoint.walk import Walk
 
 DENSITY = "a density"
 APART = "a density of all samples together; of the next alone only where the noise is known for certain"
@@ -89,8 +90,8 @@ CERTAIN = 1e5  # nu0 of a noise whose variance is known
 SHARES = (0.05, 0.3)
 
 
-def library(name: str, correlation: float = 0.0) -> ProfileLibrary:
-    return ProfileLibrary(LIBRARIES[name], 0.1, correlation)
+def library(name: str, correlation: float = 0.0, calm: float = 1.0) -> ProfileLibrary:
+    return ProfileLibrary(LIBRARIES[name], 0.1, correlation, calm)
 
 
 def _constants() -> Iterator[tuple[str, Entry]]:
@@ -124,7 +125,8 @@ def _profiled() -> Iterator[tuple[str, Entry]]:
 
     def entry(moves: str, noise: Noise, holds: str = GIVEN_TARGET, **options: Any) -> Entry:
         channel: Channel = options.pop("channel", "force" if moves == "rise" else "position")
-        model = Profiled(channel, library(moves, noise.correlation), noise, **options)
+        calm = options.pop("calm", 1.0)
+        model = Profiled(channel, library(moves, noise.correlation, calm), noise, **options)
         return Entry(model, holds, channel, explains_first=model.origin == "first")
 
     for moves, origin in zip(LIBRARIES, ORIGINS, strict=True):
@@ -140,7 +142,19 @@ def _profiled() -> Iterator[tuple[str, Entry]]:
     yield "minimum jerk, shares", entry("minimum jerk", shared, origin="previous", target=target)
     release = {"channel": "force", "origin": "previous", "target": target}
     yield "force along minimum jerk", entry("minimum jerk", human, **release)
-    yield "rise or release, presence", entry("rise", human, WEIGHTED, presence=2.0, **release)
+    yield "rise or release", entry("rise", human, **release)
+    yield (
+        "minimum jerk, pace",
+        entry("minimum jerk", human, WEIGHTED, origin="previous", target=target, pace=0.5),
+    )
+    yield "minimum jerk, calm", entry("minimum jerk", human, origin="previous", target=target, calm=0.3)
+
+
+def _walks() -> Iterator[tuple[str, Entry]]:
+    walk = Walk("force", 0.5, nu=3.0)
+    yield "walk", Entry(walk, DENSITY, "force")
+    yield "walk, still", Entry(replace(walk, channel="position", still=1.0), WEIGHTED)
+    yield "walk, presence", Entry(replace(walk, presence=2.0), WEIGHTED, "force")
 
 
 def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
@@ -167,6 +181,7 @@ MODELS: dict[str, Entry] = {
     **dict(_constants()),
     **dict(_free_space()),
     **dict(_profiled()),
+    **dict(_walks()),
     **{
         f"contact, state {state}": Entry(ContactShare(state, contact2=1.5), DENSITY, "force")
         for state in (FREE, CONTACT, TRANSPORT)

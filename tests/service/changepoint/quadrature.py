@@ -13,7 +13,9 @@ from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
 from caesura_service.changepoint.levels import Biased, Carried, Constant
 from caesura_service.changepoint.models import Noise
 from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profiles import ProfileLibrary
 from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.changepoint.walk import Walk
 
 Array = np.ndarray
 GRAVITY = 9.81
@@ -28,9 +30,16 @@ def log_integral_over_the_variance(log_likelihood, nu0: float, scale2: float) ->
     return float(log_sum_exp(log_likelihood(variance) + prior)) + np.log(step)
 
 
-def correlation_matrix(n: int, correlation: float, *, pinned: bool) -> Array:
-    """Of residuals 1..n of an autoregression whose scale is 1; pinned: residual 0 is known to be 0."""
+def correlation_matrix(n: int, correlation: float, *, pinned: bool, sizes: Array | None = None) -> Array:
+    """Of residuals 1..n of an autoregression whose scale is 1; pinned: residual 0 is known to be 0.
+
+    sizes: (n,) of what is new in each residual, relative to the others; only where residual 0 is known.
+    """
     i = np.arange(1, n + 1)
+    if sizes is not None and (sizes != 1.0).any():
+        assert pinned
+        new = np.tril(correlation ** np.maximum(np.subtract.outer(i, i), 0)) * sizes
+        return (1.0 - correlation**2) * new @ new.T
     matrix = correlation ** np.abs(np.subtract.outer(i, i))
     return matrix - correlation ** np.add.outer(i, i) * pinned
 
@@ -43,13 +52,23 @@ def log_normal(residuals: Array, matrix: Array, variance: Array) -> Array:
     return -0.5 * (square / variance + n * axes * np.log(2 * np.pi * variance) + axes * logdet)
 
 
-def log_known_mean(noise: Noise, residuals: Array, scale2: float, *, pinned: bool, weigh_last: bool) -> Array:
+def log_known_mean(
+    noise: Noise,
+    residuals: Array,
+    scale2: float,
+    *,
+    pinned: bool,
+    weigh_last: bool,
+    sizes: Array | None = None,
+) -> Array:
     """(axes or 1,) evidence of residuals (n, axes); weigh_last: the last one's density is 1 at its mode."""
-    matrix = correlation_matrix(len(residuals), noise.correlation, pinned=pinned)
+    sizes = np.ones(len(residuals)) if sizes is None else sizes
+    matrix = correlation_matrix(len(residuals), noise.correlation, pinned=pinned, sizes=sizes)
 
     def evidence(some: Array) -> float:
         def likelihood(variance: Array) -> Array:
-            peak = np.log(2 * np.pi * variance * (1 - noise.correlation**2)) if weigh_last else 0.0
+            new = variance * (1 - noise.correlation**2) * sizes[-1] ** 2
+            peak = np.log(2 * np.pi * new) if weigh_last else 0.0
             return log_normal(some, matrix, variance) + 0.5 * some.shape[1] * peak
 
         return log_integral_over_the_variance(likelihood, noise.nu0, scale2)
@@ -74,7 +93,7 @@ def profiled(model: Profiled, before: Array, z: Array) -> float:
     y, noise = z - start, model.noise
     pinned = model.origin == "previous"
     t = model.library.step_s * (np.arange(len(y)) + pinned)
-    extent2 = y[-1] @ y[-1] + start @ start * (model.channel == "force")
+    extent2 = y[-1] @ y[-1]
     each = [
         [
             log_known_mean(
@@ -83,6 +102,7 @@ def profiled(model: Profiled, before: Array, z: Array) -> float:
                 noise.floor**2 + share**2 * extent2,
                 pinned=pinned,
                 weigh_last=model.target is not None,
+                sizes=sizes_of(model.library, profile, len(y) - 1 + pinned)[int(pinned) :],
             )
             for share in noise.shares
         ]
@@ -91,8 +111,26 @@ def profiled(model: Profiled, before: Array, z: Array) -> float:
     over_profiles = np.max if model.choice == "maximum" else log_mean_exp
     total = float(np.sum(over_profiles(log_mean_exp(np.array(each), axis=1), axis=0)))
     if model.target is not None:
-        given = start if model.channel == "force" else np.zeros(3)
-        total += float(model.target.log_density(given[None], y[-1:])[0])
+        total += float(model.target.log_density(y[-1:])[0])
+    if model.pace:
+        steps2 = (np.diff(np.vstack([before, z]), axis=0) ** 2).sum(axis=1)
+        total += float(np.log1p(-np.exp(-0.5 * steps2 / model.pace**2)).sum())
+    return total
+
+
+def sizes_of(library: ProfileLibrary, profile, last: int) -> Array:
+    """(last + 1,) how large residuals 0..last are, 1 where the profile is fastest; of 0 it is no matter."""
+    steps = np.diff(profile(library.step_s * np.arange(200.0)), prepend=0.0)
+    share = np.sqrt(library.calm**2 + (1 - library.calm**2) * (steps / steps.max()) ** 2)
+    return np.concatenate([[1.0], share[1:]])[: last + 1] if library.calm < 1.0 else np.ones(last + 1)
+
+
+def walk(model: Walk, before: Array, z: Array) -> float:
+    """Step by step."""
+    steps = np.diff(np.vstack([before, z]), axis=0)
+    density = stats.multivariate_t(np.zeros(3), model.scale**2 * np.eye(3), model.nu)
+    total = float(density.logpdf(steps).sum())
+    total -= 0.5 * float((steps**2).sum()) / model.still**2 if model.still else 0.0
     if model.presence:
         total += float(np.log1p(-np.exp(-0.5 * (z**2).sum(axis=1) / model.presence**2)).sum())
     return total
@@ -161,4 +199,5 @@ QUADRATURE = {
     "Laden": biased,
     "Carried": carried,
     "ConstantVelocity": constant_velocity,
+    "Walk": walk,
 }

@@ -12,7 +12,13 @@ from caesura_service.changepoint.levels import Carried, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
 from caesura_service.changepoint.presets import thesis_force_library, thesis_motion_library
 from caesura_service.changepoint.profiled import Profiled, Target
-from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk, overdamped, whiten
+from caesura_service.changepoint.profiles import (
+    ProfileLibrary,
+    lognormal,
+    minimum_jerk,
+    overdamped,
+    whiten,
+)
 from caesura_service.changepoint.trend import ConstantVelocity
 
 
@@ -111,9 +117,8 @@ def test_the_target_of_a_movement_has_a_density_that_integrates_to_one() -> None
     target = Target(reach=2.0, least=1.0)
     axis = np.linspace(-14, 14, 113)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    for start in (np.zeros(3), np.array([1.0, 0.0, -0.5])):
-        density = np.exp(target.log_density(np.broadcast_to(start, grid.shape), grid))
-        assert density.sum() * (axis[1] - axis[0]) ** 3 == pytest.approx(1.0, abs=1e-3)
+    density = np.exp(target.log_density(grid))
+    assert density.sum() * (axis[1] - axis[0]) ** 3 == pytest.approx(1.0, abs=1e-3)
 
 
 def test_an_unknown_gripper_says_nothing() -> None:
@@ -145,6 +150,14 @@ def test_profiles_begin_at_zero_and_settle_at_one() -> None:
     late = np.array([0.0, 500.0])
     for profile in (*thesis_motion_library().profiles, *thesis_force_library().profiles, minimum_jerk(1.0)):
         np.testing.assert_allclose(profile(late), [0.0, 1.0], atol=1e-6)
+
+
+def test_a_lognormal_movement_is_early_and_arrives() -> None:
+    course = lognormal(1.5)(np.array([0.0, 0.75, 1.5, 9.0]))
+    assert course[0] == 0.0
+    assert course[1] > 0.8  # of the way in half of the time
+    assert course[2] == pytest.approx(0.99)
+    assert course[3] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_profile_that_is_not_overdamped_is_refused() -> None:

@@ -1,0 +1,67 @@
+"""A channel that stays where it is, but for steps: a hand at rest, and whatever a person does in contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from caesura_service.changepoint.models import (
+    AXES,
+    Channel,
+    Observed,
+    Rows,
+    append,
+    log_absence,
+    log_presence,
+    signal,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Walk:
+    """From one sample to the next the value stays, give or take a step: Student-t in three dimensions.
+
+    scale [unit]: of most steps; nu: degrees of freedom, 1 (Cauchy) lets one of a hundred be a hundred times
+    larger. A hand drifts rather than returns (Collins & De Luca 1993), and a contact is quiet but for the
+    moments in which it is made, pressed harder or let go: neither is a reason for a new segment. The scale
+    is known, so that being calmer than a hand is no evidence of anything. It turns with the base frame.
+
+    `still` [unit] weighs every step by exp(−step²/2 still²): who moves does not rest. `presence` [unit]
+    weighs every sample by 1 − exp(−z²/2 presence²): a contact is a force all the time. Both are at most 1.
+    """
+
+    channel: Channel
+    scale: float
+    nu: float = 1.0
+    still: float = 0.0
+    presence: float = 0.0
+
+    def empty(self) -> Rows:
+        """Rows: the last value, log evidence."""
+        return np.zeros((0, AXES)), np.zeros(0)
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation. The first of all is no step."""
+        z = signal(observed, self.channel)
+        before = append(rows[0], rows[0][-1] if len(rows[0]) else z)
+        step2 = ((z - before) ** 2).sum(axis=1)
+        weight = log_absence(step2, self.still) + log_presence(z @ z, self.presence)
+        told = append(rows[1], 0.0) + self._log_density(step2) + weight
+        return np.tile(z, (len(before), 1)), told
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        return np.asarray(rows[1], np.float64)
+
+    def _log_density(self, step2: Array) -> Array:
+        """(h,) of steps whose squared lengths are given (h,) [unit²]."""
+        half = 0.5 * (self.nu + AXES)
+        volume = 0.5 * AXES * np.log(self.nu * np.pi) + AXES * np.log(self.scale)
+        constant = gammaln(half) - gammaln(0.5 * self.nu) - volume
+        density: Array = constant - half * np.log1p(step2 / (self.nu * self.scale**2))
+        return density

@@ -19,6 +19,7 @@ from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import (
+    Profile,
     ProfileLibrary,
     first_order,
     lognormal,

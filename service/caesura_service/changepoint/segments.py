@@ -40,6 +40,7 @@ class Stretch:
     start_interval: tuple[int, int]  # observations between which it starts with INTERVAL_PROBABILITY
     start_final: bool
     end_final: bool
+    start_stands: bool = False  # nothing that is said of its start can change any more
 
 
 def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
@@ -82,6 +83,7 @@ def _stretch(
         start_interval=_interval(online, before, start, after),
         start_final=number <= settled,
         end_final=number < settled,
+        start_stands=number <= settled and start + INTERVAL_REACH < online.count - online.parameters.window,
     )
 
 

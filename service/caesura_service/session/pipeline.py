@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,9 @@ from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.presets import PRESETS, TARED_BIAS_N, UNTARED_BIAS_N, Preset
 from caesura_service.changepoint.segments import Stretch, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold, check_level
-from caesura_service.program import Grip, Step, task_program
+from caesura_service.program import Grip, Step
 from caesura_service.robot import load_panda
+from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History
 from caesura_service.session.view import Pipeline, View
 from caesura_service.session.weighing import is_baseline, weigh
@@ -79,6 +81,14 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, observation.force_base, _holding(observation))
 
 
+class Part(NamedTuple):
+    """A stretch, and what is shown of it."""
+
+    stretch: Stretch
+    segment: Segment
+    changepoint: Changepoint  # its start; the first part's is never shown
+
+
 class SegmentationPipeline:
     """One demonstration, from samples to task program. See `Pipeline`."""
 
@@ -91,8 +101,8 @@ class SegmentationPipeline:
         self._history = History()
         self._gaps: list[Gap] = []
         self._grips: list[Grip] = []
-        # Segments that nothing can change any more, not even a later comparison of their load.
-        self._settled: list[tuple[Stretch, Segment]] = []
+        self._settled: list[Part] = []
+        self._program = self._growing()
         self._lost = False  # the next gap was declared, not seen
         self._finished = False
         self._view = self._look()
@@ -116,6 +126,9 @@ class SegmentationPipeline:
         self._finished = True
         self._take(self._conditioner.finish())
 
+    def _growing(self) -> GrowingProgram:
+        return GrowingProgram(self._history.moment, self._preset.least_segment_s)
+
     def _begin(self, *, tared: bool) -> None:
         level = self._preset.threshold
         self._online = filter_of(self._preset, self._source, tared=tared)
@@ -125,7 +138,10 @@ class SegmentationPipeline:
         for t0, tn in conditioned.gaps:
             self._gaps.append(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
             self._lost = False
-        self._grips += [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        grips = [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        self._grips += grips
+        if any(grip.t <= self._program.since for grip in grips):
+            self._program = self._growing()
         if conditioned.observations and not self._online.count and self._conditioner.tare is None:
             self._begin(tared=False)
         for observation in conditioned.observations:
@@ -144,14 +160,13 @@ class SegmentationPipeline:
 
     def _look(self) -> View:
         parts = self._parts()
-        segments = [segment for _, segment in parts]
         return View(
             t=self._history.t_last,
             samples=self._conditioner.samples,
             repeats=self._conditioner.repeats,
             observations=self._online.count,
-            changepoints=tuple(self._changepoint(stretch) for stretch, _ in parts[1:]),
-            segments=tuple(segments),
+            changepoints=tuple(part.changepoint for part in parts[1:]),
+            segments=tuple(part.segment for part in parts),
             posterior_starts=tuple(self._boundary(int(s)) for s in self._online.starts),
             posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
             apps=self._apps(parts),
@@ -163,27 +178,32 @@ class SegmentationPipeline:
             capped=self._online.capped,
         )
 
-    def _parts(self) -> list[tuple[Stretch, Segment]]:
+    def _parts(self) -> list[Part]:
         """Every stretch with its segment; remembers those that have settled."""
         if not self._online.count:
             return []
         known = len(self._settled)
-        all_stretches = [
-            *(s for s, _ in self._settled),
-            *stretches(self._online, known, decided=self._decided),
+        fresh = stretches(self._online, known, decided=self._decided)
+        every = [*(part.stretch for part in self._settled), *fresh]
+        parts = [
+            Part(stretch, self._segment(every, known + i), self._changepoint(stretch))
+            for i, stretch in enumerate(fresh)
         ]
-        fresh = [
-            (all_stretches[i], self._segment(all_stretches, i)) for i in range(known, len(all_stretches))
-        ]
-        compared = [
-            i
-            for i, (stretch, _) in enumerate(fresh)
-            if stretch.end_final and is_baseline(stretch, self._history, self._bias_n)
-        ]
-        parts = [*self._settled, *fresh]
-        if compared:
-            self._settled += fresh[: compared[-1] + 1]
+        parts = [*self._settled, *parts]
+        self._settled = parts[: known + self._settling(fresh)]
         return parts
+
+    def _settling(self, fresh: list[Stretch]) -> int:
+        """How many of these nothing can change any more, not even a later comparison of their load."""
+        count, weighing = 0, False
+        for i, stretch in enumerate(fresh):
+            if not stretch.end_final:
+                break
+            weighing = weighing or stretch.verdict.kind.contact == "transport"
+            compared = is_baseline(stretch, self._history, self._bias_n)
+            if compared or (stretch.start_stands and not weighing and count == i):
+                count, weighing = i + 1, False
+        return count
 
     def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
         stretch, history = all_stretches[index], self._history
@@ -231,13 +251,15 @@ class SegmentationPipeline:
             t_high=self._boundary(stretch.start_interval[1]),
         )
 
-    def _apps(self, parts: list[tuple[Stretch, Segment]]) -> tuple[App, ...]:
-        starts = [1.0, *(stretch.start_probability for stretch, _ in parts[1:]), 1.0]
+    def _apps(self, parts: list[Part]) -> tuple[App, ...]:
+        first = self._program.first
+        starts = [*(part.stretch.start_probability for part in parts[first:]), 1.0]
+        starts[0] = starts[0] if first else 1.0
         steps = [
-            Step(i, segment, segment.probability * min(starts[i], starts[i + 1]))
-            for i, (_, segment) in enumerate(parts)
+            Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
+            for i, part in enumerate(parts[first:])
         ]
-        return task_program(steps, self._grips, self._history.moment, least_s=self._preset.least_segment_s)
+        return self._program.apps(steps, len(self._settled), self._grips)
 
     def _wrench(self) -> WrenchReport:
         source = self._source

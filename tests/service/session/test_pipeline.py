@@ -16,8 +16,9 @@ from caesura_clients.recording import Recording, load_recording
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
-from caesura_service.recordings import segment_recording, views
-from caesura_service.session.pipeline import METRES_PER_UNIT, make_pipeline
+from caesura_service.program import Step, task_program
+from caesura_service.recordings import batches, opening_of, segment_recording, views
+from caesura_service.session.pipeline import METRES_PER_UNIT, SegmentationPipeline, make_pipeline
 from caesura_service.session.view import View
 from caesura_service.signals.layout import SIGNALS
 from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES
@@ -159,6 +160,14 @@ def final_of(view: View) -> tuple[list[float], list[wire.Segment]]:
     return [one.t for one, sure in zip(view.changepoints, certain, strict=True) if sure], unweighed
 
 
+def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
+    """From all that is shown at once, not as it grew."""
+    view = pipeline.view
+    sure = [1.0, *(one.probability for one in view.changepoints), 1.0]
+    steps = [Step(i, one, one.probability * min(sure[i], sure[i + 1])) for i, one in enumerate(view.segments)]
+    return task_program(steps, pipeline._grips, pipeline._history.moment, least_s=0.3)
+
+
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
@@ -171,6 +180,7 @@ def test_what_was_shown_as_final_is_never_revised(
 ):
     opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
     pipeline, samples = make_pipeline(opening, preset, threshold=threshold), stream(seed, 7)
+    assert isinstance(pipeline, SegmentationPipeline)
     changepoints: list[float] = []
     segments: list[wire.Segment] = []
     for cut in cycle(cuts):
@@ -183,9 +193,26 @@ def test_what_was_shown_as_final_is_never_revised(
         now, divided = final_of(pipeline.view)
         assert now[: len(changepoints)] == changepoints
         assert divided[: len(segments)] == segments
+        assert pipeline.view.apps == program_of(pipeline)
         changepoints, segments = now, divided
         if not len(samples):
             break
+
+
+def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
+    """A view used to build everything anew: 6 ms after 350 segments."""
+    samples = np.concatenate(list(batches(taught)))
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    assert isinstance(pipeline, SegmentationPipeline)
+    fresh = []
+    for again in range(4):
+        samples[:, 0] += 12.9 * bool(again)
+        for first in range(0, len(samples), 100):
+            pipeline.push(samples[first : first + 100])
+            fresh.append(len(pipeline.view.segments) - min(len(pipeline._settled), pipeline._program.first))
+    assert len(pipeline.view.segments) > 40
+    assert max(fresh) < 20
+    assert pipeline.view.apps == program_of(pipeline)
 
 
 def test_a_threshold_decides_online_as_it_does_for_the_whole_recording(taught: Recording):

@@ -1,0 +1,62 @@
+"""The task program of a demonstration that goes on: what lies before a quiet place is built once.
+
+A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
+it, and at whose beginning the gripper does nothing: a rest, or a motion that is not the decay of a contact.
+The program is then that of the segments up to it, and that of the segments from it on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_protocol.messages import App
+from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, task_program
+
+
+@dataclass
+class GrowingProgram:
+    """Builds apps from segments as `task_program` does, with the same result."""
+
+    moment_at: MomentAt
+    least_s: float
+    first: int = 0  # the segment from which on apps are built anew
+    since: float = -np.inf  # [s] grips after this may still be used
+    built: tuple[App, ...] = ()  # from what lies before
+
+    def apps(self, steps: Sequence[Step], settled: int, grips: Sequence[Grip]) -> tuple[App, ...]:
+        """The apps of a demonstration, in time order.
+
+        steps: from segment `first` on; settled: how many segments of all nothing can change any more;
+        grips: all that are known. Where one comes to light that lies before `since`, begin anew.
+        """
+        rest = [grip for grip in grips if grip.t > self.since]
+        quiet = self._quiet(steps, settled - self.first, rest)
+        if quiet:
+            place = steps[quiet]
+            before = [grip for grip in rest if grip.t < place.segment.t0]
+            apps = self._program(steps[: quiet + 1], before)
+            self.built += tuple(app for app in apps if not app.segments or app.segments[0] < place.index)
+            self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
+            rest = [grip for grip in rest if grip.t > self.since]
+        return self.built + self._program(steps[quiet:], rest)
+
+    def _program(self, steps: Sequence[Step], grips: Sequence[Grip]) -> tuple[App, ...]:
+        return task_program(steps, grips, self.moment_at, least_s=self.least_s)
+
+    def _quiet(self, steps: Sequence[Step], settled: int, grips: Sequence[Grip]) -> int:
+        """The last quiet place among the steps that have settled; 0 where there is none."""
+        for i in range(settled - 1, 0, -1):
+            step, t0 = steps[i], steps[i].segment.t0
+            before, kind = steps[i - 1], step.segment.kind
+            moves = kind == "motion" and self._lasts(before) and before.segment.kind != "contact"
+            gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
+            if self._lasts(step) and (kind == "steady" or moves) and not gripped:
+                return i
+        return 0
+
+    def _lasts(self, step: Step) -> bool:
+        """Is it kept by the minimum time filter, and longer than a grip may be off?"""
+        return step.seconds >= max(self.least_s, GRIP_SLACK_S)

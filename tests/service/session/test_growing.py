@@ -1,0 +1,75 @@
+"""A program that grows is, at every moment, the program built from all segments at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caesura_protocol.messages import Segment
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.program import Grip, Moment, Step, task_program
+from caesura_service.session.growing import GrowingProgram
+
+KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
+LENGTHS = (0.1, 0.3, 0.4, 2.0)
+FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0))
+
+
+def moment_at(t: float) -> Moment:
+    return Moment((t, 0.0, 0.0), None, None, 0.04)
+
+
+def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
+    kind = KINDS[str(rng.choice(sorted(KINDS)))]
+    carried = kind.contact == "transport"
+    return Segment(
+        t0=t0,
+        tn=t0 + float(rng.choice(LENGTHS)),
+        kind=kind.name,
+        motion=kind.motion,
+        contact=kind.contact,
+        probability=1.0,
+        runner_up=None,
+        log_odds=0.0,
+        certainty="final",
+        position_start=(0.0, 0.0, 0.0),
+        position_end=(float(rng.choice([0.0, 0.3])), 0.0, 0.0),
+        force_start=FORCES[rng.integers(3)],
+        force_end=FORCES[rng.integers(3)],
+        load_kg=0.1 * index if carried else None,
+        load_sd_kg=0.01 if carried else None,
+    )
+
+
+def demonstration(rng: np.random.Generator, n: int) -> list[Step]:
+    steps: list[Step] = []
+    for i in range(n):
+        steps.append(Step(i, segment(rng, i, steps[-1].segment.tn if steps else 0.0), 0.9))
+    return steps
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30))
+def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int):
+    rng = np.random.default_rng(seed)
+    steps = demonstration(rng, 40)
+    near = [step.segment.t0 + rng.choice([-0.3, -0.1, 0.0, 0.1, 0.3]) for step in steps]
+    times = np.sort(rng.choice(near, gripping))
+    grips = [Grip(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
+    growing = GrowingProgram(moment_at, 0.3)
+    for now in range(1, len(steps) + 1):
+        seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.t0 + 0.4]
+        apps = growing.apps(steps[growing.first : now], max(now - int(rng.integers(4)), growing.first), seen)
+        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3)
+
+
+def test_only_what_follows_the_last_quiet_place_is_built_again():
+    rng = np.random.default_rng(1)
+    growing = GrowingProgram(moment_at, 0.3)
+    steps = demonstration(rng, 300)
+    again = []
+    for now in range(1, len(steps) + 1):
+        growing.apps(steps[growing.first : now], now, [])
+        again.append(now - growing.first)
+    assert max(again) < 40

@@ -82,6 +82,7 @@ def examples() -> dict[str, Message]:
         position_end=(0.625, -0.25, 0.375),
         force_start=(0.0, 0.0, 0.0),
         force_end=(0.0, 0.25, -5.0),
+        force_held=None,
         load_kg=0.5,
         load_sd_kg=0.0625,
     )

@@ -154,8 +154,14 @@ class Segment(Message):
     position_end: Vector  # [m]
     force_start: Vector  # [N] base frame, on the robot, tared
     force_end: Vector  # [N]
+    force_held: Vector | None  # [N] contact and sliding: the press proper, without touching and letting go
     load_kg: float | None  # transport and hold: what is carried
     load_sd_kg: float | None
+
+    @property
+    def force(self) -> Vector:
+        """[N] what it was held with; without a contact, what there was at its end."""
+        return self.force_held or self.force_end
 
 
 class Gap(Message):

@@ -40,7 +40,7 @@ def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -
             f"{segment.t0:.2f}",
             f"{mark}{segment.tn:.2f}",
             f"{mark}{segment.kind}",
-            _effort(segment.force_end, segment.load_kg, segment.load_sd_kg),
+            _effort(segment.force, segment.load_kg, segment.load_sd_kg),
             f"{segment.probability:.2f}",
             segment.runner_up or "",
             style=STYLE_OF_CERTAINTY[segment.certainty],

@@ -70,7 +70,7 @@ def _intervals(view: View) -> dict[float, tuple[float, float]]:
 
 
 def _part(segment: Segment) -> Part:
-    force_n = float(np.linalg.norm(segment.force_end))
+    force_n = float(np.linalg.norm(segment.force))
     return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n)
 
 

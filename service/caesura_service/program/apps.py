@@ -143,7 +143,7 @@ def _contacts(group: _Group) -> Iterable[App]:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
         yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
-    taught = max((step.segment.force_end for step in group.steps), key=_length)
+    taught = max((step.segment.force for step in group.steps), key=_length)
     if not mine and _length(taught) >= LEAST_CONTACT_N:
         yield group.app("apply_force", group.steps, **_forces(taught, group.force_limit_n))
 
@@ -151,8 +151,7 @@ def _contacts(group: _Group) -> Iterable[App]:
 def _slides(group: _Group) -> Iterable[App]:
     """One app a stroke, with its own target."""
     for step in group.steps:
-        taught = max(step.segment.force_start, step.segment.force_end, key=_length)
-        yield group.app("apply_force", [step], **_forces(taught, group.force_limit_n))
+        yield group.app("apply_force", [step], **_forces(step.segment.force, group.force_limit_n))
 
 
 def _carries(group: _Group) -> Iterable[App]:

@@ -101,7 +101,7 @@ def _segment(index: int, one: Segment, start_probability: float | None) -> tuple
         f"{mark}{one.tn:.2f}",
         f"{one.tn - one.t0:.2f}",
         *_millimetres(one.position_end),
-        *_newtons(one.force_end),
+        *_newtons(one.force),
         _load(one.load_kg, one.load_sd_kg),
         "" if start_probability is None else f"{start_probability:.2f}",
         f"{one.probability:.2f}",

@@ -156,6 +156,7 @@ class FakePipeline:
             position_end=(0.0 if final else self._digest, 0.0, 0.0),
             force_start=_ORIGIN,
             force_end=_ORIGIN,
+            force_held=None,
             load_kg=None,
             load_sd_kg=None,
             certainty="final" if final else "provisional",

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _ORIENTATION, _JOINTS, _WIDTH, _SUM, _SUM2 = slice(7, 11), slice(11, 18), 18, 19, 20
 _COLUMNS = 21
+PRESS_SHARE, PRESS_LOOKS = 0.7, 600
 
 
 class History:
@@ -57,6 +58,18 @@ class History:
     def force(self, index: int) -> tuple[float, float, float]:
         """[N] tared force on the robot."""
         x, y, z = self._rows[index, _FORCE].tolist()
+        return x, y, z
+
+    def press(self, start: int, end: int) -> tuple[float, float, float]:
+        """[N] median of the force from start to end, the end not included, while it was strong.
+
+        Strong is PRESS_SHARE of what a tenth of the time exceeds: touching, pressing harder and letting go are
+        left out. At most PRESS_LOOKS observations are looked at, evenly spread.
+        """
+        stride = -(-(end - start) // PRESS_LOOKS)
+        forces = self._rows[start:end:stride, _FORCE]
+        sizes = np.linalg.norm(forces, axis=1)
+        x, y, z = np.median(forces[sizes >= PRESS_SHARE * np.quantile(sizes, 0.9)], axis=0).tolist()
         return x, y, z
 
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:

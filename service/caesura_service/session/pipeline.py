@@ -224,6 +224,7 @@ class SegmentationPipeline:
             position_end=history.position(last),
             force_start=history.force(begin),
             force_end=history.force(last),
+            force_held=history.press(stretch.start, stretch.end) if found.kind.contact == "contact" else None,
             load_kg=None if load is None else load.kg,
             load_sd_kg=None if load is None else load.sd_kg,
         )

@@ -36,6 +36,7 @@ def segment(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
         "position_end": (0.0, 0.0, tn / 10),
         "force_start": (0.0, 0.0, 0.0),
         "force_end": (0.0, 0.0, 0.0),
+        "force_held": None,
         "load_kg": None,
         "load_sd_kg": None,
     }

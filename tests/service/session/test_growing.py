@@ -37,6 +37,7 @@ def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
         position_end=(float(rng.choice([0.0, 0.3])), 0.0, 0.0),
         force_start=FORCES[rng.integers(3)],
         force_end=FORCES[rng.integers(3)],
+        force_held=None,
         load_kg=0.1 * index if carried else None,
         load_sd_kg=0.01 if carried else None,
     )

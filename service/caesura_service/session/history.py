@@ -63,8 +63,8 @@ class History:
     def press(self, start: int, end: int) -> tuple[float, float, float]:
         """[N] median of the force from start to end, the end not included, while it was strong.
 
-        Strong is PRESS_SHARE of what a tenth of the time exceeds: touching, pressing harder and letting go are
-        left out. At most PRESS_LOOKS observations are looked at, evenly spread.
+        Strong is PRESS_SHARE of what a tenth of the time exceeds: touching and letting go are left out. At
+        most PRESS_LOOKS observations are looked at, evenly spread.
         """
         stride = -(-(end - start) // PRESS_LOOKS)
         forces = self._rows[start:end:stride, _FORCE]

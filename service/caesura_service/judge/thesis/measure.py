@@ -53,7 +53,7 @@ class Found:
 class Outcome:
     """One row on one demonstration.
 
-    faults: what differs from the thesis, a word for each; values: as the row's, where it came out;
+    faults: what differs from the thesis, in words; values: as the row's, where every boundary is right;
     delays_s: for each boundary of an online row, how long after its event it was there for good, None if
     never.
     """
@@ -101,14 +101,10 @@ def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None, *, be
         return _online(row, seen.recording, seed, right)
     found = divide(seen, preset or PRESETS[row.preset], row.threshold)
     faults = tuple(differences(row, found, right))
-    values = (
-        ()
-        if faults
-        else tuple(
-            (found.forces_n if value.what == "force_n" else found.loads_kg)[value.segment]
-            for value in row.values
-        )
-    )
+    values: tuple[float, ...] = ()
+    if len(found.inner) == len(right) and all(map(is_right, found.inner, right)):
+        of = {"force_n": found.forces_n, "load_kg": found.loads_kg}
+        values = tuple(of[value.what][value.segment] for value in row.values)
     return Outcome(row.name, seed, len(found.states), faults, values)
 
 

@@ -91,7 +91,7 @@ def _values(columns: list[str], report: Report, of: list[Row]) -> Grid:
         for i, value in enumerate(row.values)
     )
     return Grid(
-        "force that a segment ends with, load in it: medians where the row came out",
+        "force that a segment ends with, load in it: medians where every boundary is right",
         ("row", "segment", "thesis", *columns),
         rows,
     )

@@ -94,3 +94,20 @@ def test_a_load_is_carried_from_lift_off_to_touch_down() -> None:
     assert truth["loads"] == [{"t0": 1.5, "t1": 4.0, "kg": 0.3}]
     assert classes(truth) == ["steady", "contact", "hold", "transport", "hold", "contact", "steady"]
     assert truth["gripper"] == [{"t": 1.0, "event": "grasp"}, {"t": 4.6, "event": "release"}]
+
+
+def test_a_turn_just_before_a_touch_is_no_event_of_its_own() -> None:
+    touched = during(5.0, 2.1, 3.5, 8.0)
+    truth = annotate(state(5.0, [(1.0, 1.95, (0.1, 0, 0)), (2.05, 2.5, (0, 0.1, 0))], normal=touched))
+    levels = {c["kind"]: c["level"] for c in truth["changepoints"] if 1.9 < c["t"] < 2.2}
+    assert levels["contact_on"] == "major"
+    assert set(levels.values()) == {"major", "optional"}
+
+
+def test_no_event_is_told_twice() -> None:
+    """A slip too small to be a movement, just before the contact, takes the rest beside it."""
+    moves = [(0.5, 1.9, (0.1, 0, 0)), (1.98, 2.0, (0.02, 0, 0))]
+    truth = annotate(state(4.0, moves, normal=during(4.0, 2.0, 3.0, 8.0)))
+    told = [(c["kind"], c["t"]) for c in truth["changepoints"]]
+    assert len(told) == len(set(told))
+    assert all(s["t0"] < s["t1"] for s in truth["segments"])

@@ -25,8 +25,9 @@ Mask = NDArray[np.bool_]
 RULE = (
     "from the simulation's true state: major = boundary between motion and a rest that lasts >=0.3 s; "
     "contact on or off; or a >45 deg change of direction through a clear speed dip. optional = speed dips, "
-    "corrections below 25 mm/s or 10 mm, begin of a force's decay, fingers: score neither as miss nor as "
-    "false alarm. Motion starts and stops at 5 mm/s. tol = reading uncertainty, as in hand annotations."
+    "corrections below 25 mm/s or 10 mm, begin of a force's decay, fingers, a turn or stop within tol of a "
+    "contact's begin or end: score neither as miss nor as false alarm. Motion starts and stops at 5 mm/s. "
+    "tol = reading uncertainty, as in hand annotations."
 )
 START_M_PER_S, SURE_M_PER_S = 0.005, 0.010  # motion is above the first, and exceeds the second
 REST_S = 0.3
@@ -75,6 +76,7 @@ def annotate(state: State) -> dict[str, Any]:
     marks = _boundaries(state, spans, contacts) + _within_motions(state, spans) + _decays(state, contacts)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
+    marks = _told_apart(marks)
     return {
         "window": [0.0, _time(state, state.t.size - 1)],
         "rule": RULE,
@@ -162,7 +164,7 @@ def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
                 joined.append(before)
                 begin = before.last
         joined.append(move._replace(first=begin, last=end))
-    return joined
+    return [move for move in joined if move.first < move.last]
 
 
 def _boundaries(state: State, spans: list[Span], contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
@@ -227,6 +229,18 @@ def _turn_deg(velocity: Array, tick: int, look: int) -> float:
     after = velocity[tick : tick + look].sum(axis=0)
     size = np.linalg.norm(before) * np.linalg.norm(after)
     return float(np.degrees(np.arccos(np.clip(before @ after / size, -1.0, 1.0)))) if size > 0.0 else 0.0
+
+
+def _told_apart(marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A turn or a stop within reading uncertainty of a contact that begins or ends is no event of its own."""
+    contacts = [mark["t"] for mark in marks if mark["kind"] in ("contact_on", "contact_off")]
+    return [
+        {**mark, "level": "optional"}
+        if mark["kind"] in ("corner", "start", "stop")
+        and any(abs(mark["t"] - t) <= mark["tol"] for t in contacts)
+        else mark
+        for mark in marks
+    ]
 
 
 def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:

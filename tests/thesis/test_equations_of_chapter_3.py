@@ -24,9 +24,9 @@ from caesura_service.changepoint.evidence import known_mean_log_evidence, log_me
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import GRAVITY, Constant
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed
-from caesura_service.changepoint.presets import thesis_motion_library
 from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
+from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole

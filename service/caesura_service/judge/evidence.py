@@ -16,17 +16,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from caesura_clients.recording import Recording, RecordingError, load_recording
+from caesura_service.changepoint.default import early_moves, even_moves
 from caesura_service.changepoint.models import ChannelModel, Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.presets import (
-    PRESETS,
-    Preset,
-    early_moves,
-    even_moves,
-    thesis_motion_library,
-)
+from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import Profile
+from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 from caesura_service.judge.truth import truth_file

@@ -10,7 +10,6 @@ from caesura_service.changepoint.contact import ContactShare
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
 from caesura_service.changepoint.levels import Carried, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
-from caesura_service.changepoint.presets import thesis_force_library, thesis_motion_library
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import (
     ProfileLibrary,
@@ -19,6 +18,7 @@ from caesura_service.changepoint.profiles import (
     overdamped,
     whiten,
 )
+from caesura_service.changepoint.thesis_presets import thesis_force_library, thesis_motion_library
 from caesura_service.changepoint.trend import ConstantVelocity
 
 

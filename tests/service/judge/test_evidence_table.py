@@ -12,10 +12,11 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.recording import RecordingError
+from caesura_service.changepoint.default import human_motion_library
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.presets import PRESETS, human_motion_library
+from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands import register
 from caesura_service.judge.evidence import LIBRARIES, Told, grid, tell, with_moves
 from caesura_service.judge.suites import FileCase

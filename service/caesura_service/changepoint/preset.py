@@ -1,0 +1,71 @@
+"""A preset: which kinds of segment there are, what every channel does in them, and how that is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from caesura_service.changepoint.hazard import Geometric
+from caesura_service.changepoint.lattice import Kind, Lattice
+from caesura_service.changepoint.models import ChannelModel
+from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+
+SEGMENTATION_HZ = 10.0
+STEP_S = 1.0 / SEGMENTATION_HZ
+TARED_BIAS_N = 1.5  # what wanders within a recording
+UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free space
+
+# What is left where the force cannot tell contact.
+MOVEMENT = (Kind("motion", "motion", "free", ("moving",)), Kind("steady", "steady", "free", ("still",)))
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How a demonstration is segmented.
+
+    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice;
+    `mean_segment_s` [s] sets the hazard; segments shorter than `least_segment_s` [s] become no app (the
+    thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
+    sample, and the changepoint lies midway between that and its own first; otherwise it begins with its own
+    first sample, as in the thesis. `threshold` on the smoothed probability decides what is a changepoint, as
+    in the thesis; without one the best segmentation does.
+    """
+
+    name: str
+    channels: Callable[[float], Mapping[str, ChannelModel]]
+    kinds: tuple[Kind, ...]
+    maximum: bool = False
+    continuous: bool = False
+    mean_segment_s: float = 2.0
+    least_segment_s: float = 0.3
+    threshold: float | None = None
+    filter: FilterParameters = field(default_factory=FilterParameters)
+
+    def lattice(
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
+    ) -> Lattice:
+        """The lattice over what the wrench can carry.
+
+        Without contact the force is not looked at, and what remains is whether the arm moves. bias_n [N]:
+        scale of what free space may read. Raises ValueError where nothing is left to look at.
+        """
+        channels = self.channels(bias_n)
+        if contact:
+            kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
+        else:
+            kinds = tuple(kind for kind in MOVEMENT if set(kind.channels) <= set(channels))
+        if not kinds:
+            raise ValueError(
+                f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
+            )
+        used = {channel for kind in kinds for channel in kind.channels}
+        channels = {name: model for name, model in channels.items() if name in used}
+        return Lattice(channels, kinds, "maximum" if self.maximum else "mixture")
+
+    def online(
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
+    ) -> OnlineFilter:
+        """A filter at its beginning; arguments as for `lattice`."""
+        hazard = Geometric(self.mean_segment_s * SEGMENTATION_HZ)
+        lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
+        return OnlineFilter(lattice, hazard, self.filter)

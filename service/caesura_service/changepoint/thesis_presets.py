@@ -1,0 +1,80 @@
+"""The thesis' models with the parameters of its tables 4.1 to 4.5."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from caesura_service.changepoint.contact import ContactShare
+from caesura_service.changepoint.lattice import Kind
+from caesura_service.changepoint.levels import Carried, Constant
+from caesura_service.changepoint.models import ChannelModel, Noise
+from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
+from caesura_service.changepoint.trend import ConstantVelocity
+
+
+def thesis_motion_library() -> ProfileLibrary:
+    """30 overdamped profiles, Λ = 1. Thesis Tab. 4.2."""
+    pairs = [(k, d) for k in (4, 8, 12, 16, 20, 24) for d in (10, 32.5, 55, 77.5, 100)]
+    return ProfileLibrary([overdamped(k, d) for k, d in pairs], STEP_S)
+
+
+def thesis_force_library() -> ProfileLibrary:
+    """21 first-order rises, rates e^0 to e^3 per second. Thesis Tab. 4.3."""
+    return ProfileLibrary([first_order(float(np.exp(0.15 * i))) for i in range(21)], STEP_S)
+
+
+def _integrated_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    return {
+        "moving": Profiled("position", thesis_motion_library(), Noise(1.0, 0.025), "maximum"),
+        "still": Constant("position", Noise(1.0, 0.025)),
+        "untouched": Constant("force", Noise(1.0, 0.5), origin="zero"),
+        "pressed": Profiled("force", thesis_force_library(), Noise(1.0, 1.25), "maximum", origin="zero"),
+        "loaded": Carried(Noise(1.0, 0.5), least_kg=0.2),
+    }
+
+
+def _constant_velocity_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    return {"moving": ConstantVelocity(nu0=1.0, sigma2=0.5, kappa0=1.0, length_unit_m=0.01, step_s=STEP_S)}
+
+
+def _second_order_channels(sigma_m: float) -> Callable[[float], Mapping[str, ChannelModel]]:
+    def channels(bias_n: float) -> Mapping[str, ChannelModel]:
+        return {"moving": Profiled("position", thesis_motion_library(), Noise(1.0, sigma_m), "maximum")}
+
+    return channels
+
+
+def _force_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    rise = Profiled("force", thesis_force_library(), Noise(10.0, 1.25), "maximum", origin="zero")
+    return {"pressed": rise}
+
+
+def _contact_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    return {name: ContactShare(state) for state, name in enumerate(("free", "contact", "transport"))}
+
+
+_MOTION_ONLY = (Kind("motion", "motion", "free", ("moving",)),)
+_FORCE_ONLY = (Kind("contact", "steady", "contact", ("pressed",)),)
+_CONTACT_ONLY = (
+    Kind("motion", "motion", "free", ("free",)),
+    Kind("contact", "steady", "contact", ("contact",)),
+    Kind("transport", "motion", "transport", ("transport",)),
+)
+_THESIS_KINDS = (
+    Kind("motion", "motion", "free", ("moving", "untouched")),
+    Kind("contact", "steady", "contact", ("still", "pressed")),
+    Kind("transport", "motion", "transport", ("moving", "loaded")),
+)
+
+THESIS_PRESETS = (
+    Preset("constant_velocity", _constant_velocity_channels, _MOTION_ONLY),
+    Preset("second_order_1", _second_order_channels(0.05), _MOTION_ONLY),
+    Preset("second_order_2", _second_order_channels(0.025), _MOTION_ONLY),
+    Preset("force", _force_channels, _FORCE_ONLY),
+    Preset("contact", _contact_channels, _CONTACT_ONLY),
+    Preset("integrated", _integrated_channels, _THESIS_KINDS, maximum=True),
+)

@@ -99,6 +99,11 @@ def _offline(online: OnlineFilter, observations: tuple[Observation, ...]) -> Arr
 
 
 def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) -> Array:
-    """[s] A continuous segment begins at the last sample of the one before, unless samples are missing."""
+    """[s] A continuous segment begins midway from the sample before, unless samples are missing."""
     joins = [continuous and i > 0 and not one.after_gap for i, one in enumerate(observations)]
-    return np.array([observations[i - join].t for i, join in enumerate(joins)])
+    return np.array(
+        [
+            0.5 * (observations[i - join].t + one.t)
+            for i, (one, join) in enumerate(zip(observations, joins, strict=True))
+        ]
+    )

@@ -12,7 +12,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import OnlineFilter
-from caesura_service.changepoint.presets import PRESETS, TARED_BIAS_N, UNTARED_BIAS_N, Preset
+from caesura_service.changepoint.preset import TARED_BIAS_N, UNTARED_BIAS_N, Preset
+from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.segments import Stretch, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold, check_level
 from caesura_service.program import Grip, Step
@@ -41,9 +42,10 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
     Raises ValueError for one that is not between 0 and 1.
     """
     name = opening.preset or default_preset
-    if name not in PRESETS:
-        raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS))
-    preset = PRESETS[name]
+    try:
+        preset = preset_named(name)
+    except KeyError as error:
+        raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS)) from error
     if threshold is not None:
         check_level(threshold)
         unconditioned = replace(preset.filter, certain=1.0)
@@ -209,10 +211,10 @@ class SegmentationPipeline:
         stretch, history = all_stretches[index], self._history
         found = stretch.verdict
         load = weigh(all_stretches, index, history, self._bias_n)
-        begin, last = self._first_of(stretch.start), stretch.end - 1
+        begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
         return Segment(
-            t0=history.t(begin),
-            tn=history.t(last) if self._preset.continuous else self._end(stretch.end),
+            t0=self._boundary(stretch.start),
+            tn=self._end(stretch.end),
             kind=found.kind.name,
             motion=found.kind.motion,
             contact=found.kind.contact,
@@ -229,18 +231,19 @@ class SegmentationPipeline:
             load_sd_kg=None if load is None else load.sd_kg,
         )
 
-    def _first_of(self, start: int) -> int:
-        """The observation at which a segment that starts at `start` begins in time."""
-        joins = self._preset.continuous and start > 0 and start not in self._online.boundaries
-        return start - 1 if joins else start
+    def _joins(self, start: int) -> bool:
+        """Whether a segment with its first own observation at `start` begins where the one before it ends."""
+        return self._preset.continuous and start > 0 and start not in self._online.boundaries
 
     def _boundary(self, start: int) -> float:
-        return self._history.t(self._first_of(start))
+        """[s] Where it joins, it begins somewhere between two observations: midway, then."""
+        t = self._history.t(start)
+        return 0.5 * (self._history.t(start - 1) + t) if self._joins(start) else t
 
     def _end(self, end: int) -> float:
-        """Where a segment ends that has observations up to `end`, which is not its own."""
+        """[s] Where a segment ends that has observations up to `end`, which is not its own."""
         missing = end == self._online.count or end in self._online.boundaries
-        return self._history.t(end - 1 if missing else end)
+        return self._history.t(end - 1) if missing else self._boundary(end)
 
     def _changepoint(self, stretch: Stretch) -> Changepoint:
         final = stretch.start_final or self._finished

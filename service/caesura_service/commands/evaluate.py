@@ -16,7 +16,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
-from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.presets import PRESETS, WITHOUT
 from caesura_service.judge import evidence as libraries
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
@@ -27,9 +27,10 @@ from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.thesis import suite as thesis
 from caesura_service.judge.thesis import summary as thesis_summary
 from caesura_service.judge.thesis import tables as thesis_tables
-from caesura_service.judge.truth import TruthError
+from caesura_service.judge.truth import Leniency, TruthError
 
-DEFAULT_PRESETS = ["default", "integrated"]
+DEFAULT_PRESET = "default"
+DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
 WORKERS = 2
 WIDTH = 90  # [characters] of text in a file
 THESIS = "thesis"
@@ -84,6 +85,12 @@ def evaluate(
     tolerance: Annotated[
         float, typer.Option(min=0.0, help="Widens the points' own tolerances to at least this many seconds.")
     ] = 0.0,
+    slack: Annotated[
+        float, typer.Option(min=0.0, help="Added to each point's own tolerance [s], before --tolerance.")
+    ] = 0.0,
+    ablate: Annotated[
+        bool, typer.Option("--ablate", help="Judge default beside itself without each of its principles.")
+    ] = False,
     confusion: Annotated[
         bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
     ] = False,
@@ -105,9 +112,14 @@ def evaluate(
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             else:
                 cases = _cases(recordings or [], suite_name, Extent(seeds or SEEDS, first_seed, data))
-                methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                verdicts = _judged(cases, methods, tolerance, workers)
-                title = _title(suite_name, cases, tolerance)
+                methods = (
+                    _ablated()
+                    if ablate
+                    else _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                )
+                leniency = Leniency(slack, tolerance)
+                verdicts = _judged(cases, methods, leniency, workers)
+                title = _title(suite_name, cases, leniency)
                 detailed = (preset or DEFAULT_PRESETS) if confusion else []
                 page = _page(title, methods, verdicts, detailed)
         except (TruthError, RecordingError, MissingExtraError) as error:
@@ -147,6 +159,10 @@ def _page(
     )
 
 
+def _ablated() -> list[Method]:
+    return [Ours(name) for name in (DEFAULT_PRESET, *WITHOUT)]
+
+
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
     unknown = sorted(set(presets) - set(PRESETS))
     if unknown:
@@ -172,9 +188,9 @@ def _cases(
 
 
 def _judged(
-    cases: Sequence[Case], methods: Sequence[Method], tolerance_s: float, workers: int
+    cases: Sequence[Case], methods: Sequence[Method], leniency: Leniency, workers: int
 ) -> list[Verdict]:
-    verdicts = _watched(judge_all(cases, methods, tolerance_s, workers=workers), cases)
+    verdicts = _watched(judge_all(cases, methods, leniency, workers=workers), cases)
     return [verdict for some in verdicts for verdict in some]
 
 
@@ -185,10 +201,11 @@ def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
         yield from progress.track(results, total=len(of), description="judging")
 
 
-def _title(suite_name: str | None, cases: Sequence[Case], tolerance_s: float) -> str:
+def _title(suite_name: str | None, cases: Sequence[Case], leniency: Leniency) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
-    floor = f", at least {tolerance_s:g} s" if tolerance_s else ""
-    return f"{what}: {len(cases)} recordings, each point's own tolerance{floor}; 95 % intervals"
+    slack = f" and {leniency.slack_s:g} s" if leniency.slack_s else ""
+    least = f", at least {leniency.least_s:g} s" if leniency.least_s else ""
+    return f"{what}: {len(cases)} recordings, each point's own tolerance{slack}{least}; 95 % intervals"
 
 
 def _write(page: Page, output_format: Format, out: Path | None) -> None:

@@ -13,6 +13,9 @@ from caesura_service.judge.methods import Method
 from caesura_service.judge.pool import each
 from caesura_service.judge.score import Score, score
 from caesura_service.judge.suites import Case
+from caesura_service.judge.truth import Leniency
+
+AS_READ = Leniency()
 
 
 @dataclass(frozen=True)
@@ -27,9 +30,10 @@ class Unfit:
 Verdict = Score | Unfit
 
 
-def judge(case: Case, methods: Sequence[Method], floor_s: float = 0.0) -> list[Verdict]:
+def judge(case: Case, methods: Sequence[Method], leniency: Leniency = AS_READ) -> list[Verdict]:
     """All methods on one case. Raises TruthError or RecordingError for a case that cannot be loaded."""
     recording, truth = case.load()
+    truth = leniency.of(truth)
     rest = "rests first" if condition(recording).tared else "does not rest first"
     verdicts: list[Verdict] = []
     for method in methods:
@@ -40,13 +44,13 @@ def judge(case: Case, methods: Sequence[Method], floor_s: float = 0.0) -> list[V
         except (ProtocolError, ValueError) as error:
             verdicts.append(Unfit(method.name, case.name, str(error)))
         else:
-            one = score(method.name, truth, found, floor_s)
+            one = score(method.name, truth, found)
             verdicts.append(replace(one, tags=(*case.tags, rest)))
     return verdicts
 
 
 def judge_all(
-    cases: Sequence[Case], methods: Sequence[Method], floor_s: float = 0.0, *, workers: int = 1
+    cases: Sequence[Case], methods: Sequence[Method], leniency: Leniency = AS_READ, *, workers: int = 1
 ) -> Iterator[list[Verdict]]:
     """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
-    return each(partial(judge, methods=methods, floor_s=floor_s), cases, workers=workers)
+    return each(partial(judge, methods=methods, leniency=leniency), cases, workers=workers)

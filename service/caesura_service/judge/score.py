@@ -101,10 +101,10 @@ class Score:
     tags: tuple[str, ...] = ()  # what kind of recording it is
 
 
-def score(method: str, truth: Truth, found: Found, floor_s: float = 0.0) -> Score:
-    """Judge what a method found. floor_s [s] widens every narrower tolerance."""
+def score(method: str, truth: Truth, found: Found) -> Score:
+    """Judge what a method found."""
     first, last = truth.window
-    points = [replace(p, tolerance_s=max(p.tolerance_s, floor_s)) for p in truth.points if first < p.t < last]
+    points = [p for p in truth.points if first < p.t < last]
     times = sorted(t for t in found.changepoints if first < t < last)
     matching = match(
         [p.t for p in points], [p.tolerance_s for p in points], [p.optional for p in points], times
@@ -128,7 +128,7 @@ def score(method: str, truth: Truth, found: Found, floor_s: float = 0.0) -> Scor
         found=tuple(Hit(points[i].kind, times[j] - points[i].t) for i, j in _pairs(matching)),
         alarms=tuple(FalseAlarm(_true_kind(truth, t), _between(parts, t)) for t in alarms),
     )
-    return _with_delays(_with_classes(base, truth, found, parts, floor_s), hits, found.looks)
+    return _with_delays(_with_classes(base, truth, found, parts), hits, found.looks)
 
 
 def class_accuracy(one: Score) -> float:
@@ -138,14 +138,14 @@ def class_accuracy(one: Score) -> float:
     return right / total if total else float("nan")
 
 
-def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part], floor_s: float) -> Score:
+def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part]) -> Score:
     if found.parts is None:
         return base
     labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]
     base = replace(
         base,
         confusion=confusion([Labelled(s.t0, s.t1, s.kind) for s in truth.spans], labels),
-        confusion_inside=confusion(_inside(truth, floor_s), labels),
+        confusion_inside=confusion(_inside(truth), labels),
     )
     if all(part.force_n is None for part in parts):
         return base  # it measures nothing
@@ -196,12 +196,11 @@ def _filling(parts: Sequence[Part], window: tuple[float, float]) -> list[Part]:
     return filled
 
 
-def _inside(truth: Truth, floor_s: float) -> list[Labelled]:
+def _inside(truth: Truth) -> list[Labelled]:
     """The spans without what lies within tolerance of a major point, where the class itself is uncertain."""
     spans = [Labelled(s.t0, s.t1, s.kind) for s in truth.spans]
     for point in truth.points:
-        tolerance = max(point.tolerance_s, floor_s)
-        left, right = point.t - tolerance, point.t + tolerance
+        left, right = point.t - point.tolerance_s, point.t + point.tolerance_s
         pieces = ((s._replace(t1=min(s.t1, left)), s._replace(t0=max(s.t0, right))) for s in spans)
         if not point.optional:
             spans = [piece for both in pieces for piece in both if piece.t0 < piece.t1]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,22 @@ class Truth:
     loads: tuple[Quantity, ...] = ()
     forces: tuple[Quantity, ...] = ()
     hand_in_wrench: bool = False
+
+
+@dataclass(frozen=True)
+class Leniency:
+    """How much more than reading uncertainty is allowed: slack_s [s] is added, least_s [s] is the least."""
+
+    slack_s: float = 0.0
+    least_s: float = 0.0
+
+    def of(self, truth: Truth) -> Truth:
+        """The truth with every point's tolerance widened."""
+        points = (
+            replace(point, tolerance_s=max(point.tolerance_s + self.slack_s, self.least_s))
+            for point in truth.points
+        )
+        return replace(truth, points=tuple(points))
 
 
 def truth_file(recording: Path) -> Path:

@@ -11,7 +11,7 @@ from caesura_service.judge.faults import faults
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part, score
 from caesura_service.judge.summary import margins, summarise
-from caesura_service.judge.truth import Point, Quantity, Span, Truth
+from caesura_service.judge.truth import Leniency, Point, Quantity, Span, Truth
 
 TRUTH = Truth(
     name="one",
@@ -54,7 +54,7 @@ def test_all_that_is_right_and_wrong_is_counted():
 def test_a_floor_widens_what_is_narrower():
     found = Found((2.05, 4.0, 8.15), PARTS)
     assert score("mine", TRUTH, found).hits == 2
-    assert score("mine", TRUTH, found, floor_s=0.2).hits == 3
+    assert score("mine", Leniency(least_s=0.2).of(TRUTH), found).hits == 3
 
 
 def test_what_a_filter_needs_at_the_beginning_is_not_held_against_it():

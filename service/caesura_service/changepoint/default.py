@@ -161,10 +161,10 @@ def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
 WITHOUT: Mapping[str, Preset] = {
     preset.name: preset
     for preset in (
-        replace(DEFAULT, name=f"default without {principle}", channels=partial(_with, changes))
+        replace(DEFAULT, name=f"without_{principle}", channels=partial(_with, changes))
         for principle, changes in (
-            ("sensor noise", _thesis_scales),
-            ("growing misfit", _even_misfit),
+            ("sensor_noise", _thesis_scales),
+            ("growing_misfit", _even_misfit),
             ("bias", _unbiased),
             ("change", _rising_contact),
             ("correlation", _white),

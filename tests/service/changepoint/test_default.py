@@ -1,0 +1,43 @@
+"""Our preset, and itself without each of its principles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from caesura_clients.recording import load_recording
+from caesura_service.changepoint.default import DEFAULT, WITHOUT
+from caesura_service.changepoint.presets import PRESETS, preset_named
+from caesura_service.recordings import segment_recording
+
+BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
+
+TOUCHED = {
+    "without_sensor_noise": {"moving", "still", "stopped", "pressed"},
+    "without_growing_misfit": {"moving"},
+    "without_bias": {"untouched"},
+    "without_change": {"pressed"},
+    "without_correlation": {"moving", "still", "stopped", "untouched", "pressed", "laden"},
+    "without_pace": {"moving", "still"},
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT)
+def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str) -> None:
+    full, less = DEFAULT.channels(1.5), preset_named(name).channels(1.5)
+    assert set(full) == set(less)
+    assert {channel for channel in full if full[channel] != less[channel]} == TOUCHED[name]
+    assert WITHOUT[name].kinds == DEFAULT.kinds
+
+
+@pytest.mark.parametrize("name", WITHOUT)
+def test_a_recording_can_be_segmented_without_it(name: str) -> None:
+    kinds = [segment.kind for segment in segment_recording(load_recording(BUTTON), name).segments]
+    assert "motion" in kinds
+
+
+def test_a_preset_that_is_none_is_refused_with_those_there_are() -> None:
+    with pytest.raises(KeyError, match="constant_velocity.*second_order_2"):
+        preset_named("without")
+    assert not set(WITHOUT) & set(PRESETS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ TOUCHED = {
 
 @pytest.mark.parametrize("name", WITHOUT)
 def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str) -> None:
-    full, less = DEFAULT.channels(1.5), preset_named(name).channels(1.5)
+    full, less = ({c: pickle.dumps(m) for c, m in p.channels(1.5).items()} for p in (DEFAULT, WITHOUT[name]))
     assert set(full) == set(less)
     assert {channel for channel in full if full[channel] != less[channel]} == TOUCHED[name]
     assert WITHOUT[name].kinds == DEFAULT.kinds
@@ -38,6 +39,6 @@ def test_a_recording_can_be_segmented_without_it(name: str) -> None:
 
 
 def test_a_preset_that_is_none_is_refused_with_those_there_are() -> None:
-    with pytest.raises(KeyError, match="constant_velocity.*second_order_2"):
+    with pytest.raises(KeyError, match=r"constant_velocity.*second_order_2"):
         preset_named("without")
     assert not set(WITHOUT) & set(PRESETS)

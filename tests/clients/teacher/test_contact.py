@@ -51,3 +51,9 @@ def test_contact_takes_energy_and_gives_none() -> None:
         speed += dt * (touch.force((0.0, 0.0, height), (0.0, 0.0, speed), dt)[2] / mass)
         height += dt * speed
     assert 0.0 <= speed < 0.2
+
+
+def test_a_load_that_is_gripped_already_rests_on_the_table() -> None:
+    still = ((0.0, 0.0, TABLE.touch_height_m - 0.001), (0.0, 0.0, 0.0), 0.001)
+    empty, gripped = Touch((TABLE,)).force(*still), Touch((TABLE,)).force(*still, load_n=2.5)
+    assert gripped[2] == pytest.approx(empty[2] + 2.5)

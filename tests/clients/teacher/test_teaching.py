@@ -127,6 +127,16 @@ def test_pick_and_place_happens_when_the_thesis_says(pick_and_place: Demonstrati
     assert 0.4 < (closing[-1] - closing[0]) / 1000 < 0.56
 
 
+def test_a_hand_holds_its_effort_when_the_load_is_gripped(pick_and_place: Demonstration) -> None:
+    # Once it held the surface's force: the reading fell by the load, with a false boundary at the grip.
+    # Fig. 4.14: 15.0 N and 9.9 N from the touch to the decay; gripped at 3.0 s, let go at 9.2 s.
+    t, reading = pick_and_place.recording.t, pick_and_place.recording.signals["force"][:, 2]
+    for grip_s in (3.0, 9.2):
+        before, after = ((t > grip_s + at) & (t < grip_s + at + 0.2) for at in (-0.3, 0.3))
+        assert reading[after].mean() == pytest.approx(reading[before].mean(), abs=0.6)
+    assert [f["newton"] for f in pick_and_place.truth["forces"]] == pytest.approx([15.0, 9.9], abs=0.5)
+
+
 def test_the_dispenser_is_pressed_twice_to_its_stop(dispenser: Demonstration) -> None:
     forces = dispenser.truth["forces"]
     assert [f["newton"] for f in forces] == pytest.approx([21.0, 20.0], rel=0.15)

@@ -111,3 +111,9 @@ def test_no_event_is_told_twice() -> None:
     told = [(c["kind"], c["t"]) for c in truth["changepoints"]]
     assert len(told) == len(set(told))
     assert all(s["t0"] < s["t1"] for s in truth["segments"])
+
+
+def test_the_force_that_is_taught_is_the_effort_without_the_load() -> None:
+    normal = during(4.0, 1.0, 2.0, 15.0) + during(4.0, 2.0, 3.0, 17.4525)
+    truth = annotate(state(4.0, [], normal=normal, load_kg=during(4.0, 2.0, 4.0, 0.25)))
+    assert truth["forces"] == [{"t0": 1.0, "t1": 3.0, "newton": 15.0}]

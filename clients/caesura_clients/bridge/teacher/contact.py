@@ -76,13 +76,20 @@ class Touch:
         self._surfaces = tuple(surfaces)
         self._stretch = (0.0, 0.0)
 
-    def force(self, position: Sequence[float], velocity: Sequence[float], dt: float) -> Vector:
-        """Force on the fingertips [N] at their position [m] and velocity [m/s], in a step of dt [s]."""
+    def force(
+        self, position: Sequence[float], velocity: Sequence[float], dt: float, load_n: float = 0.0
+    ) -> Vector:
+        """Force on the fingertips [N] at their position [m] and velocity [m/s], in a step of dt [s].
+
+        A load that they hold stands as deep in the surface as its weight [N] has pressed it, so that nothing
+        changes for the hand when it grips or lets go what stands there.
+        """
         x, y, z = position
         touched = max(
             (s for s in self._surfaces if s.covers(x, y)), key=lambda s: s.touch_height_m - z, default=None
         )
-        normal = touched.normal_force(touched.touch_height_m - z, -velocity[2]) if touched else 0.0
+        depth = touched.touch_height_m - z + touched.depth_for(load_n) if touched else 0.0
+        normal = touched.normal_force(depth, -velocity[2]) if touched else 0.0
         if touched is None or normal == 0.0:
             self._stretch = (0.0, 0.0)
             return (0.0, 0.0, 0.0)

@@ -93,8 +93,9 @@ class Guiding:
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
         hand = self._hand_wrench(tick, arm, twist)
-        contact = np.array(self._touch.force(*_tip_motion(arm.position_base, twist, lever), DT))
         load_kg = float(self._plan.load_kg[tick])
+        tip = _tip_motion(arm.position_base, twist, lever)
+        contact = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
         self._feel(tick, load_kg, float(contact[2]))
         outside = contact + load_kg * FALL
         given = hand + _at_flange(outside, lever) - DAMPING * twist
@@ -129,11 +130,14 @@ class Guiding:
         return wrench
 
     def _feel(self, tick: int, load_kg: float, normal_n: float) -> None:
-        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes back."""
+        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes back.
+
+        A hand holds its own effort, so a load that it has gripped rests on the surface, not on the hand.
+        """
         weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
         self._weight_n += DT / WEIGHT_FELT_S * (weight - self._weight_n)
-        meant = float(self._plan.press[tick])
-        wrong = meant - normal_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
+        meant, effort_n = float(self._plan.press[tick]), normal_n - GRAVITY * load_kg
+        wrong = meant - effort_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
         corrected = self._press_n + DT / PRESS_FELT_S * wrong
         self._press_n = min(max(corrected, -PRESS_CORRECTION_N), PRESS_CORRECTION_N)
 

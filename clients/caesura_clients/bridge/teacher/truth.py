@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from caesura_clients.bridge.teacher.guiding import GRAVITY
 from caesura_clients.bridge.teacher.intentions import Array
 
 Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding"]
@@ -58,6 +59,11 @@ class State:
     def dt(self) -> float:
         """Length of a tick [s]."""
         return float(self.t[1] - self.t[0])
+
+    @property
+    def effort(self) -> Array:
+        """(n,) [N] with which the hand presses: what the surface carries without the load."""
+        return self.normal - GRAVITY * self.load_kg
 
 
 class Span(NamedTuple):
@@ -247,20 +253,20 @@ def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any
     """Where the force of each contact begins to decay for good."""
     marks = []
     for first, last in contacts:
-        normal = uniform_filter1d(state.normal[first:last], round(SMOOTH_S / state.dt), mode="nearest")
-        strong = np.flatnonzero(normal > DECAY_BEGINS * _plateau(normal))
-        if (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
+        effort = uniform_filter1d(state.effort[first:last], round(SMOOTH_S / state.dt), mode="nearest")
+        strong = np.flatnonzero(effort > DECAY_BEGINS * _plateau(effort))
+        if strong.size and (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
             marks.append(_mark(_time(state, first + int(strong[-1])), "optional", "decay"))
     return marks
 
 
-def _plateau(normal: Array) -> float:
+def _plateau(effort: Array) -> float:
     """Force [N] of the press proper: approach, travel of a button and release left out."""
-    return float(np.median(normal[normal >= PLATEAU_SHARE * np.quantile(normal, 0.9)]))
+    return float(np.median(effort[effort >= PLATEAU_SHARE * np.quantile(effort, 0.9)]))
 
 
 def _force(state: State, first: int, last: int) -> dict[str, float]:
-    newton = round(_plateau(state.normal[first:last]), 2)
+    newton = round(_plateau(state.effort[first:last]), 2)
     return {"t0": _time(state, first), "t1": _time(state, last), "newton": newton}
 
 

@@ -84,7 +84,7 @@ def test_signals_meet_the_segments_at_their_ends(content: Content):
 
 
 def test_online_and_offline_agree_on_contacts(content: Content):
-    for t in (1.7, 4.1, 7.5):
+    for t in (1.7, 4.2, 7.5):
         at = np.abs(content.changes.t - t) < 0.15
         assert content.changes.online[at].sum() > 0.9
         assert content.changes.offline[at].sum() > 0.9

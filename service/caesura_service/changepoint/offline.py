@@ -24,8 +24,8 @@ from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import Ended
 from caesura_service.changepoint.threshold import THRESHOLD, threshold_path
+from caesura_service.changepoint.window import Ended
 
 Array = NDArray[np.float64]
 

@@ -33,9 +33,9 @@ from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice, LatticeRows
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.window import Ended, Starts, Window
 
 Array = NDArray[np.float64]
-Starts = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,6 @@ class FilterParameters:
             raise ValueError(f"certain_after is {self.certain_after} samples, expected at least 0")
 
 
-@dataclass(frozen=True)
-class Ended:
-    """A segment of the best segmentation up to some start: where it began, and what it was."""
-
-    start: int
-    kind_log_evidence: Array  # (kinds,)
-
-
 @dataclass
 class OnlineFilter:
     """Takes observations one by one; the same observations give the same state, bit for bit."""
@@ -90,7 +82,6 @@ class OnlineFilter:
     parameters: FilterParameters = field(default_factory=FilterParameters)
 
     def __post_init__(self) -> None:
-        window = self.parameters.window
         self.count = 0  # observations taken
         self.starts: Starts = np.zeros(0, np.int64)  # (h,) ascending
         self.log_prior: Array = np.zeros(0)  # (h,) A(s)
@@ -103,10 +94,7 @@ class OnlineFilter:
         self.final: list[Ended] = []  # the segments before the root, which no later sample can undo
         self.boundaries: list[int] = []  # starts that are certain because somebody said so
         self.capped = 0  # steps on which the cap bit
-        self._window_evidence = np.full((window, window), -np.inf)  # [start mod window, age]
-        self._window_kinds = np.zeros((window, window, len(self.lattice.kinds)))  # the same of each kind
-        self._window_prior = np.full(window, -np.inf)  # A(start) at [start mod window]
-        self._window_map = np.full(window, -np.inf)  # the same with maximum
+        self._window = Window(self.parameters.window, len(self.lattice.kinds))
         self._smoothed_past: list[float] = []
         self._smoothed_window: Array = np.zeros(0)
         self._undecided: dict[int, tuple[int, Array]] = {}  # the same two, as they were before `condition`
@@ -123,7 +111,6 @@ class OnlineFilter:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
         self._grow(observed)
-        self._remember()
         self._prepare_next()
         self._prune()
         self._settle()
@@ -142,7 +129,10 @@ class OnlineFilter:
         if not first <= start < self.count:
             raise ValueError(f"start is {start}, expected {first} to {self.count - 1}")
         self._undecided[start] = len(self._smoothed_past), self._smoothed_window
-        self._sum_from(start)
+        ended, self._next_prior, self._next_map = self._window.sum_from(start, self.count, self.hazard)
+        self.ended |= ended
+        self._keep(self.starts >= start)
+        self.log_prior, self.map_prior = self._window.priors(self.starts)
         self._settle()
         self._smooth()
 
@@ -208,17 +198,10 @@ class OnlineFilter:
         self.map_prior = np.append(self.map_prior, self._next_map)
         self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
         self.log_evidence = self.lattice.combine(self.kind_log_evidence)
+        self._window.remember(
+            self.starts, self.log_evidence, self.kind_log_evidence, self._next_prior, self._next_map
+        )
         self.count += 1
-
-    def _remember(self) -> None:
-        window, now = self.parameters.window, self.count - 1
-        self._window_evidence[now % window] = -np.inf
-        self._window_prior[now % window] = self.log_prior[-1]
-        self._window_map[now % window] = self.map_prior[-1]
-        recent = self.starts > now - window
-        starts = self.starts[recent]
-        self._window_evidence[starts % window, now - starts] = self.log_evidence[recent]
-        self._window_kinds[starts % window, now - starts] = self.kind_log_evidence[recent]
 
     def _prepare_next(self) -> None:
         mass = self.hazard.log_mass(self.count - self.starts) + self.log_evidence
@@ -278,48 +261,11 @@ class OnlineFilter:
                 return starts[i]
         return None
 
-    def _sum_from(self, start: int) -> None:
-        """Evidence, A and its maximum over the segmentations with a boundary at `start` only."""
-        window = self.parameters.window
-        for before in range(max(0, self.count - window), start):
-            self._window_evidence[before % window, start - before :] = -np.inf
-        starts = np.arange(start, self.count)
-        rows, log_mass = starts % window, self.hazard.log_mass(1 + np.arange(starts.size))
-        for end in range(start + 1, self.count + 1):
-            size = end - start
-            mass = log_mass[:size][::-1] + self._window_evidence[rows[:size], end - 1 - starts[:size]]
-            total = float(log_sum_exp(self._window_prior[rows[:size]] + mass))
-            scores = self._window_map[rows[:size]] + mass
-            best = int(np.argmax(scores))
-            kinds = self._window_kinds[rows[best], size - 1 - best].copy()
-            self.ended[end] = Ended(start + best, kinds)
-            if end == self.count:
-                self._next_prior, self._next_map = total, float(scores[best])
-                break
-            self._window_prior[end % window], self._window_map[end % window] = total, scores[best]
-        self._keep(self.starts >= start)
-        self.log_prior = self._window_prior[self.starts % window]
-        self.map_prior = self._window_map[self.starts % window]
-
     def _smooth(self) -> None:
-        now, window = self.count - 1, self.parameters.window
-        first = max(0, now - window + 1)
-        size = self.count - first
-        total = log_sum_exp(self.log_joint)
-        ages = np.arange(size)
-        log_mass, log_survival = self.hazard.log_mass(ages + 1), self.hazard.log_survival(ages)
-        backward = np.empty(size)
-        for i in range(size - 1, -1, -1):
-            evidence = self._window_evidence[(first + i) % window, : size - i]
-            terms = log_mass[: size - i] + evidence
-            terms[:-1] += backward[i + 1 :]
-            terms[-1] = log_survival[size - 1 - i] + evidence[-1]
-            backward[i] = log_sum_exp(terms)
-        prior = self._window_prior[(first + ages) % window]
-        probability = np.exp(np.minimum(prior + backward - total, 0.0))
-        leaving = first - len(self._smoothed_past)
+        leaving = self._window.oldest(self.count) - len(self._smoothed_past)
         self._smoothed_past += self._smoothed_window[:leaving].tolist()
-        self._smoothed_window = probability
+        total = float(log_sum_exp(self.log_joint))
+        self._smoothed_window = self._window.smoothed(self.count, self.hazard, total)
 
 
 def _common_ancestor(nodes: set[int], ended: dict[int, Ended]) -> int:

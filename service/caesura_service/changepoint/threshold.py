@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import Ended, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.window import Ended
 
 Array = NDArray[np.float64]
 

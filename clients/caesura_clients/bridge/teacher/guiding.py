@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_clients.bridge.teacher.contact import Touch
+from caesura_clients.bridge.teacher.effort import Effort
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
@@ -63,6 +64,9 @@ class Guiding:
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
         self._touch = Touch(plan.scenario.surfaces)
+        rate_per_s = plan.person.force_rate_per_s
+        self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
+        self._friction_nm = plan.person.joint_friction * FRICTION_NM
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
         self._v = np.zeros(7)
@@ -113,17 +117,20 @@ class Guiding:
         if load_kg > 0.0:
             at_tip = _tip_jacobian(arm.jacobian, lever)
             mass = mass + load_kg * at_tip.T @ at_tip
-        resist: Array = FRICTION_NM / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
+        resist: Array = self._friction_nm / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
         push: Array = DT * (arm.jacobian.T @ given - resist * self._v)
         return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""
-        plan, person = self._plan, self._plan.person
+        plan, person, effort = self._plan, self._plan.person, self._effort
+        place = effort.place if effort else 1.0
         wrench = np.empty(6)
-        wrench[:3] = person.stiffness_n_per_m * (plan.position[tick] - arm.position_base)
-        wrench[:3] += person.damping_ns_per_m * (plan.velocity[tick] - twist[:3]) + plan.force[tick]
+        wrench[:3] = person.stiffness_n_per_m * (place * (plan.position[tick] - arm.position_base))
+        wrench[:3] += person.damping_ns_per_m * (place * (plan.velocity[tick] - twist[:3])) + plan.force[tick]
         wrench[2] += self._weight_n - self._press_n
+        if effort:
+            wrench[:3] += effort.push(tick) - (1.0 - place) * plan.feed_forward[tick]
         turn = self._orientation @ arm.rotation_base.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
         wrench[3:] = HAND_TURN_STIFFNESS * error - HAND_TURN_DAMPING * twist[3:] + plan.torque[tick]
@@ -136,6 +143,8 @@ class Guiding:
         """
         weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
         self._weight_n += DT / WEIGHT_FELT_S * (weight - self._weight_n)
+        if self._effort:
+            self._effort.feel(tick, normal_n)
         meant, effort_n = float(self._plan.press[tick]), normal_n - GRAVITY * load_kg
         wrong = meant - effort_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
         corrected = self._press_n + DT / PRESS_FELT_S * wrong

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from caesura_clients.bridge.teacher.contact import Surface
+from caesura_clients.bridge.teacher.effort import Aim, Aims, aims_at, goal_to_reach
 from caesura_clients.bridge.teacher.intentions import Array, Stroke, path, time_of_share
 from caesura_clients.bridge.teacher.noise import band_noise, wandering
 from caesura_clients.bridge.teacher.person import Person
@@ -45,8 +47,10 @@ class Plan:
     """What a hand means to do, tick by tick (n ticks of `DT`).
 
     position: (n, 3) [m] where it wants the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
-    (n, 3) [Nm] that it adds to holding that place; width: (n,) [m] between the fingers; load_kg: (n,) [kg]
-    held by them. All in the base frame.
+    (n, 3) [Nm] that it adds to holding that place; feed_forward: (n, 3) [N], how much of that is for getting
+    there; press: (n,) [N] that it means the surface to feel; aims: what it means to press with where it
+    controls its force; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them. All in the base
+    frame.
     """
 
     scenario: Scenario
@@ -55,7 +59,9 @@ class Plan:
     velocity: Array
     force: Array
     torque: Array
+    feed_forward: Array
     press: Array
+    aims: Aims
     width: Array
     load_kg: Array
 
@@ -77,13 +83,17 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
     pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
-    force = pushed + _feed_forward(velocity, person) + _unsteadiness(velocity, person, rng)
+    feed_forward = _feed_forward(velocity, person)
+    force = pushed + feed_forward + _unsteadiness(velocity, person, rng)
     width, held = _gripper(
         t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
     )
     torque = TURN_WANDER_NM * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
     load_kg = person.load_kg * held.astype(np.float64)
-    return Plan(scenario, person, position, velocity, force, torque, press, width, load_kg)
+    aims = aims_at(planner.aims, t)
+    return Plan(
+        scenario, person, position, velocity, force, torque, feed_forward, press, aims, width, load_kg
+    )
 
 
 class _Planner:
@@ -100,6 +110,9 @@ class _Planner:
         self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
         self.presses: list[Stroke] = []
+        self.aims: list[Aim] = []
+        self.aside = (0.0, 0.0)  # share of a press that goes sideways, as long as it lasts
+        self.touch_s: float | None = None  # [s] since when it has been about to touch
         self.closed_s: list[float] = []
         self.opened_s: list[float] = []
 
@@ -112,7 +125,7 @@ class _Planner:
 
     def _move(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
-        self._push_with(np.zeros(3), 0.0, min(LET_GO_S, duration))
+        self._let_go(min(LET_GO_S, duration))
         long = not step.passing and np.linalg.norm(goal - self.place) > LONG_MOVE_M
         if long and self.rng.random() < self.person.hesitation:
             self._hesitate(goal, duration)
@@ -133,6 +146,7 @@ class _Planner:
         share = time_of_share(self.person.profile, fall / (fall + self.person.impact_m))
         self._stroke(np.array([*goal[:2], self.place[2]]), duration)
         self._stroke(goal - (0.0, 0.0, self.person.impact_m), duration / share)
+        self.touch_s = self.now
 
     def _press(self, step: Step, duration: float) -> None:
         surface, force = self._surface_below(self.place), self._force(step)
@@ -143,13 +157,13 @@ class _Planner:
         else:
             self.shifts.append(Stroke(self.now, rise, place - self.place))
             self.place = place
-        self._press_down(force, rise)
+        self._press_down(force, rise, duration)
 
     def _slide(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
         goal[2] = self.place[2]
         self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing), flat=True)
-        self._press_down(self._force(step), duration)
+        self._press_down(self._force(step), duration, duration, yields=False)
 
     def _grasp(self, step: Step, duration: float) -> None:
         self._press(step, duration)
@@ -174,14 +188,34 @@ class _Planner:
         self.strokes.append(Stroke(self.now + delay, duration, by, self.person.profile, deviation))
         self.place = goal
 
-    def _push_with(self, push: Array, press: float, duration: float) -> None:
-        self.pushes.append(Stroke(self.now, duration, push - self.push))
-        self.presses.append(Stroke(self.now, duration, np.array([0.0, 0.0, press - self.press])))
+    def _push_with(self, push: Array, press: float, rise: float) -> None:
+        self.pushes.append(Stroke(self.now, rise, push - self.push))
+        self.presses.append(Stroke(self.now, rise, np.array([0.0, 0.0, press - self.press])))
         self.push, self.press = push, press
 
-    def _press_down(self, force: float, duration: float) -> None:
+    def _press_down(self, force: float, rise: float, duration: float, *, yields: bool = True) -> None:
         aside = LATERAL_PRESS_SHARE * force * self.rng.normal(size=2)
-        self._push_with(np.array([*aside, -force]), force, duration)
+        if self.person.force_rate_per_s is None:
+            self._push_with(np.array([*aside, -force]), force, rise)
+        else:
+            self._aim(force, aside / force, duration, self.person.force_rate_per_s, yields=yields)
+
+    def _aim(self, force: float, aside: Array, duration: float, rate_per_s: float, *, yields: bool) -> None:
+        """Control the force from now on; after a touch since the surface is met, if that is before."""
+        goal = goal_to_reach(force, self.press, duration, rate_per_s)
+        if self.press == 0.0:
+            self.aside = (float(aside[0]), float(aside[1]))
+        if self.touch_s is not None:
+            self.aims.append(Aim(self.touch_s, goal, self.aside, yields, waits=True))
+        self.aims.append(Aim(self.now, goal, self.aside, yields))
+        self.press = goal + (self.press - goal) * exp(-rate_per_s * duration)
+        self.touch_s = None
+
+    def _let_go(self, duration: float) -> None:
+        if self.person.force_rate_per_s is None:
+            self._push_with(np.zeros(3), 0.0, duration)
+        self.aims.append(Aim(self.now))
+        self.press, self.touch_s = 0.0, None
 
     def _scattered(self, step: Step) -> Array:
         goal = np.array(step.to)

@@ -32,6 +32,7 @@ def correlation(time_s: float) -> float:
 # a sensor's bias wanders with the pose, that is with the movement.
 MEMORY_S = 0.5
 DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of movements; real ones last 0.3–3.4 s
+REFRACTORY_S = 0.2  # the shortest submovements; nobody does two things within one
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 CALM = 0.3  # a movement's residuals at rest, as a share of those at its fastest
@@ -90,7 +91,7 @@ ALL_KINDS = (
     Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
 )
 
-DEFAULT = Preset("default", default_channels, ALL_KINDS, continuous=True)
+DEFAULT = Preset("default", default_channels, ALL_KINDS, continuous=True, refractory_s=REFRACTORY_S)
 
 Channels = Mapping[str, ChannelModel]
 

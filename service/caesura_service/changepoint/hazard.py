@@ -44,6 +44,39 @@ class Geometric:
 
 
 @dataclass(frozen=True)
+class Refractory:
+    """Constant hazard 1/mean_samples, but a `share` of that for the first `early` samples of a segment.
+
+    Nobody does two things within one submovement of 0.2 to 0.3 s; what looks like it is one thing.
+    """
+
+    mean_samples: float
+    early: int
+    share: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not (self.mean_samples > 1.0 and self.early >= 0 and 0.0 < self.share <= 1.0):
+            raise ValueError(
+                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, "
+                "expected above 1, at least 0, and within 0 to 1"
+            )
+
+    def log_mass(self, n: NDArray[np.int64]) -> Array:
+        """Log g(n) = log S(n − 1) + log h(n)."""
+        n = np.asarray(n)
+        first = np.where(n <= self.early, np.log(self.share), 0.0)
+        mass: Array = self.log_survival(n - 1) + first - np.log(self.mean_samples)
+        return mass
+
+    def log_survival(self, n: NDArray[np.int64]) -> Array:
+        """Log S(n) = Σ log(1 − h) over samples 1 to n."""
+        young = np.minimum(n, self.early)
+        old = (n - young) * np.log1p(-1.0 / self.mean_samples)
+        survival: Array = old + young * np.log1p(-self.share / self.mean_samples)
+        return survival
+
+
+@dataclass(frozen=True)
 class Uniform:
     """Every length from 1 to longest samples is equally likely. Thesis (2.9), whose exponent is wrong."""
 

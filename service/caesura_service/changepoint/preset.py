@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from caesura_service.changepoint.hazard import Geometric
+from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
@@ -23,9 +23,9 @@ MOVEMENT = (Kind("motion", "motion", "free", ("moving",)), Kind("steady", "stead
 class Preset:
     """How a demonstration is segmented.
 
-    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice;
-    `mean_segment_s` [s] sets the hazard; segments shorter than `least_segment_s` [s] become no app (the
-    thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
+    channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice.
+    `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment. Segments
+    shorter than `least_segment_s` [s] become no app (the thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
     sample, and the changepoint lies midway between that and its own first; otherwise it begins with its own
     first sample, as in the thesis. `threshold` on the smoothed probability decides what is a changepoint, as
     in the thesis; without one the best segmentation does.
@@ -37,6 +37,7 @@ class Preset:
     maximum: bool = False
     continuous: bool = False
     mean_segment_s: float = 2.0
+    refractory_s: float = 0.0
     least_segment_s: float = 0.3
     threshold: float | None = None
     filter: FilterParameters = field(default_factory=FilterParameters)
@@ -66,6 +67,11 @@ class Preset:
         self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
     ) -> OnlineFilter:
         """A filter at its beginning; arguments as for `lattice`."""
-        hazard = Geometric(self.mean_segment_s * SEGMENTATION_HZ)
         lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
-        return OnlineFilter(lattice, hazard, self.filter)
+        return OnlineFilter(lattice, self.hazard, self.filter)
+
+    @property
+    def hazard(self) -> Hazard:
+        """The prior of segment lengths, in samples."""
+        mean, early = self.mean_segment_s * SEGMENTATION_HZ, round(self.refractory_s * SEGMENTATION_HZ)
+        return Refractory(mean, early) if early else Geometric(mean)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Uniform
+from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.online import FilterParameters, OnlineFilter
 from caesura_service.changepoint.presets import PRESETS
 from service.changepoint.brute_force import BruteForce, demonstration
 
-HAZARDS = [Geometric(8.0), Uniform(12), Uniform(5), NegativeBinomial(6.0, 3.0)]
+HAZARDS = [Geometric(8.0), Uniform(12), Uniform(5), NegativeBinomial(6.0, 3.0), Refractory(8.0, 2, 0.1)]
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
 
 
@@ -71,7 +71,10 @@ def test_lengths_have_the_mean_that_was_asked_for() -> None:
         assert (n * np.exp(hazard.log_mass(n))).sum() == pytest.approx(20.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("bad", [lambda: Geometric(1.0), lambda: Uniform(0), lambda: NegativeBinomial(0.5)])
+@pytest.mark.parametrize(
+    "bad",
+    [lambda: Geometric(1.0), lambda: Uniform(0), lambda: NegativeBinomial(0.5), lambda: Refractory(5.0, -1)],
+)
 def test_a_hazard_that_is_no_distribution_is_refused(bad) -> None:
     with pytest.raises(ValueError, match="expected"):
         bad()

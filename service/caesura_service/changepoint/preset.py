@@ -25,10 +25,12 @@ class Preset:
 
     channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice.
     `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment. Segments
-    shorter than `least_segment_s` [s] become no app (the thesis' minimum time filter). `continuous`: a segment begins where the one before it ends, at its last
-    sample, and the changepoint lies midway between that and its own first; otherwise it begins with its own
-    first sample, as in the thesis. `threshold` on the smoothed probability decides what is a changepoint, as
-    in the thesis; without one the best segmentation does.
+    shorter than `least_segment_s` [s] become no app (the thesis' minimum time filter).
+
+    `continuous`: a segment begins where the one before it ends, at its last sample, and the changepoint lies
+    midway between that and its own first; otherwise it begins with its own first sample, as in the thesis.
+    `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
+    best segmentation does.
     """
 
     name: str

@@ -210,7 +210,7 @@ def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
         for first in range(0, len(samples), 100):
             pipeline.push(samples[first : first + 100])
             fresh.append(len(pipeline.view.segments) - min(len(pipeline._settled), pipeline._program.first))
-    assert len(pipeline.view.segments) > 35
+    assert len(pipeline.view.segments) > 30  # enough for what grows to show
     assert max(fresh) < 20
     assert pipeline.view.apps == program_of(pipeline)
 

@@ -48,6 +48,13 @@ def test_a_push_below_friction_moves_nothing_visible(robot: Robot) -> None:
     assert np.abs(robot.flange_poses(trace.q)[0][-1] - STILL.start).max() < 2e-4
 
 
+def test_without_joint_friction_the_least_push_moves_the_arm(robot: Robot) -> None:
+    plan = pushed(0.5, 1.0)
+    plan = replace(plan, person=replace(plan.person, joint_friction=0.0))
+    trace = Guiding(robot, plan).run(1000)
+    assert np.abs(robot.flange_poses(trace.q)[0][-1] - STILL.start).max() > 5e-3
+
+
 def test_an_arm_let_go_loses_its_energy_and_comes_to_rest(robot: Robot) -> None:
     trace = Guiding(robot, pushed(15.0, 0.3)).run(1200)
     energy = kinetic_energy(robot, trace)[310:]

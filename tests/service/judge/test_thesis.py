@@ -11,13 +11,14 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.bridge.teacher.intentions import UNIT_RESPONSES, time_of_share
 from caesura_clients.bridge.teacher.person import THESIS
 from caesura_clients.recording import Recording
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands import register
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.thesis import suite
-from caesura_service.judge.thesis.demonstrations import DRAWN, TIMED, Taught, person
+from caesura_service.judge.thesis.demonstrations import DRAWN, HUMAN, ROBOT, SENSOR, TIMED, Taught, person
 from caesura_service.judge.thesis.measure import (
     SAME_EVENT_S,
     Found,
@@ -35,6 +36,9 @@ from caesura_service.judge.truth import Point, Truth
 
 ROW = Row("R", "Fig.", "s", "force", (Boundary(2.0), Boundary(4.0), Boundary(4.5)), states="12?1")
 RIGHT = [(2.0,), (4.0, 4.2), (4.5,)]
+# How fast the forces of Fig. 4.13 and 4.14 fall: before [N], after [N], time [s].
+DECAYS = ((21.086, 2.411, 0.5), (20.331, 4.083, 0.4), (14.986, 3.283, 0.6), (9.881, 2.524, 0.4))
+DECAYS_PER_S = [np.log(before / after) / time for before, after, time in DECAYS]
 NAMED = {row.name: row for row in ROWS}
 
 
@@ -72,9 +76,22 @@ def test_demonstrations_are_as_long_as_the_thesis_says():
 def test_a_person_differs_from_the_thesis_in_body_and_sensors_only():
     drawn = person(3, "overdamped")
     differing = {f.name for f in fields(drawn) if getattr(drawn, f.name) != getattr(THESIS, f.name)}
-    assert differing == {"name", "profile", *DRAWN}
+    assert differing == {"name", "profile", *DRAWN, *ROBOT, *HUMAN["overdamped"]}
     assert person(3, "overdamped") == drawn != replace(person(4, "overdamped"), name=drawn.name)
+    assert all(getattr(drawn, name) == value for name, value in SENSOR.items())
     assert person(3, "overdamped", wander=True).bias_wander_n != THESIS.bias_wander_n
+
+
+def test_only_the_thesis_own_human_controls_a_force():
+    assert person(3, "overdamped").force_rate_per_s == pytest.approx(np.mean(DECAYS_PER_S), abs=0.05)
+    assert person(3, "minimum_jerk").force_rate_per_s is None
+
+
+def test_the_aim_below_a_surface_is_that_of_the_thesis():
+    fall, below = 0.244 - 0.107, HUMAN["overdamped"]["impact_m"]
+    duration = 1.8 / time_of_share("overdamped", fall / (fall + below))
+    done = (fall + below) * UNIT_RESPONSES["overdamped"](np.array([0.8 / duration]))[0]
+    assert done == pytest.approx(0.244 - 0.164, abs=0.002)  # Fig. 4.8
 
 
 def test_what_the_thesis_says_has_no_faults():

@@ -1,8 +1,8 @@
-"""A hand that controls its force where it touches: the human of the thesis, a switching proportional controller.
+"""A hand that controls its force where it touches: the thesis' human, a switching proportional controller.
 
-In free space it goes for a place, in contact for a force (3.6), and no longer for a place: "the desired position
-as already reached, x_d = x" (3.2.2), the force "only exerted in the direction of the contact point" (3.1.1). The
-force is one first order response from the touch on (3.37), whenever that is; letting go is another, towards 0.
+In free space it goes for a place, in contact for a force (3.6) and no longer for a place: "the desired
+position as already reached x_d = x" (3.2.2). The force is one first order response from the touch on (3.37),
+whenever that is, and so is letting go.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fa
 class Aim:
     """What a hand means to press with from a time on.
 
-    aside: (2,) share of the force that goes sideways; waits: until a surface is met; yields: gives its place up.
+    aside: (2,) share of the force that goes sideways; yields: it gives its place up to the surface that it
+    meets; waits: it presses only once it has met one.
     """
 
     start_s: float
@@ -56,7 +57,7 @@ def aims_at(aims: Sequence[Aim], t: Array) -> Aims:
 
 
 def goal_to_reach(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
-    """Force [N] to aim at so that a first order response gets from one force to another in a time; never a pull.
+    """Force [N] to aim at so that a first order response goes from one force to another in a time; no pull.
 
     The forces of the thesis' tables are those with which a segment ends (3.2.2).
     """
@@ -65,7 +66,10 @@ def goal_to_reach(force_n: float, before_n: float, duration_s: float, rate_per_s
 
 
 class Effort:
-    """The controller, tick by tick. force_n: what it adds; place: share of its control of the place, 1 in the air."""
+    """The controller, tick by tick.
+
+    force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.
+    """
 
     def __init__(self, aims: Aims, rate_per_s: float, dt: float) -> None:
         self._aims = aims

@@ -1,6 +1,16 @@
 """What a session is made of, kept in order: replaying it rebuilds the session bit for bit."""
 
-from caesura_service.journal.journal import Journal, Record, Recordable
+from caesura_service.journal.journal import Journal, JournalError, Key, Record, Recordable
 from caesura_service.journal.memory import MemoryJournal
+from caesura_service.journal.sqlite import JournalSettings, SqliteJournal
 
-__all__ = ["Journal", "MemoryJournal", "Record", "Recordable"]
+__all__ = [
+    "Journal",
+    "JournalError",
+    "JournalSettings",
+    "Key",
+    "MemoryJournal",
+    "Record",
+    "Recordable",
+    "SqliteJournal",
+]

@@ -3,6 +3,11 @@
 What changes a session is recorded in the order in which it was taken: the opening, every batch that was
 news, every hole that was given up (an `evicted` error), the close. What came twice, and what was refused
 without touching the session, is not.
+
+When a record is safe. Batches may be processed, and their results told, a little before: whoever sent
+them still has them, and the same batches give the same results. What nobody could send again, or would
+answer differently the second time, is safe before it is processed: `append(record, now=True)`. And so is
+everything before it is acknowledged: `commit`.
 """
 
 from __future__ import annotations
@@ -14,6 +19,11 @@ from typing import Protocol
 from caesura_protocol.messages import Close, Error, Open, SampleBatch
 
 Recordable = Open | SampleBatch | Error | Close
+Key = tuple[str, str]  # station and session
+
+
+class JournalError(Exception):
+    """The journal cannot be read or written; the message names it, the reason, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +37,21 @@ class Record:
 
 
 class Journal(Protocol):
-    """Append-only records of many sessions. One thread writes."""
+    """Append-only records of many sessions. One thread appends."""
 
-    def append(self, record: Record) -> None:
-        """Keep a record; it is safe when this returns."""
+    def append(self, record: Record, *, now: bool = False) -> None:
+        """Keep a record; it is safe soon, or when this returns if it shall be `now`.
+
+        Raises JournalError, and has not kept it then.
+        """
+
+    def commit(self) -> None:
+        """Everything that was appended is safe when this returns. Raises JournalError."""
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session in the order in which they were appended; none for an unknown one."""
 
-    def sessions(self) -> tuple[tuple[str, str], ...]:
+    def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session with a record, in the order of their first one."""
 
     def forget(self, station: str, session: str) -> None:

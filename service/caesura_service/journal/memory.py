@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from caesura_protocol.messages import SampleBatch
-from caesura_service.journal.journal import Record
+from caesura_service.journal.journal import Key, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
@@ -16,10 +16,10 @@ class MemoryJournal:
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
         self.capacity_bytes = capacity_bytes
-        self._records: dict[tuple[str, str], list[Record]] = {}
-        self._sizes: dict[tuple[str, str], int] = {}  # [bytes]
+        self._records: dict[Key, list[Record]] = {}
+        self._sizes: dict[Key, int] = {}  # [bytes]
 
-    def append(self, record: Record) -> None:
+    def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record, and make room for it; the session that it belongs to is never dropped."""
         key = (record.station, record.session)
         self._records.setdefault(key, []).append(record)
@@ -27,11 +27,14 @@ class MemoryJournal:
         while sum(self._sizes.values()) > self.capacity_bytes and len(self._sizes) > 1:
             self.forget(*next(known for known in self._sizes if known != key))
 
+    def commit(self) -> None:
+        """Nothing is safer than it is."""
+
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session as they are now; later ones do not appear in the iteration."""
         return iter(tuple(self._records.get((station, session), ())))
 
-    def sessions(self) -> tuple[tuple[str, str], ...]:
+    def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session with a record, oldest first."""
         return tuple(self._records)
 

@@ -1,19 +1,22 @@
 """All sessions of this instance, by station and name. Routes messages, charges refusals, keeps limits.
 
 A refusal is charged to the session that it names, else to the station's current session where the
-station is known, and always to the service. A station reaches only its own sessions. Other threads read
-the `board`, which is replaced when a session comes or goes and holds each one's immutable standing.
+station is known, and always to the service. A station reaches only its own sessions. What the journal
+cannot take is refused as `overloaded` with the journal's reason: the bridge still has it, and is asked
+again. Other threads read the `board`, which is replaced when a session comes or goes and holds each one's
+immutable standing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal
+from caesura_service.journal import Journal, JournalError
 from caesura_service.session.content import check_columns
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
@@ -83,7 +86,8 @@ class Registry:
         try:
             if isinstance(command, Open) and self._find(station, command.session) is None:
                 return self._open(station, command, now)
-            return self._session(station, command.session).receive(command, now)
+            with _recording():
+                return self._session(station, command.session).receive(command, now)
         except ProtocolError as error:
             return [*self._charge(station, command.session, error), Answer(error)]
 
@@ -92,7 +96,8 @@ class Registry:
     ) -> list[Output]:
         """Take what a bridge sent, or the end of an answer to a replay."""
         try:
-            said = self._session(station, message.session).receive(message, now)
+            with _recording():
+                said = self._session(station, message.session).receive(message, now)
         except ProtocolError as error:
             return self._charge(station, message.session, error)
         for output in said:
@@ -113,7 +118,8 @@ class Registry:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._build(station, opening)
-        said = [*self._make_room(station, now), *session.begin(now)]
+        with _recording("conflict"):
+            said = [*self._make_room(station, now), *session.begin(now)]
         self._stations.setdefault(station, {})[command.session] = session
         self._show()
         return said
@@ -190,6 +196,15 @@ class Registry:
     def _show(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
         self.board = Board(shown)
+
+
+@contextmanager
+def _recording(code: ErrorCode = "overloaded") -> Iterator[None]:
+    """Turn what the journal cannot take into a refusal. A session that never began need not try again."""
+    try:
+        yield
+    except JournalError as error:
+        raise ProtocolError(code, str(error)) from error
 
 
 def _unanswered(said: list[Output]) -> list[Output]:

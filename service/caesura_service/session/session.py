@@ -2,7 +2,10 @@
 
 Rules
 - What changes the session is recorded before it is processed; replaying the records gives the same
-  session bit for bit.
+  session bit for bit. What cannot be recorded is not processed: the sender is told, and nothing is lost.
+- Nothing that was told is taken back by a crash. A batch may be told of before its record is safe, for the
+  bridge still has it; everything else is safe before it is processed, and everything before an
+  acknowledgement.
 - A batch is processed in sequence, exactly once. Ahead of its turn it is held, and what is missing is
   asked for; what the bridge no longer has becomes a gap, and the session goes on behind it.
 - A batch of the right session whose content is refused is lost like one that never came: counted, and a
@@ -21,7 +24,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Error, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal, Record, Recordable
+from caesura_service.journal import Journal, JournalError, Record, Recordable
 from caesura_service.session.content import samples_of
 from caesura_service.session.demonstration import Demonstration
 from caesura_service.session.limits import Limits
@@ -55,6 +58,7 @@ class Session:
         self._limits = limits
         self._ordering: Ordering[NDArray[np.float64] | None] = Ordering(limits.held_batches)
         self._asking = Asking(limits)
+        self._unrecorded = False  # did a batch come since the last answer that could not be recorded?
 
     @property
     def name(self) -> str:
@@ -95,7 +99,11 @@ class Session:
         self._journal = journal
 
     def receive(self, message: Incoming, now: float) -> list[Output]:
-        """Take a message. Raises ProtocolError, and changes nothing, where it is refused as a whole."""
+        """Take a message.
+
+        Raises ProtocolError, and changes nothing, where it is refused as a whole; JournalError where it
+        cannot be recorded.
+        """
         match message:
             case SampleBatch():
                 return self._receive_batch(message, now)
@@ -144,7 +152,9 @@ class Session:
     def _receive_answer(self, ended: ReplayEnded, now: float) -> list[Output]:
         after(self.standing.state, "replayed")
         progress = self.next_seq > ended.first
-        lost = self._asking.ended(progress=progress, answered=ended.answered, now=now)
+        answered = ended.answered and not self._unrecorded
+        self._unrecorded = False
+        lost = self._asking.ended(progress=progress, answered=answered, now=now)
         if not self.is_open or progress or not (lost or ended.evicted):
             return self._ask(now)
         target = self._ordering.nearest(self.next_seq + 1 if lost else ended.oldest)
@@ -265,6 +275,9 @@ class Session:
         return [AskReplay(self._station, self._opening.session, *wanted)] if wanted else []
 
     def _ack(self) -> Answer:
+        """What is acknowledged is safe. Raises JournalError."""
+        if self._journal is not None:
+            self._journal.commit()
         state = self.standing.state
         return Answer(
             Ack(
@@ -275,5 +288,13 @@ class Session:
         )
 
     def _record(self, message: Recordable, now: float) -> None:
-        if self._journal is not None:
-            self._journal.append(Record(self._station, self._opening.session, now, message))
+        """Raises JournalError; nothing has changed then."""
+        if self._journal is None:
+            return
+        is_batch = isinstance(message, SampleBatch)
+        record = Record(self._station, self._opening.session, now, message)
+        try:
+            self._journal.append(record, now=not is_batch)
+        except JournalError:
+            self._unrecorded |= is_batch
+            raise

@@ -20,7 +20,7 @@ from caesura_protocol.messages import (
     SessionStatus,
 )
 from caesura_service.app import Service
-from caesura_service.journal import MemoryJournal, Record
+from caesura_service.journal import JournalError, MemoryJournal, Record
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
 from harness.sessions import batch, batch_of, batches, closing, opening
@@ -183,16 +183,30 @@ def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service
     assert (status.batches, status.refused, status.gaps) == (20, {}, ())
 
 
-class FullJournal(MemoryJournal):
-    """A disk without room."""
+class BadJournal(MemoryJournal):
+    """Takes nothing."""
 
-    def append(self, record: Record) -> None:
-        raise OSError("no space left on device")
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
+    def append(self, record: Record, *, now: bool = False) -> None:
+        raise self.error
 
 
-def test_a_command_that_cannot_be_recorded_is_to_be_tried_again(config):
-    service = Service(config, pipeline_factory=make_fake_pipeline, journal=FullJournal())
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError("a mistake of ours"), "overloaded: not carried out: OSError"),
+        (
+            JournalError("journal j cannot be written: free some room"),
+            "conflict: journal j cannot be written",
+        ),
+    ],
+)
+def test_an_opening_that_cannot_be_recorded_is_refused_with_the_reason(config, error, words):
+    service = Service(config, pipeline_factory=make_fake_pipeline, journal=BadJournal(error))
     with service, Peer(service.endpoint) as peer:
-        with pytest.raises(ProtocolError, match="overloaded: not carried out: OSError"):
+        with pytest.raises(ProtocolError, match=words):
             peer.command(opening())
         assert peer.service_status().sessions_open == 0

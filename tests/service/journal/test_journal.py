@@ -1,20 +1,40 @@
-"""What every journal keeps to. A further implementation joins the list of factories."""
+"""What every journal keeps to. A further implementation joins the table of factories."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import nullcontext
+
 import pytest
 
-from caesura_service.journal import Journal, MemoryJournal, Record
+from caesura_protocol.messages import Error
+from caesura_service.journal import (
+    Journal,
+    JournalError,
+    JournalSettings,
+    MemoryJournal,
+    Record,
+    SqliteJournal,
+)
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Owner
 from caesura_service.session.session import Session
 from harness.sessions import batch, closing, opening
 
+FACTORIES = {
+    "memory": lambda path: nullcontext(MemoryJournal()),
+    "sqlite": lambda path: SqliteJournal(path / "j.sqlite"),
+    "sqlite, each record at once": lambda path: SqliteJournal(
+        path / "j.sqlite", JournalSettings(commit_s=0.0)
+    ),
+}
 
-@pytest.fixture(params=[MemoryJournal])
-def journal(request) -> Journal:
-    return request.param()
+
+@pytest.fixture(params=FACTORIES)
+def journal(request, tmp_path) -> Iterator[Journal]:
+    with FACTORIES[request.param](tmp_path) as made:
+        yield made
 
 
 def record(session: str, seq: int, station: str = "cell-1") -> Record:
@@ -37,10 +57,34 @@ def test_sessions_are_kept_apart_and_listed_in_the_order_of_their_first_record(j
     assert len(list(journal.replay("cell-1", "s2"))) == 2
 
 
-def test_a_message_comes_back_as_it_was(journal):
-    kept = Record("cell-1", "s1", 1.5, batch(3))
-    journal.append(kept)
-    assert next(journal.replay("cell-1", "s1")) == kept
+@pytest.mark.parametrize(
+    "message", [batch(3), opening(), closing(7), Error(code="evicted", message="gone", value=3, limit=9)]
+)
+@pytest.mark.parametrize("now", [False, True])
+def test_a_message_comes_back_as_it_was(journal, message, now):
+    kept = Record("cell-1", "s1", 1.5, message)
+    journal.append(kept, now=now)
+    assert list(journal.replay("cell-1", "s1")) == [kept]
+
+
+def test_a_name_that_was_forgotten_can_be_used_again(journal):
+    journal.append(record("s1", 0))
+    journal.forget("cell-1", "s1")
+    journal.append(record("s1", 1))
+    assert [kept.message.seq for kept in journal.replay("cell-1", "s1")] == [1]
+
+
+def test_what_is_committed_twice_is_kept_once(journal):
+    journal.append(record("s1", 0))
+    journal.commit()
+    journal.commit()
+    assert len(list(journal.replay("cell-1", "s1"))) == 1
+
+
+def test_more_records_than_are_read_at_once_come_back_in_order(journal):
+    for seq in range(1200):
+        journal.append(Record("cell-1", "s1", 0.0, batch(0).model_copy(update={"seq": seq})))
+    assert [kept.message.seq for kept in journal.replay("cell-1", "s1")] == list(range(1200))
 
 
 def test_an_unknown_session_has_no_records_and_can_be_forgotten(journal):
@@ -79,10 +123,10 @@ class FullJournal(MemoryJournal):
 
     full = False
 
-    def append(self, record: Record) -> None:
+    def append(self, record: Record, *, now: bool = False) -> None:
         if self.full:
-            raise OSError("no space left on device")
-        super().append(record)
+            raise JournalError("no space left on device")
+        super().append(record, now=now)
 
 
 @pytest.mark.parametrize("message", [batch(1), closing(0), opening(epoch=1)])
@@ -96,7 +140,7 @@ def test_what_cannot_be_recorded_is_not_processed(message):
     session.receive(batch(0), 0.0)
     journal.full = True
     before = session.standing
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(JournalError, match="no space"):
         session.receive(message, 0.0)
     assert (session.standing, session.next_seq) == (before, 1)
     journal.full = False

@@ -1,0 +1,138 @@
+"""What a journal's file looks like inside, and how to open one.
+
+One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
+Payloads are the codec's own bytes. `application_id` tells a journal from other databases, `user_version`
+which version of this schema it has.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from caesura_service.journal.journal import JournalError
+
+APPLICATION_ID = 0x43616573  # "Caes"
+SCHEMA_VERSION = 1
+BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
+
+SCHEMA = """
+CREATE TABLE sessions (
+    id INTEGER PRIMARY KEY,
+    station TEXT NOT NULL,
+    session TEXT NOT NULL,
+    opened REAL NOT NULL,               -- [s] time of day of the first record
+    touched REAL NOT NULL,              -- [s] time of day of the last one
+    closed INTEGER NOT NULL DEFAULT 0,  -- is there a close?
+    size INTEGER NOT NULL DEFAULT 0,    -- [bytes] of its records
+    UNIQUE (station, session)
+);
+CREATE TABLE records (
+    place INTEGER PRIMARY KEY,          -- the order of appending
+    session_id INTEGER NOT NULL REFERENCES sessions (id) ON DELETE CASCADE,
+    epoch INTEGER,                      -- of a batch
+    seq INTEGER,
+    at REAL NOT NULL,                   -- [s] the service's clock
+    encoding TEXT NOT NULL,
+    payload BLOB NOT NULL
+);
+CREATE INDEX of_session ON records (session_id);
+CREATE UNIQUE INDEX one_row_a_batch ON records (session_id, epoch, seq) WHERE seq IS NOT NULL;
+"""
+
+# What SQLite calls it → what it means, and what to do.
+REMEDIES: Mapping[str, str] = {
+    "SQLITE_FULL": "cannot be written, there is no room left: free some, or name another --journal",
+    "SQLITE_READONLY": "cannot be written: let this user write it, or name another --journal",
+    "SQLITE_CANTOPEN": "cannot be opened: let this user read and write it, or name another --journal",
+    "SQLITE_PERM": "cannot be opened: let this user read and write it, or name another --journal",
+    "SQLITE_BUSY": "is in use by another process: end that one, or name another --instance or --journal",
+    "SQLITE_NOTADB": "is no journal: move it away, or name another --journal",
+    "SQLITE_CORRUPT": "is damaged: move it away, or name another --journal",
+    "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
+}
+
+
+@contextmanager
+def translated(path: Path) -> Iterator[None]:
+    """Turn what SQLite raises into a JournalError that names the file and what to do."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        remedy = REMEDIES.get(name, "cannot be used")
+        raise JournalError(f"journal {path} {remedy} ({error})") from error
+
+
+@contextmanager
+def transaction(database: sqlite3.Connection) -> Iterator[None]:
+    """Everything in the context is written, or nothing."""
+    database.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        database.execute("COMMIT")
+    finally:
+        if database.in_transaction:
+            database.execute("ROLLBACK")
+
+
+def opened(path: Path) -> sqlite3.Connection:
+    """The database of a journal, made where there is none. Raises JournalError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise JournalError(
+            f"journal {path} cannot be made: {error.strerror}; name a --journal that this user can write"
+        ) from error
+    with translated(path):
+        database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+        try:
+            _prepare(database, path)
+        except BaseException:
+            database.close()
+            raise
+    return database
+
+
+def _prepare(database: sqlite3.Connection, path: Path) -> None:
+    """Check what it is before anything is written to it."""
+    if _is_empty(database):
+        database.execute("PRAGMA journal_mode = WAL")
+        with transaction(database):
+            if _is_empty(database):
+                _create(database)
+    _check(database, path)
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        database.execute(f"PRAGMA {pragma}")
+    with transaction(database):  # whoever cannot write shall know now
+        database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def _is_empty(database: sqlite3.Connection) -> bool:
+    (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    return not tables and _number(database, "application_id") == 0
+
+
+def _create(database: sqlite3.Connection) -> None:
+    for statement in SCHEMA.split(";\n"):
+        database.execute(statement)
+    database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def _check(database: sqlite3.Connection, path: Path) -> None:
+    if _number(database, "application_id") != APPLICATION_ID:
+        raise JournalError(f"journal {path} is another program's database: name another --journal")
+    version = _number(database, "user_version")
+    if version > SCHEMA_VERSION:
+        raise JournalError(
+            f"journal {path} was written by a newer caesura (journal version {version}, this one knows "
+            f"{SCHEMA_VERSION}): update caesura, or name another --journal"
+        )
+
+
+def _number(database: sqlite3.Connection, pragma: str) -> int:
+    (value,) = database.execute(f"PRAGMA {pragma}").fetchone()
+    return int(value)

@@ -1,0 +1,331 @@
+"""The journal on disk: what it survives, what it refuses, and in which words."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Ack, SessionStatus
+from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
+from caesura_service.journal import sqlite as module
+from caesura_service.journal.schema import SCHEMA_VERSION
+from caesura_service.session.standing import snapshot_of
+from harness.sessions import (
+    NAME,
+    STATION,
+    Ring,
+    answer,
+    asked,
+    batch,
+    batches,
+    closing,
+    heartbeat,
+    new_registry,
+    opening,
+    published,
+)
+
+NEVER = JournalSettings(commit_s=3600.0)  # but when told to
+DEADLINE_S = 5.0
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "caesura-1.sqlite"
+
+
+def record(seq: int, session: str = NAME) -> Record:
+    return Record(STATION, session, float(seq), batch(seq, session))
+
+
+def on_disk(path: Path, query: str = "SELECT seq FROM records ORDER BY place") -> list:
+    """What another process sees."""
+    reader = sqlite3.connect(path)
+    try:
+        return [row[0] for row in reader.execute(query)]
+    finally:
+        reader.close()
+
+
+def killed(path: Path, to: Path) -> Path:
+    """The files as a process leaves them that is killed now."""
+    to.mkdir()
+    for part in path.parent.glob(path.name + "*"):
+        (to / part.name).write_bytes(part.read_bytes())
+    return to / path.name
+
+
+def grow_no_more(journal: SqliteJournal) -> None:
+    """A full disk, as SQLite says it: SQLITE_FULL."""
+    (pages,) = journal._database.execute("PRAGMA page_count").fetchone()
+    journal._database.execute(f"PRAGMA max_page_count = {pages}")
+
+
+def grow_again(journal: SqliteJournal) -> None:
+    journal._database.execute("PRAGMA max_page_count = 1000000")
+
+
+class Refusal(NamedTuple):
+    seq: int
+    reason: str
+
+
+def until_refused(journal: SqliteJournal, seqs: range, *, now: bool = False) -> Refusal:
+    for seq in seqs:
+        try:
+            journal.append(record(seq), now=now)
+        except JournalError as error:
+            return Refusal(seq, str(error))
+    raise AssertionError("everything was taken")
+
+
+# --- commits --------------------------------------------------------------------------------------------
+
+
+def test_a_record_is_on_disk_within_the_bounded_delay_without_anybody_asking(path):
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        written = threading.Event()
+        journal._succeed, succeed = lambda rows: (succeed(rows), written.set()), journal._succeed
+        journal.append(record(0))
+        assert written.wait(DEADLINE_S)
+        assert on_disk(path) == [0]
+
+
+def test_what_shall_be_safe_now_is_and_everything_before_it(path):
+    with SqliteJournal(path, NEVER) as journal:
+        journal.append(record(0))
+        assert on_disk(path) == []
+        journal.append(record(1), now=True)
+        assert on_disk(path) == [0, 1]
+        journal.append(record(2))
+        journal.commit()
+        assert on_disk(path) == [0, 1, 2]
+
+
+def test_what_waits_is_written_when_the_journal_is_closed(path):
+    with SqliteJournal(path, NEVER) as journal:
+        journal.append(record(0))
+    assert on_disk(path) == [0]
+
+
+def test_a_killed_process_loses_what_waited_and_nothing_else(path, tmp_path):
+    with SqliteJournal(path, NEVER) as journal:
+        journal.append(record(0), now=True)
+        journal.append(record(1))
+        left = killed(path, tmp_path / "left")
+    with SqliteJournal(left) as journal:
+        assert [kept.message.seq for kept in journal.replay(STATION, NAME)] == [0]
+
+
+def test_a_batch_that_is_written_twice_is_there_once(path):
+    with SqliteJournal(path, NEVER) as journal:
+        for _ in range(2):
+            journal.append(record(0))
+        journal.append(record(0))
+    assert on_disk(path) == [0]
+    with SqliteJournal(path, NEVER) as journal:
+        size = on_disk(path, "SELECT size FROM sessions")
+        journal.append(record(0), now=True)
+        assert on_disk(path, "SELECT size FROM sessions") == size
+
+
+def test_payloads_are_the_codecs_bytes(path):
+    with SqliteJournal(path) as journal:
+        journal.append(Record(STATION, NAME, 0.0, opening()), now=True)
+    (encoding,) = on_disk(path, "SELECT encoding FROM records")
+    assert encoding == "application/msgpack;caesura.Open.v1"
+
+
+@pytest.mark.parametrize("damage", ["truncated", "last page corrupted"])
+def test_a_damaged_tail_of_the_log_opens_and_loses_the_tail_alone(path, tmp_path, damage):
+    with SqliteJournal(path, NEVER) as journal:
+        for seq in range(20):
+            journal.append(record(seq), now=True)
+        left = killed(path, tmp_path / "left")
+    log = left.with_name(left.name + "-wal")
+    content = log.read_bytes()
+    keep = len(content) - 2000
+    log.write_bytes(content[:keep] + (b"" if damage == "truncated" else b"\xff" * 2000))
+    with SqliteJournal(left) as journal:
+        kept = [each.message.seq for each in journal.replay(STATION, NAME)]
+        assert kept == list(range(19))
+        journal.append(record(19), now=True)
+        assert len(list(journal.replay(STATION, NAME))) == 20
+
+
+# --- files that will not do -----------------------------------------------------------------------------
+
+
+def test_a_file_that_is_no_journal_is_left_alone(path):
+    path.write_bytes(b"a letter to my mother " * 100)
+    with pytest.raises(JournalError, match=r"caesura-1.sqlite is no journal: move it away, or name another"):
+        SqliteJournal(path)
+    assert path.read_bytes() == b"a letter to my mother " * 100
+
+
+def test_another_programs_database_is_left_alone(path):
+    other = sqlite3.connect(path)
+    other.execute("CREATE TABLE mine (x)")
+    other.close()
+    with pytest.raises(JournalError, match=r"is another program's database: name another --journal"):
+        SqliteJournal(path)
+    assert on_disk(path, "SELECT name FROM sqlite_master") == ["mine"]
+
+
+def test_a_newer_journal_is_refused_with_both_versions(path):
+    SqliteJournal(path).close()
+    newer = sqlite3.connect(path)
+    newer.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
+    newer.close()
+    with pytest.raises(JournalError, match=rf"version {SCHEMA_VERSION + 1}, this one knows {SCHEMA_VERSION}"):
+        SqliteJournal(path)
+
+
+def test_a_directory_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(
+        JournalError, match=r"file/j.sqlite cannot be made: .*; name a --journal that this user"
+    ):
+        SqliteJournal(tmp_path / "file" / "j.sqlite")
+
+
+def test_a_directory_in_its_place_is_named(path):
+    path.mkdir()
+    with pytest.raises(JournalError, match="cannot be opened: let this user read and write it"):
+        SqliteJournal(path)
+
+
+def test_a_journal_has_one_service(path):
+    with SqliteJournal(path), pytest.raises(JournalError, match="in use by another process"):
+        SqliteJournal(path)
+    SqliteJournal(path).close()
+
+
+def test_somebody_who_only_looks_may_beside_it(path):
+    with SqliteJournal(path) as journal:
+        journal.append(record(0), now=True)
+        with SqliteJournal(path, alone=False) as looking:
+            assert len(list(looking.replay(STATION, NAME))) == 1
+
+
+def test_a_journal_that_has_become_read_only_says_so(path):
+    with SqliteJournal(path) as journal:
+        journal._database.execute("PRAGMA query_only = ON")
+        with pytest.raises(JournalError, match=r"cannot be written: let this user write it, or name another"):
+            journal.append(record(0), now=True)
+        journal._database.execute("PRAGMA query_only = OFF")
+
+
+# --- a full disk ----------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_refuses_what_shall_be_safe_now_and_keeps_nothing_of_it(path):
+    with SqliteJournal(path, NEVER) as journal:
+        journal.append(record(0), now=True)
+        grow_no_more(journal)
+        said = until_refused(journal, range(1, 200), now=True)
+        assert "caesura-1.sqlite cannot be written, there is no room left: free" in said.reason
+        refused = said.seq
+        grow_again(journal)
+        journal.commit()
+    assert on_disk(path) == list(range(refused))
+
+
+def test_after_a_commit_that_failed_appends_are_refused_until_it_is_made_up_for(path, monkeypatch):
+    monkeypatch.setattr(module, "RETRY_S", 0.01)
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        journal.append(record(0), now=True)
+        grow_no_more(journal)
+        said = until_refused(journal, range(1, 1_000_000))
+        assert "no room left" in said.reason
+        recovered = threading.Event()
+        journal._succeed, succeed = lambda rows: (succeed(rows), recovered.set()), journal._succeed
+        grow_again(journal)
+        assert recovered.wait(DEADLINE_S)
+        journal.append(record(said.seq), now=True)
+    assert on_disk(path) == list(range(said.seq + 1))
+
+
+def test_a_disk_that_is_too_slow_refuses_before_memory_runs_out(path):
+    with SqliteJournal(path, JournalSettings(commit_s=3600.0, waiting_bytes=2000)) as journal:
+        assert "written too slowly" in until_refused(journal, range(10)).reason
+        journal.commit()
+        journal.append(record(10))
+
+
+# --- sessions on it -------------------------------------------------------------------------------------
+
+
+def test_an_acknowledgement_is_given_for_what_is_safe(path):
+    with SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal)
+        registry.command(STATION, opening(), 0.0)
+        for each in batches(3):
+            registry.samples(STATION, each, 0.0)
+        assert on_disk(path, "SELECT count(*) FROM records") == [1]
+        assert answer(registry.command(STATION, opening(), 0.0)) == Ack(
+            session=NAME, next_seq=3, state="open"
+        )
+        assert on_disk(path, "SELECT count(*) FROM records") == [4]
+
+
+def test_a_session_that_cannot_be_recorded_is_not_opened_and_the_answer_says_why(path):
+    with SqliteJournal(path, NEVER) as journal:
+        journal._database.execute("PRAGMA query_only = ON")
+        registry = new_registry(journal)
+        refusal = answer(registry.command(STATION, opening(), 0.0))
+        journal._database.execute("PRAGMA query_only = OFF")
+    assert isinstance(refusal, ProtocolError)
+    assert refusal.code == "conflict"
+    assert str(path) in refusal.message
+    assert registry.board.sessions == {}
+
+
+def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothing(path):
+    count = 40
+    ring = Ring(batches(count))
+    with SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal)
+        registry.command(STATION, opening(), 0.0)
+        registry.samples(STATION, batch(0), 0.0)
+        journal.commit()
+        grow_no_more(journal)
+        journal._trouble = JournalError("journal is full")  # as the thread finds it
+        said = [out for seq in range(1, 10) for out in registry.samples(STATION, batch(seq), 0.0)]
+        status = published(said, SessionStatus)[-1]
+        assert status.refused == {"overloaded": 9}
+        assert status.last_refusal is not None
+        assert "journal is full" in status.last_refusal.message
+        # Answers to questions cannot be recorded either, which does not make them lost.
+        now = 0.0
+        for _ in range(8):
+            now += 10.0
+            for out in registry.samples(STATION, heartbeat(9), now):
+                if asked([out]):
+                    for reply in ring.answer(out):
+                        registry.samples(STATION, reply, now)
+        grow_again(journal)
+        journal.commit()
+        session = registry.board.sessions[STATION][0]
+        ring.feed(session, heartbeat(count - 1), now + 10.0)
+        registry.command(STATION, closing(count - 1), now + 20.0)
+        standing = session.standing
+    undisturbed = new_registry()
+    undisturbed.command(STATION, opening(), 0.0)
+    for each in batches(count):
+        undisturbed.samples(STATION, each, 0.0)
+    undisturbed.command(STATION, closing(count - 1), 0.0)
+    expected = snapshot_of(undisturbed.board.standings()[0])
+    shown = snapshot_of(standing)
+    assert (shown.segments, shown.changepoints, shown.program) == (
+        expected.segments,
+        expected.changepoints,
+        expected.program,
+    )
+    assert shown.status.gaps == ()
+    assert shown.status.samples == expected.status.samples

@@ -28,6 +28,7 @@ from caesura_protocol.messages import (
     Error,
     Gap,
     Heartbeat,
+    JournalReport,
     Message,
     Open,
     Posterior,
@@ -91,6 +92,9 @@ def examples() -> dict[str, Message]:
     )
     gap = Gap(t0=5.0, tn=5.25, reason="evicted")
     refusal = Refusal(code="malformed", message="not a map")
+    journal = JournalReport(
+        kind="sqlite", commit_s=0.0625, size=1048576, size_limit=10_000_000_000, waiting=4096
+    )
     status = SessionStatus(
         **OF_RESULT,
         seq=41,
@@ -158,6 +162,7 @@ def examples() -> dict[str, Message]:
             posterior=posterior,
             program=program,
         ),
+        journal,
         ServiceStatus(
             instance="caesura-0",
             epoch=2,
@@ -170,6 +175,7 @@ def examples() -> dict[str, Message]:
             queue=0,
             queue_capacity=4096,
             dropped=0,
+            journal=journal,
         ),
         Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),
     ]

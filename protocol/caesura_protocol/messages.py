@@ -283,6 +283,17 @@ class Snapshot(Message):
     program: Program
 
 
+class JournalReport(Message):
+    """How an instance keeps what its sessions are made of."""
+
+    kind: Literal["memory", "sqlite"]
+    commit_s: Annotated[float, Field(ge=0.0)]  # [s] a record waits at most so long to be written
+    size: Count  # [bytes] of all sessions
+    size_limit: Count  # [bytes] past which closed sessions are dropped, oldest first
+    waiting: Count = 0  # [bytes] not yet written
+    trouble: str | None = None  # why nothing can be written now
+
+
 class ServiceStatus(Message):
     """How an instance of the service is doing."""
 
@@ -297,6 +308,7 @@ class ServiceStatus(Message):
     queue: Count
     queue_capacity: Count
     dropped: Count
+    journal: JournalReport | None = None  # an older instance does not tell
 
 
 class Error(Message):

@@ -20,7 +20,7 @@ from typing import Self
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
-from caesura_service.journal import Journal, MemoryJournal
+from caesura_service.journal import Journal, MemoryJournal, SqliteJournal
 from caesura_service.session.ports import Owner, PipelineFactory
 from caesura_service.session.registry import Registry
 
@@ -33,7 +33,7 @@ _WAKE_S = 0.2  # how often the waiting main thread looks up for a signal
 
 
 class Service:
-    """One instance of the service while the context lasts. Raises NetworkError on entry."""
+    """One instance of the service while the context lasts. Raises NetworkError or JournalError on entry."""
 
     def __init__(
         self,
@@ -43,14 +43,15 @@ class Service:
         journal: Journal | None = None,
         stop: threading.Event | None = None,
     ) -> None:
-        """journal: its sessions are rebuilt on entry; stop: ends a wait for a router."""
+        """journal: in place of the configured one; stop: ends a wait for a router."""
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, self.config.epoch_now())
+        self._file = _journal_on_disk(self.config) if journal is None else None
         self.registry = Registry(
             owner=owner,
             pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
-            journal=MemoryJournal() if journal is None else journal,
+            journal=journal or self._file or MemoryJournal(),
             limits=self.config.limits,
         )
         self._edge = Edge(
@@ -67,8 +68,9 @@ class Service:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(_switching_often())
-            for failed in self.registry.restore():
-                logger.error("%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error)
+            if self._file is not None:
+                stack.enter_context(self._file)
+            self._restore()
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
         return self
@@ -77,6 +79,16 @@ class Service:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    def _restore(self) -> None:
+        """Go on where the journal ends; its sessions are there before anybody can ask for them."""
+        began = time.monotonic()
+        for failed in self.registry.restore():
+            logger.error("%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error)
+        if standings := self.registry.board.standings():
+            opened = sum(standing.is_open for standing in standings)
+            took_s = time.monotonic() - began
+            logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)
 
     @property
     def endpoint(self) -> str:
@@ -143,6 +155,11 @@ def _signals_set(over: threading.Event) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _journal_on_disk(config: ServiceConfig) -> SqliteJournal | None:
+    path = config.journal_path
+    return None if path is None else SqliteJournal(path, config.journal_settings)
 
 
 def _version() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,10 +10,22 @@ from pathlib import Path
 from caesura_protocol.keys import check_name
 from caesura_service.edge.inbox import QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings
+from caesura_service.journal import JournalSettings
 from caesura_service.session.limits import Limits
 
 DEFAULT_INSTANCE = "caesura-1"
 DEFAULT_PRESET = "default"
+
+
+def journal_directory() -> Path:
+    """Where journals are kept unless told otherwise: the user's state directory."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "caesura"
+
+
+def journal_path(directory: Path, instance: str) -> Path:
+    """The file of an instance's journal."""
+    return directory / f"{instance}.sqlite"
 
 
 @dataclass(frozen=True)
@@ -20,7 +33,8 @@ class ServiceConfig:
     """One instance. Raises ProtocolError where its name is no valid name.
 
     epoch: of everything that it says; None takes the time of its start in milliseconds, so that a
-    restarted instance is known from the one before it.
+    restarted instance is known from the one before it. journal: the directory of the instance's journal;
+    None keeps it in memory.
     """
 
     instance: str = DEFAULT_INSTANCE
@@ -32,6 +46,8 @@ class ServiceConfig:
     epoch: int | None = None
     limits: Limits = field(default_factory=Limits)
     queue: QueueSettings = field(default_factory=QueueSettings)
+    journal: Path | None = None
+    journal_settings: JournalSettings = field(default_factory=JournalSettings)
 
     def __post_init__(self) -> None:
         check_name(self.instance, "instance")
@@ -46,6 +62,11 @@ class ServiceConfig:
             config_file=self.zenoh_config,
             connect_timeout_s=self.connect_timeout_s,
         )
+
+    @property
+    def journal_path(self) -> Path | None:
+        """The file of this instance's journal."""
+        return None if self.journal is None else journal_path(self.journal, self.instance)
 
     def epoch_now(self) -> int:
         """The epoch of an instance that starts now."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport
-from caesura_protocol.messages import Snapshot
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.messages import Close, Open, SampleBatch, Snapshot
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import MemoryJournal
+from caesura_service.recordings import BATCH_SAMPLES, opening_of
 from harness.demonstrations import guided
 from harness.peer import Peer
 
@@ -53,3 +56,46 @@ def test_a_service_that_starts_again_with_its_journal_has_the_same_results():
     assert after.changepoints.changepoints == before.changepoints.changepoints
     assert after.program.apps == before.program.apps
     assert after.status.epoch > before.status.epoch
+
+
+def test_a_service_that_starts_again_on_its_journal_goes_on_where_it_was(tmp_path):
+    config = replace(LOCAL, journal=tmp_path)
+    with Service(config) as service:
+        undisturbed = teach(service.endpoint, guided())
+    with Service(config) as service, Peer(service.endpoint) as peer:
+        opening, batches = sent(guided(), "s2")
+        peer.command(opening)
+        for batch in batches[: len(batches) // 2]:
+            peer.send(batch)
+        peer.command(opening)  # behind the batches
+    with Service(config) as service, Peer(service.endpoint) as peer:
+        assert results(peer.snapshot("s1")) == results(undisturbed)
+        assert peer.command(opening).next_seq == len(batches) // 2
+        for batch in batches[len(batches) // 2 :]:
+            peer.send(batch)
+        peer.command(Close(session="s2", last_seq=len(batches) - 1))
+        assert results(peer.snapshot("s2")) == results(undisturbed)
+
+
+def sent(recording: Recording, session: str) -> tuple[Open, list[SampleBatch]]:
+    """What a bridge would send."""
+    matrix, columns = recording.matrix(), recording.columns
+    opening = opening_of(recording).model_copy(update={"session": session})
+    batches = [
+        pack_samples(matrix[first : first + BATCH_SAMPLES], columns, session=session, epoch=0, seq=seq)
+        for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES))
+    ]
+    return opening, batches
+
+
+def results(snapshot: Snapshot) -> tuple[object, ...]:
+    """What must not depend on who told it, when, and under which name."""
+    told = {"session": "", "instance": "", "epoch": 0, "seq": 0}
+    status = snapshot.status
+    return (
+        snapshot.segments.segments,
+        snapshot.changepoints.changepoints,
+        snapshot.program.model_copy(update=told),
+        snapshot.posterior.model_copy(update=told) if snapshot.posterior else None,
+        (status.state, status.batches, status.samples, status.observations, status.gaps, status.repeats),
+    )

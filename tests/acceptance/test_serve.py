@@ -13,12 +13,14 @@ import pytest
 from harness.peer import Peer
 
 DEADLINE_S = 20.0
+SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
 
 @contextmanager
 def serving(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A process and the endpoint of its ready line."""
-    command = [sys.executable, "-m", "caesura_service", "serve", *options]
+    options = options if "--journal" in options else (*options, "--journal", "memory")
+    command = [*SERVE, *options]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -40,7 +42,7 @@ def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number):
 
 
 def test_it_can_be_stopped_while_it_waits_for_a_router():
-    command = [sys.executable, "-m", "caesura_service", "serve", "--connect", "tcp/127.0.0.1:9"]
+    command = [*SERVE, "--connect", "tcp/127.0.0.1:9", "--journal", "memory"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert any("no router at tcp/127.0.0.1:9" in line for line in process.stderr)
@@ -51,7 +53,7 @@ def test_it_can_be_stopped_while_it_waits_for_a_router():
 
 def test_a_second_one_on_the_same_endpoint_says_why_not():
     with serving("--listen", "tcp/127.0.0.1:0") as (_, endpoint):
-        command = [sys.executable, "-m", "caesura_service", "serve", "--listen", endpoint]
+        command = [*SERVE, "--listen", endpoint, "--journal", "memory"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 1
     assert "Address already in use" in done.stderr
@@ -63,3 +65,37 @@ def test_a_name_that_is_no_name_is_refused():
     done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 1
     assert "'Not A Name'" in done.stderr
+
+
+def test_sessions_are_kept_in_the_users_state_directory_unless_told_otherwise(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    command = [*SERVE, "--listen", "tcp/127.0.0.1:0", "--instance", "west"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert "ready" in process.stdout.readline()
+        finally:
+            process.send_signal(signal.SIGTERM)
+        said = process.communicate(timeout=DEADLINE_S)[1]
+    path = tmp_path / "caesura" / "west.sqlite"
+    assert path.exists()
+    assert f"journal {path}, written every 0.05 s" in said
+
+
+def test_how_long_a_record_may_wait_is_an_option_that_the_status_shows(tmp_path):
+    options = ("--listen", "tcp/127.0.0.1:0", "--journal", str(tmp_path), "--journal-commit-s", "0.2")
+    with serving(*options) as (_, endpoint), Peer(endpoint) as peer:
+        journal = peer.service_status("caesura-1").journal
+    assert journal is not None
+    assert (journal.kind, journal.commit_s, journal.size_limit) == ("sqlite", 0.2, 10**10)
+
+
+def test_a_journal_that_will_not_do_is_one_line(tmp_path):
+    (tmp_path / "caesura-1.sqlite").write_text("a letter to my mother " * 100)
+    command = [*SERVE, "--listen", "tcp/127.0.0.1:0", "--journal", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        f"caesura serve: journal {tmp_path}/caesura-1.sqlite is no journal: move it"
+    )
+    assert "Traceback" not in done.stderr

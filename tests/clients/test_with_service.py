@@ -31,6 +31,8 @@ SERVE = [
     "-c",
     "from caesura_clients.cli import main; main()",
     "serve",
+    "--journal",
+    "memory",
     "--log-level",
     "warning",
 ]

@@ -91,6 +91,7 @@ class Edge:
             queue=len(self._inbox),
             queue_capacity=self._inbox.capacity,
             dropped=self._inbox.dropped,
+            journal=self._registry.journal_report(),
         )
 
     def _declare(self, stack: ExitStack, network: zenoh.Session, answers: Answers) -> None:

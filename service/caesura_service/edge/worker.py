@@ -20,7 +20,7 @@ from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBat
 from caesura_service.edge.arrivals import Arrival, Command, Content, Ended, Replayed, Samples
 from caesura_service.edge.inbox import Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
-from caesura_service.session.ports import Answer, AskReplay, Failed, Output, Publish, Refused
+from caesura_service.session.ports import Answer, AskReplay, Failed, Forgotten, Output, Publish, Refused
 from caesura_service.session.registry import Registry
 
 logger = logging.getLogger(__name__)
@@ -130,6 +130,8 @@ class Worker:
                     logger.debug("refused: %s", error)
                 case Failed(station, session, error):
                     logger.error("%s/%s was closed by an error", station, session, exc_info=error)
+                case Forgotten(station, session, why):
+                    logger.info("%s/%s is no longer kept: %s", station, session, why)
                 case Answer():
                     raise TypeError("an answer without a question")
 

@@ -1,6 +1,6 @@
 """What a session is made of, kept in order: replaying it rebuilds the session bit for bit."""
 
-from caesura_service.journal.journal import Journal, JournalError, Key, Record, Recordable
+from caesura_service.journal.journal import Journal, JournalError, Key, Outcome, Record, Recordable
 from caesura_service.journal.memory import MemoryJournal
 from caesura_service.journal.sqlite import JournalSettings, SqliteJournal
 
@@ -10,6 +10,7 @@ __all__ = [
     "JournalSettings",
     "Key",
     "MemoryJournal",
+    "Outcome",
     "Record",
     "Recordable",
     "SqliteJournal",

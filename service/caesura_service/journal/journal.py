@@ -12,11 +12,11 @@ everything before it is acknowledged: `commit`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Protocol
 
-from caesura_protocol.messages import Close, Error, Open, SampleBatch
+from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
 
 Recordable = Open | SampleBatch | Error | Close
 Key = tuple[str, str]  # station and session
@@ -34,6 +34,15 @@ class Record:
     session: str
     at: float  # [s] the service's clock
     message: Recordable
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a session ended: all that can be asked of a closed one, so that it need not be replayed."""
+
+    opening: Open  # the last one
+    last_seq: int  # of its batches; -1 without one
+    snapshot: Snapshot
 
 
 class Journal(Protocol):
@@ -54,5 +63,23 @@ class Journal(Protocol):
     def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session with a record, in the order of their first one."""
 
+    def closed(self) -> Set[Key]:
+        """Those of the sessions that have a close among their records."""
+
+    def conclude(self, station: str, outcome: Outcome) -> None:
+        """Keep how a closed session ended. What can be replayed may do without."""
+
+    def outcome(self, station: str, session: str) -> Outcome | None:
+        """How a session ended, where that was kept and can be read."""
+
+    def release(self, station: str, session: str) -> None:
+        """Nobody holds the closed session any more: whether it is kept is the journal's own affair."""
+
     def forget(self, station: str, session: str) -> None:
-        """Drop a session that is no longer kept; an unknown one is no error."""
+        """Drop a session; an unknown one is no error."""
+
+    def tidy(self, now: float) -> Mapping[Key, str]:
+        """Drop what age and size no longer allow [s, as in the records]; returns what has gone, and why."""
+
+    def report(self) -> JournalReport:
+        """How it is doing; may be asked from any thread."""

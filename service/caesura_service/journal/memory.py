@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
 
-from caesura_protocol.messages import SampleBatch
-from caesura_service.journal.journal import Key, Record
+from caesura_protocol.messages import Close, JournalReport, SampleBatch
+from caesura_service.journal.journal import Key, Outcome, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
@@ -18,6 +18,7 @@ class MemoryJournal:
         self.capacity_bytes = capacity_bytes
         self._records: dict[Key, list[Record]] = {}
         self._sizes: dict[Key, int] = {}  # [bytes]
+        self._outcomes: dict[Key, Outcome] = {}
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record, and make room for it; the session that it belongs to is never dropped."""
@@ -38,10 +39,40 @@ class MemoryJournal:
         """(station, session) of every session with a record, oldest first."""
         return tuple(self._records)
 
+    def closed(self) -> Set[Key]:
+        """Those with a close."""
+        return {
+            key
+            for key, records in self._records.items()
+            if any(isinstance(record.message, Close) for record in records)
+        }
+
+    def conclude(self, station: str, outcome: Outcome) -> None:
+        """Keep how a session ended."""
+        self._outcomes[station, outcome.opening.session] = outcome
+
+    def outcome(self, station: str, session: str) -> Outcome | None:
+        """How a session ended."""
+        return self._outcomes.get((station, session))
+
+    def release(self, station: str, session: str) -> None:
+        """Drop it: memory is for sessions that somebody holds."""
+        self.forget(station, session)
+
+    def tidy(self, now: float) -> Mapping[Key, str]:
+        """Nothing: room is made at every append."""
+        return {}
+
+    def report(self) -> JournalReport:
+        """Safe at once, as long as the process lives."""
+        sizes = sum(list(self._sizes.values()))
+        return JournalReport(kind="memory", commit_s=0.0, size=sizes, size_limit=self.capacity_bytes)
+
     def forget(self, station: str, session: str) -> None:
         """Drop the records of a session."""
         self._records.pop((station, session), None)
         self._sizes.pop((station, session), None)
+        self._outcomes.pop((station, session), None)
 
 
 def _size(record: Record) -> int:

@@ -39,6 +39,12 @@ CREATE TABLE records (
     payload BLOB NOT NULL
 );
 CREATE INDEX of_session ON records (session_id);
+CREATE TABLE outcomes (                 -- of closed sessions, in place of a replay
+    session_id INTEGER PRIMARY KEY REFERENCES sessions (id) ON DELETE CASCADE,
+    opening BLOB NOT NULL,
+    last_seq INTEGER NOT NULL,
+    snapshot BLOB NOT NULL
+);
 CREATE UNIQUE INDEX one_row_a_batch ON records (session_id, epoch, seq) WHERE seq IS NOT NULL;
 """
 

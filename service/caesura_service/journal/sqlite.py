@@ -6,6 +6,9 @@ what waited; a killed machine no more, for every commit reaches the disk (synchr
 
 When writing fails, what waits is kept and tried again, and until it is written every further append is
 refused with the reason: a session that is not journalled does not go on.
+
+Closed sessions stay until they are too old or too much, oldest first. Open ones are never dropped for
+their size, and for their age only once nobody has touched them for so long.
 """
 
 from __future__ import annotations
@@ -13,19 +16,24 @@ from __future__ import annotations
 import logging
 import sqlite3
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Set
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from caesura_protocol.codec import decode, encode
-from caesura_protocol.messages import Close, Error, Open, SampleBatch
-from caesura_service.journal.journal import JournalError, Key, Record, Recordable
+from caesura_protocol.codec import decode, encode, encoding_of
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
+from caesura_service.journal.journal import JournalError, Key, Outcome, Record, Recordable
 from caesura_service.journal.schema import opened, transaction, translated
 
 logger = logging.getLogger(__name__)
 
+DAY_S = 86400.0
+GB = 10**9
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
 _ROW_BYTES = 100  # of a record beside its payload
@@ -44,14 +52,27 @@ UPDATE sessions SET size = size + ?, touched = ?, closed = max(closed, ?) WHERE 
 _SELECT_PAGE = """
 SELECT place, at, encoding, payload FROM records
 WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
+_INSERT_OUTCOME = """
+INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
+_SELECT_OUTCOME = """
+SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
+WHERE station = ? AND session = ?"""
+_DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
 
 
 @dataclass(frozen=True)
 class JournalSettings:
-    """How long a record may wait to be written, and how many bytes may."""
+    """How long a record may wait to be written, and how much is kept. Raises ValueError below 0."""
 
     commit_s: float = 0.05  # 0: each is written at once
-    waiting_bytes: int = 1 << 26  # past that, appends are refused
+    waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
+    age_s: float = 30 * DAY_S  # since a session was last touched
+    size_bytes: int = 10 * GB  # of all sessions
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value < 0:
+                raise ValueError(f"{name} is {value}, expected 0 or more")
 
 
 class _Row(NamedTuple):
@@ -62,53 +83,66 @@ class _Row(NamedTuple):
     at: float
     encoding: str
     payload: bytes
-    closing: bool
+    closes: bool
 
     @property
     def size(self) -> int:
         return len(self.payload) + _ROW_BYTES
 
 
-class SqliteJournal:
-    """The journal in one file. Use it as a context manager, or close it.
+class _Kept(NamedTuple):
+    station: str
+    session: str
+    touched: float  # [s]
+    size: int  # [bytes]
+    closed: int
 
-    Raises JournalError where the file is no journal, a newer one, or cannot be written; and, when `alone`,
-    where another process has it. Not alone it is for looking into the journal of a service that runs.
+    @property
+    def key(self) -> Key:
+        return self.station, self.session
+
+
+class SqliteJournal:
+    """The journal in one file, while the context lasts.
+
+    Raises JournalError on entry where the file is no journal, a newer one, or cannot be written; and, when
+    `alone`, where another process has it. Not alone it is for looking into that of a service that runs.
     """
 
     def __init__(self, path: Path, settings: JournalSettings | None = None, *, alone: bool = True) -> None:
         self.path = path
         self.settings = settings or JournalSettings()
-        self._database = opened(path)
-        try:
-            self._lock = _locked(path) if alone else None
-        except BaseException:
-            self._database.close()
-            raise
+        self._alone = alone
         self._waiting: list[_Row] = []
         self._waiting_bytes = 0
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
         self._trouble: JournalError | None = None
+        self._size = 0  # [bytes] as of the last look
+        self._seen: set[Key] = set()  # at the last look
         self._wake, self._over = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
-        self._thread.start()
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._database = stack.enter_context(closing(opened(self.path)))
+            if self._alone:
+                stack.enter_context(closing(_locked(self.path)))
+            stack.callback(self.commit)
+            thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
+            thread.start()
+            stack.callback(thread.join)
+            stack.callback(self._wake.set)
+            stack.callback(self._over.set)
+            self._seen = {row.key for row in self._look()}
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
-
-    def close(self) -> None:
         """Write what waits, and let go of the file. Raises JournalError where it could not be written."""
-        self._end()
-        try:
-            self.commit()
-        finally:
-            self._let_go()
+        self._stack.close()
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record. Raises JournalError where what came before it could not be written."""
@@ -151,13 +185,69 @@ class SqliteJournal:
         with self._writing, translated(self.path):
             return tuple(self._database.execute("SELECT station, session FROM sessions ORDER BY id"))
 
+    def closed(self) -> Set[Key]:
+        """Those with a close."""
+        self.commit()
+        with self._writing, translated(self.path):
+            return set(self._database.execute("SELECT station, session FROM sessions WHERE closed"))
+
+    def conclude(self, station: str, outcome: Outcome) -> None:
+        """Keep how a session ended; what is too large for a message is replayed instead."""
+        try:
+            opening, snapshot = encode(outcome.opening).payload, encode(outcome.snapshot).payload
+        except ProtocolError:
+            return
+        key = (station, outcome.opening.session)
+        self.commit()
+        with self._writing, translated(self.path), transaction(self._database):
+            self._database.execute(_INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, *key))
+
+    def outcome(self, station: str, session: str) -> Outcome | None:
+        """How a session ended; None where an older version wrote it in another form."""
+        with self._writing, translated(self.path):
+            found = self._database.execute(_SELECT_OUTCOME, (station, session)).fetchone()
+        if found is None:
+            return None
+        opening, last_seq, snapshot = found
+        try:
+            return Outcome(
+                decode(opening, encoding_of(Open), Open),
+                last_seq,
+                decode(snapshot, encoding_of(Snapshot), Snapshot),
+            )
+        except ProtocolError:
+            return None
+
+    def release(self, station: str, session: str) -> None:
+        """It stays until it is too old or too much."""
+
     def forget(self, station: str, session: str) -> None:
         """Drop the records of a session."""
         self.commit()
+        self._seen.discard((station, session))
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(
-                "DELETE FROM sessions WHERE station = ? AND session = ?", (station, session)
-            )
+            self._database.execute(_DELETE_SESSION, (station, session))
+
+    def tidy(self, now: float) -> Mapping[Key, str]:
+        """Drop at most one session, and tell of those that somebody else has dropped."""
+        known = self._look()
+        gone = dict.fromkeys(self._seen - {row.key for row in known}, "deleted by somebody")
+        self._seen = {row.key for row in known}
+        for row, why in islice(self._overdue(known, now), 1):
+            self.forget(*row.key)
+            gone[row.key] = why
+        return gone
+
+    def report(self) -> JournalReport:
+        """How it is doing, the size as of the last look."""
+        return JournalReport(
+            kind="sqlite",
+            commit_s=self.settings.commit_s,
+            size=self._size,
+            size_limit=self.settings.size_bytes,
+            waiting=self._waiting_bytes,
+            trouble=str(self._trouble) if self._trouble else None,
+        )
 
     # --- writing ----------------------------------------------------------------------------------------
 
@@ -194,7 +284,7 @@ class SqliteJournal:
                 execute(_INSERT_SESSION, (*key, row.at, row.at))
                 known.add(key)
             written = execute(_INSERT_RECORD, row[:-1]).rowcount
-            execute(_UPDATE_SESSION, (written * row.size, row.at, row.closing, *key))
+            execute(_UPDATE_SESSION, (written * row.size, row.at, row.closes, *key))
 
     def _fail(self, error: JournalError) -> None:
         if self._trouble is None:
@@ -221,15 +311,30 @@ class SqliteJournal:
             except JournalError:
                 continue  # said when it began; it has woken this thread for another attempt
 
-    def _end(self) -> None:
-        self._over.set()
-        self._wake.set()
-        self._thread.join()
+    # --- keeping ----------------------------------------------------------------------------------------
 
-    def _let_go(self) -> None:
-        for database in (self._database, self._lock):
-            if database is not None:
-                database.close()
+    def _look(self) -> list[_Kept]:
+        """Every session, the one that was touched longest ago first."""
+        with self._writing, translated(self.path):
+            rows = self._database.execute(
+                "SELECT station, session, touched, size, closed FROM sessions ORDER BY touched"
+            )
+            known = [_Kept(*row) for row in rows]
+        self._size = sum(row.size for row in known)
+        return known
+
+    def _overdue(self, known: list[_Kept], now: float) -> Iterator[tuple[_Kept, str]]:
+        """What has to go, in order: closed sessions first."""
+        closed = [row for row in known if row.closed]
+        age_s, size_bytes = self.settings.age_s, self.settings.size_bytes
+        for row in (*closed, *(row for row in known if not row.closed)):
+            if now - row.touched > age_s:
+                yield (
+                    row,
+                    f"not touched for {(now - row.touched) / 86400:.1f} days, kept are {age_s / 86400:g}",
+                )
+        for row in closed if self._size > size_bytes else ():
+            yield row, f"the oldest closed one of {self._size / GB:.3g} GB, kept are {size_bytes / GB:g}"
 
     # --- reading ----------------------------------------------------------------------------------------
 
@@ -249,8 +354,8 @@ def _row_of(record: Record) -> _Row:
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
-    closing = isinstance(message, Close)
-    return _Row(record.station, record.session, epoch, seq, record.at, encoding, payload, closing)
+    closes = isinstance(message, Close)
+    return _Row(record.station, record.session, epoch, seq, record.at, encoding, payload, closes)
 
 
 def _locked(path: Path) -> sqlite3.Connection:

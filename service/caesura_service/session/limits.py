@@ -27,4 +27,5 @@ class Limits:
     # Registry
     stations: int = 256
     open_sessions: int = 4  # a station; one more closes the oldest as abandoned
-    closed_sessions: int = 16  # a station; one more forgets the oldest
+    closed_sessions: int = 16  # a station, that can be asked; one more lets go of the oldest
+    tidy_interval_s: float = 1.0  # between two looks at what the journal need no longer keep

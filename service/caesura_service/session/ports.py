@@ -86,4 +86,13 @@ class Failed:
     error: Exception
 
 
-Output = Publish | AskReplay | Answer | Refused | Failed
+@dataclass(frozen=True)
+class Forgotten:
+    """The journal no longer keeps a session, and nobody can ask for it. For the log."""
+
+    station: str
+    session: str
+    why: str
+
+
+Output = Publish | AskReplay | Answer | Refused | Failed | Forgotten

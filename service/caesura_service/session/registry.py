@@ -3,25 +3,28 @@
 A refusal is charged to the session that it names, else to the station's current session where the
 station is known, and always to the service. A station reaches only its own sessions. What the journal
 cannot take is refused as `overloaded` with the journal's reason: the bridge still has it, and is asked
-again. Other threads read the `board`, which is replaced when a session comes or goes and holds each one's
-immutable standing.
+again. A closed session stays in the journal longer than it can be asked for here, and its name stays taken
+for so long. Other threads read the `board`, which is replaced when a session comes or goes and holds each
+one's immutable standing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.messages import Close, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError
+from caesura_protocol.messages import Close, Heartbeat, JournalReport, Open, SampleBatch
+from caesura_service.journal import Journal, JournalError, Key
+from caesura_service.session.concluded import Concluded, standing_of
 from caesura_service.session.content import check_columns
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
     Answer,
     Failed,
+    Forgotten,
     Output,
     Owner,
     PipelineFactory,
@@ -30,6 +33,7 @@ from caesura_service.session.ports import (
 )
 from caesura_service.session.session import Session
 from caesura_service.session.standing import Standing, Tally
+from caesura_service.session.view import Pipeline
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,19 @@ class Registry:
         self._journal = journal
         self._limits = limits
         self._stations: dict[str, dict[str, Session]] = {}
+        self._tidy_at = float("-inf")  # [s]
         self.board = Board({})
         self.tally = Tally()
 
     def restore(self) -> list[Failed]:
-        """Rebuild every session of the journal. Those that cannot be rebuilt are left out and named."""
+        """Rebuild every open session of the journal, and the closed ones that may be asked for.
+
+        Those that cannot be rebuilt are left out and named.
+        """
         failed = []
-        for station, name in self._journal.sessions():
+        for station, name in self._held():
             try:
-                session = self._rebuild(station, name)
+                session = self._taken_up(station, name) or self._rebuild(station, name)
             except Exception as error:
                 failed.append(Failed(station, name, error))
             else:
@@ -110,8 +118,16 @@ class Registry:
         return self._charge(station, None, error)
 
     def tick(self, now: float) -> list[Output]:
-        """Time has passed: every open session may ask again for what is missing."""
-        return [said for session in self._all() if session.is_open for said in session.tick(now)]
+        """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
+        said = [said for session in self._all() if session.is_open for said in session.tick(now)]
+        if now >= self._tidy_at:
+            self._tidy_at = now + self._limits.tidy_interval_s
+            said += self._tidy(now)
+        return said
+
+    def journal_report(self) -> JournalReport:
+        """How the journal is doing; may be asked from any thread."""
+        return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
         if station not in self._stations and len(self._stations) >= self._limits.stations:
@@ -119,6 +135,9 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._build(station, opening)
         with _recording("conflict"):
+            if (station, command.session) in self._journal.sessions():
+                why = "the journal has such a session, which is over or cannot be read: give it another name"
+                raise ProtocolError("conflict", why, value=command.session)
             said = [*self._make_room(station, now), *session.begin(now)]
         self._stations.setdefault(station, {})[command.session] = session
         self._show()
@@ -133,9 +152,31 @@ class Registry:
         except Exception as error:
             why = f"the session could not be opened: {type(error).__name__}: {error}"
             raise ProtocolError("conflict", why) from error
+        return self._session_of(station, opening, pipeline)
+
+    def _session_of(self, station: str, opening: Open, pipeline: Pipeline) -> Session:
         return Session(
             station, opening, pipeline, owner=self._owner, journal=self._journal, limits=self._limits
         )
+
+    def _held(self) -> list[Key]:
+        """Which sessions of the journal are held here: those that are open, and the last closed ones."""
+        known, closed = self._journal.sessions(), self._journal.closed()
+        over: dict[str, list[Key]] = {}
+        for key in known:
+            if key in closed:
+                over.setdefault(key[0], []).append(key)
+        keep = {key for keys in over.values() for key in keys[-self._limits.closed_sessions :]}
+        return [key for key in known if key not in closed or key in keep]
+
+    def _taken_up(self, station: str, name: str) -> Session | None:
+        """A closed session whose outcome the journal has."""
+        outcome = self._journal.outcome(station, name)
+        if outcome is None:
+            return None
+        session = self._session_of(station, outcome.opening, Concluded(outcome.snapshot))
+        session.take_up(outcome, standing_of(outcome.snapshot, self._owner))
+        return session
 
     def _rebuild(self, station: str, name: str) -> Session:
         records = self._journal.replay(station, name)
@@ -147,19 +188,30 @@ class Registry:
         return session
 
     def _make_room(self, station: str, now: float) -> list[Output]:
-        """Close the oldest open session and forget the oldest closed one of a station that has its fill."""
+        """Close the oldest open and let go of the oldest closed session of a station that has its fill."""
         sessions = self._stations.get(station, {})
         said: list[Output] = []
         opened = [session for session in sessions.values() if session.is_open]
-        for session in opened[: len(opened) - self._limits.open_sessions + 1]:
+        for session in opened[: max(0, len(opened) - self._limits.open_sessions + 1)]:
             said += _unanswered(
                 session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
             )
         closed = [session.name for session in sessions.values() if not session.is_open]
         for name in islice(closed, max(0, len(closed) - self._limits.closed_sessions)):
             del sessions[name]
-            self._journal.forget(station, name)
+            self._journal.release(station, name)
         return said
+
+    def _tidy(self, now: float) -> list[Output]:
+        """What the journal no longer keeps cannot be asked for either."""
+        with suppress(JournalError):  # which the journal has said already
+            gone = self._journal.tidy(now)
+            for station, name in gone:
+                self._stations.get(station, {}).pop(name, None)
+            if gone:
+                self._show()
+            return [Forgotten(*key, why) for key, why in gone.items()]
+        return []
 
     def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.tally = self.tally.with_refusal(error)

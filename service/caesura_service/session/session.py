@@ -18,19 +18,20 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Error, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError, Record, Recordable
+from caesura_service.journal import Journal, JournalError, Outcome, Record, Recordable
 from caesura_service.session.content import samples_of
 from caesura_service.session.demonstration import Demonstration
 from caesura_service.session.limits import Limits
 from caesura_service.session.ordering import Asking, Ordering
 from caesura_service.session.ports import Answer, AskReplay, Incoming, Output, Owner, Refused, ReplayEnded
-from caesura_service.session.standing import Standing
+from caesura_service.session.standing import Standing, snapshot_of
 from caesura_service.session.state import after
 from caesura_service.session.view import Pipeline
 
@@ -97,6 +98,12 @@ class Session:
                     self.receive(message, record.at)
         self._asking.forgive()
         self._journal = journal
+        self._conclude()
+
+    def take_up(self, outcome: Outcome, standing: Standing) -> None:
+        """Be the closed session of an outcome: as `restore`, without folding anything."""
+        self._demonstration.standing = standing
+        self._ordering.skip_to(outcome.last_seq + 1)
 
     def receive(self, message: Incoming, now: float) -> list[Output]:
         """Take a message.
@@ -255,11 +262,20 @@ class Session:
 
     def _finish(self) -> list[Output]:
         said = self._demonstration.finish()
+        self._conclude()
         if self.standing.state == "closed":
             return [*said, self._ack()]
         refusal = self.standing.tally.last_refusal
         why = refusal.message if refusal else "closed by an error in processing"
         return [*said, Answer(ProtocolError("conflict", why))]
+
+    def _conclude(self) -> None:
+        """Let the journal keep how it ended; without that it is replayed."""
+        if self._journal is None or self.standing.state != "closed":
+            return
+        outcome = Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing))
+        with suppress(JournalError):
+            self._journal.conclude(self._station, outcome)
 
     def _expect(self, seq: int) -> None:
         self._ordering.expect(seq)

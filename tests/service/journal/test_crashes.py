@@ -30,7 +30,7 @@ class Crashing:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.journal = SqliteJournal(path, NEVER)
+        self.journal = SqliteJournal(path, NEVER).__enter__()
         self.registry = new_registry(self.journal)
         self.registry.command(STATION, opening(), 0.0)
         self.safe = list(self.journal.replay(STATION, NAME))
@@ -45,8 +45,8 @@ class Crashing:
         self.restart()
 
     def restart(self) -> None:
-        self.journal.close()
-        self.journal = SqliteJournal(self.path, NEVER)
+        self.journal.__exit__(None, None, None)
+        self.journal = SqliteJournal(self.path, NEVER).__enter__()
         self.registry = new_registry(self.journal)
         assert self.registry.restore() == []
 
@@ -106,4 +106,4 @@ def test_a_crash_leaves_the_fold_over_what_was_committed_and_the_ring_restores_t
             service.crash()
             assert of(service.registry) == EXPECTED
         finally:
-            service.journal.close()
+            service.journal.__exit__(None, None, None)

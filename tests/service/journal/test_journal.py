@@ -13,6 +13,7 @@ from caesura_service.journal import (
     JournalError,
     JournalSettings,
     MemoryJournal,
+    Outcome,
     Record,
     SqliteJournal,
 )
@@ -20,7 +21,8 @@ from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Owner
 from caesura_service.session.session import Session
-from harness.sessions import batch, closing, opening
+from caesura_service.session.standing import snapshot_of
+from harness.sessions import batch, batches, closing, new_registry, opening
 
 FACTORIES = {
     "memory": lambda path: nullcontext(MemoryJournal()),
@@ -105,6 +107,41 @@ def test_a_replay_that_has_begun_does_not_see_what_is_appended_meanwhile(journal
     replay = journal.replay("cell-1", "s1")
     journal.append(record("s1", 1))
     assert len(list(replay)) == 1
+
+
+def outcome_of(session: str = "s1") -> Outcome:
+    """How a demonstration of three batches ended."""
+    registry = new_registry()
+    registry.command("cell-1", opening(session), 0.0)
+    for each in batches(3, session):
+        registry.samples("cell-1", each, 0.0)
+    registry.command("cell-1", closing(2, session), 0.0)
+    return Outcome(opening(session), 2, snapshot_of(registry.board.standings()[0]))
+
+
+def test_how_a_session_ended_is_kept_as_it_was_until_the_session_is_forgotten(journal):
+    journal.append(record("s1", 0))
+    assert journal.outcome("cell-1", "s1") is None
+    journal.conclude("cell-1", outcome_of())
+    assert journal.outcome("cell-1", "s1") == outcome_of()
+    journal.forget("cell-1", "s1")
+    journal.append(record("s1", 0))
+    assert journal.outcome("cell-1", "s1") is None
+
+
+def test_a_session_with_a_close_is_a_closed_one(journal):
+    for session in ("s1", "s2"):
+        journal.append(record(session, 0))
+    journal.append(Record("cell-1", "s2", 0.0, closing(0, "s2")))
+    assert journal.closed() == {("cell-1", "s2")}
+
+
+def test_what_is_young_and_small_is_kept(journal):
+    journal.append(record("s1", 0))
+    journal.commit()
+    assert journal.tidy(1.0) == {}
+    assert journal.sessions() == (("cell-1", "s1"),)
+    assert journal.report().trouble is None
 
 
 def test_a_journal_in_memory_drops_the_oldest_session_when_it_is_full_and_never_the_one_in_hand():

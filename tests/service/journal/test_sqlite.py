@@ -43,6 +43,11 @@ def record(seq: int, session: str = NAME) -> Record:
     return Record(STATION, session, float(seq), batch(seq, session))
 
 
+def written(path: Path) -> None:
+    with SqliteJournal(path):
+        pass
+
+
 def on_disk(path: Path, query: str = "SELECT seq FROM records ORDER BY place") -> list:
     """What another process sees."""
     reader = sqlite3.connect(path)
@@ -164,7 +169,7 @@ def test_a_damaged_tail_of_the_log_opens_and_loses_the_tail_alone(path, tmp_path
 def test_a_file_that_is_no_journal_is_left_alone(path):
     path.write_bytes(b"a letter to my mother " * 100)
     with pytest.raises(JournalError, match=r"caesura-1.sqlite is no journal: move it away, or name another"):
-        SqliteJournal(path)
+        written(path)
     assert path.read_bytes() == b"a letter to my mother " * 100
 
 
@@ -173,17 +178,17 @@ def test_another_programs_database_is_left_alone(path):
     other.execute("CREATE TABLE mine (x)")
     other.close()
     with pytest.raises(JournalError, match=r"is another program's database: name another --journal"):
-        SqliteJournal(path)
+        written(path)
     assert on_disk(path, "SELECT name FROM sqlite_master") == ["mine"]
 
 
 def test_a_newer_journal_is_refused_with_both_versions(path):
-    SqliteJournal(path).close()
+    written(path)
     newer = sqlite3.connect(path)
     newer.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
     newer.close()
     with pytest.raises(JournalError, match=rf"version {SCHEMA_VERSION + 1}, this one knows {SCHEMA_VERSION}"):
-        SqliteJournal(path)
+        written(path)
 
 
 def test_a_directory_that_cannot_be_made_is_named(tmp_path):
@@ -191,19 +196,19 @@ def test_a_directory_that_cannot_be_made_is_named(tmp_path):
     with pytest.raises(
         JournalError, match=r"file/j.sqlite cannot be made: .*; name a --journal that this user"
     ):
-        SqliteJournal(tmp_path / "file" / "j.sqlite")
+        written(tmp_path / "file" / "j.sqlite")
 
 
 def test_a_directory_in_its_place_is_named(path):
     path.mkdir()
     with pytest.raises(JournalError, match="cannot be opened: let this user read and write it"):
-        SqliteJournal(path)
+        written(path)
 
 
 def test_a_journal_has_one_service(path):
     with SqliteJournal(path), pytest.raises(JournalError, match="in use by another process"):
-        SqliteJournal(path)
-    SqliteJournal(path).close()
+        written(path)
+    written(path)
 
 
 def test_somebody_who_only_looks_may_beside_it(path):

@@ -153,6 +153,12 @@ def test_one_more_open_session_closes_the_oldest_of_that_station_as_abandoned():
     }
 
 
+def test_as_many_sessions_as_may_be_open_stay_open():
+    # Opening the third of four once closed the first.
+    registry = opened(new_registry(limits=Limits(open_sessions=4)), STATION, "s1", "s2", "s3", "s4")
+    assert all(standing.is_open for standing in registry.board.standings())
+
+
 def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
     journal = MemoryJournal()
     registry = new_registry(journal, Limits(closed_sessions=2))

@@ -1,0 +1,75 @@
+"""A closed session as the journal has kept it: everything that can be asked of it, and no mathematics."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Snapshot
+from caesura_service.session.ports import Owner
+from caesura_service.session.standing import Standing, Stream, Tally
+from caesura_service.session.view import View
+
+
+class Concluded:
+    """A pipeline that has finished; nothing reaches it any more."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self.view = view_of(snapshot)
+
+    def push(self, samples: NDArray[np.float64]) -> None:
+        """A closed session takes no samples."""
+        raise RuntimeError("the session is closed")
+
+    def declare_gap(self) -> None:
+        """A closed session has all its gaps."""
+        raise RuntimeError("the session is closed")
+
+    def finish(self) -> None:
+        """A closed session has finished."""
+        raise RuntimeError("the session is closed")
+
+
+def view_of(snapshot: Snapshot) -> View:
+    """What a snapshot was made of."""
+    status, posterior = snapshot.status, snapshot.posterior
+    return View(
+        t=status.t,
+        samples=status.samples,
+        repeats=status.repeats,
+        observations=status.observations,
+        changepoints=snapshot.changepoints.changepoints,
+        segments=snapshot.segments.segments,
+        posterior_starts=posterior.starts if posterior else (),
+        posterior_probabilities=posterior.probabilities if posterior else (),
+        apps=snapshot.program.apps,
+        notes=snapshot.program.notes,
+        gaps=status.gaps,
+        wrench=status.wrench,
+        delay_s=status.delay_s,
+        hypotheses=status.hypotheses,
+        capped=status.capped,
+    )
+
+
+def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
+    """Where a closed session stands, told by its present owner. What counts for a process begins anew."""
+    status = snapshot.status
+    last_seq: dict[Stream, int] = {
+        "status": status.seq,
+        "changepoints": snapshot.changepoints.seq,
+        "segments": snapshot.segments.seq,
+        "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
+    }
+    return Standing(
+        station=status.station,
+        session=status.session,
+        owner=owner,
+        preset=status.preset,
+        state="closed",
+        view=view_of(snapshot),
+        tally=Tally(batches=status.batches),
+        waiting_for=None,
+        last_seq=last_seq,
+        program=snapshot.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch}),
+    )

@@ -83,7 +83,7 @@ OPEN = (
     Setting("mean 1 s", mean_segment_s=1.0),
     Setting("mean 4 s", mean_segment_s=4.0),
     Setting("filter 0.31 s", window=31),
-    Setting("bias as drawn", wander=True),
+    Setting("sensor as drawn", wander=True),
     Setting("teacher's times", timed=False),
     *(Setting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
 )

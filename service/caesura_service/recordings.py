@@ -5,15 +5,18 @@ What comes out is, number for number, what a session over the wire would have sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.recording import Recording
+from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
-from caesura_protocol.messages import Open
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Open, SampleBatch
+from caesura_service.journal import Record
 from caesura_service.session.content import samples_of
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import make_pipeline
@@ -55,6 +58,35 @@ def views(recording: Recording, preset: str = "default", *, threshold: float | N
         yield pipeline.view
     pipeline.finish()
     yield pipeline.view
+
+
+def recording_of(records: Iterable[Record]) -> Recording:
+    """The samples that a session has taken, in order. Raises RecordingError where there are none."""
+    opening: Open | None = None
+    taken: dict[int, NDArray[np.float64]] = {}
+    for record in records:
+        match record.message:
+            case Open():
+                opening = record.message
+            case SampleBatch() as batch if opening is not None:
+                with suppress(ProtocolError):  # it was refused when it came
+                    taken[batch.seq] = samples_of(batch, opening.columns, Limits())
+    if opening is None or not taken:
+        raise RecordingError("the session has no samples")
+    matrix = np.concatenate([taken[seq] for seq in sorted(taken)])
+    column = {name: index for index, name in enumerate(opening.columns)}
+    return Recording(
+        t=matrix[:, 0],
+        signals={
+            signal: matrix[:, [column[name] for name in names]]
+            for signal, names in COLUMNS_OF_SIGNAL.items()
+            if set(names) <= column.keys()
+        },
+        wrench_source=opening.wrench_source,
+        force_frame=opening.force_frame,
+        length_unit=opening.length_unit,
+        name=opening.session,
+    )
 
 
 def segment_recording(

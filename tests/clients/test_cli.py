@@ -16,7 +16,7 @@ from caesura_clients.recording import RecordingError
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Program, Refusal
+from caesura_protocol.messages import Program, Refusal, Snapshot
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import example, recording, snapshot
@@ -277,6 +277,32 @@ def test_sessions_are_listed(caesura, service):
     assert "s1" in caesura("sessions").stdout
     (info,) = json.loads(caesura("sessions", "--json").stdout)
     assert (info["station"], info["session"], info["segments"]) == ("cell-1", "s1", 1)
+
+
+def test_sessions_list_is_the_same_list(caesura, service):
+    service.snapshots = [snapshot(0, "motion", session="s1")]
+    assert caesura("sessions", "list").stdout == caesura("sessions").stdout
+
+
+def test_a_session_is_shown_with_its_segments_and_its_program(caesura, service):
+    service.snapshots = [snapshot(0, "motion", session="s1"), snapshot(0, "steady", session="s2")]
+    shown = caesura("sessions", "show", "s1", "--station", "cell-1").stdout
+    assert "cell-1 / s1" in shown
+    assert "motion" in shown
+    assert "version" in shown
+    told = caesura("sessions", "show", "s2", "--station", "cell-1", "--json").stdout
+    assert Snapshot.model_validate_json(told) == service.snapshots[1]
+
+
+def test_a_session_that_is_not_there_is_one_line(caesura, service):
+    service.snapshots = [snapshot(0, "motion", session="s1")]
+    assert_one_line(caesura("sessions", "show", "s9", "--station", "cell-1"), "no session s9")
+
+
+def test_options_that_would_be_ignored_are_refused(caesura, service):
+    result = caesura("sessions", "--station", "cell-1", "list")
+    assert result.exit_code == 2
+    assert "behind the command" in result.stderr
 
 
 @pytest.mark.parametrize("command", ["sessions", "program"])

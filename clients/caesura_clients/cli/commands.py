@@ -1,11 +1,9 @@
-"""The commands of a client install: bridge, watch, program and sessions."""
+"""The commands of a client install: bridge, watch and program; sessions have a module of their own."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +26,8 @@ from caesura_clients.cli.options import (
     only_station,
     reported,
 )
-from caesura_clients.cli.show import ignored_line, outcome_line, program_view, segments_view, sessions_view
+from caesura_clients.cli.sessions import sessions
+from caesura_clients.cli.show import ignored_line, outcome_line, program_view, segments_view
 from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
@@ -45,8 +44,9 @@ PATIENCE_S = 2.0  # until the command line says what it waits for
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, watch, program, sessions):
+    for command in (bridge, watch, program):
         app.command(command.__name__)(command)
+    app.add_typer(sessions)
 
 
 def bridge(
@@ -123,21 +123,6 @@ def program(
         typer.echo(found.model_dump_json(indent=2))
     else:
         Console().print(program_view(found))
-
-
-def sessions(
-    station: Station = None,
-    as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
-    config: Config = None,
-) -> None:
-    """List the sessions that the service knows."""
-    with reported(), connected(endpoint, config) as caesura:
-        found = caesura.sessions(station or "*")
-    if as_json:
-        typer.echo(json.dumps([asdict(info) for info in found], indent=2))
-    else:
-        Console().print(sessions_view(found))
 
 
 def _pace(text: str) -> float:

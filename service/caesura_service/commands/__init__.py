@@ -7,6 +7,9 @@ from caesura_service.commands.evaluate import evaluate
 from caesura_service.commands.report import report
 from caesura_service.commands.segment import segment
 from caesura_service.commands.serve import serve
+from caesura_service.commands.sessions import delete, export
+
+__all__ = ["delete", "export", "register"]  # the first two join the group `sessions` by being imported
 
 
 def register(app: typer.Typer) -> None:

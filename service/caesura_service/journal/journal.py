@@ -26,6 +26,10 @@ class JournalError(Exception):
     """The journal cannot be read or written; the message names it, the reason, and what to do."""
 
 
+class JournalBusyError(JournalError):
+    """Another process has the journal."""
+
+
 @dataclass(frozen=True, slots=True)
 class Record:
     """A message that changed a session, with the time at which it came."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from caesura_service.journal.journal import JournalError
+from caesura_service.journal.journal import JournalBusyError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 1
@@ -69,7 +69,8 @@ def translated(path: Path) -> Iterator[None]:
     except sqlite3.Error as error:
         name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
         remedy = REMEDIES.get(name, "cannot be used")
-        raise JournalError(f"journal {path} {remedy} ({error})") from error
+        kind = JournalBusyError if name == "SQLITE_BUSY" else JournalError
+        raise kind(f"journal {path} {remedy} ({error})") from error
 
 
 @contextmanager

@@ -1,0 +1,68 @@
+"""`caesura sessions`: what sessions there are, and what is known of one. Where the service is installed it
+adds commands of its own, which look into the journal on its machine.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+from rich.console import Console, Group
+
+from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
+from caesura_clients.cli.show import outcome_line, program_view, segments_view, sessions_view
+from caesura_clients.network import DEFAULT_ENDPOINT
+
+sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
+
+
+@sessions.callback(invoke_without_command=True)
+def _default(
+    context: typer.Context,
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """List the sessions that the service knows, or look at one."""
+    if context.invoked_subcommand is None:
+        list_sessions(station, as_json, endpoint, config)
+    elif station is not None or as_json:
+        raise typer.BadParameter(f"options stand behind the command: sessions {context.invoked_subcommand} …")
+
+
+@sessions.command("list")
+def list_sessions(
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """List the sessions that the service knows."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.sessions(station or "*")
+    if as_json:
+        typer.echo(json.dumps([asdict(info) for info in found], indent=2))
+    else:
+        Console().print(sessions_view(found))
+
+
+@sessions.command("show")
+def show(
+    session: Annotated[str | None, typer.Argument(help="By default the newest one of the station.")] = None,
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Show one session: its segments, its task program, and what did not become segments."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.snapshot(only_station(caesura, station), session)
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+        return
+    lost = outcome_line(found.status)
+    views = [segments_view(found.status, found.segments.segments), program_view(found.program)]
+    Console().print(Group(*views, *([lost] if lost else [])))

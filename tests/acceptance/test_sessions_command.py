@@ -1,0 +1,104 @@
+"""`caesura sessions export` and `delete`: the journal of a service that runs, and of one that does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from caesura_clients.cli import build
+from caesura_clients.recording import load_recording
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.messages import Close
+from caesura_service.config import ServiceConfig, journal_path
+from caesura_service.journal import Record, SqliteJournal
+from caesura_service.recordings import BATCH_SAMPLES, opening_of, segment_recording
+from harness.demonstrations import guided
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Path:
+    """A journal with an open session s1 at two stations and a closed s2."""
+    recording = guided()
+    matrix = recording.matrix()
+    with SqliteJournal(journal_path(tmp_path, ServiceConfig().instance)) as journal:
+        for station, session in (("cell-1", "s1"), ("cell-2", "s1"), ("cell-1", "s2")):
+            opening = opening_of(recording).model_copy(update={"session": session})
+            journal.append(Record(station, session, 0.0, opening))
+            starts = list(enumerate(range(0, len(matrix), BATCH_SAMPLES)))
+            for seq, first in (*reversed(starts[:3]), *starts[3:]):  # as they came, not in order
+                rows = matrix[first : first + BATCH_SAMPLES]
+                batch = pack_samples(rows, recording.columns, session=session, epoch=0, seq=seq)
+                journal.append(Record(station, session, 0.0, batch))
+        journal.append(Record("cell-1", "s2", 0.0, Close(session="s2", last_seq=len(starts) - 1)))
+    return tmp_path
+
+
+def caesura(*arguments: object):
+    return CliRunner().invoke(build(), ["sessions", *map(str, arguments)])
+
+
+def kept(directory: Path) -> list[str]:
+    with SqliteJournal(journal_path(directory, ServiceConfig().instance), alone=False) as journal:
+        return ["/".join(key) for key in journal.sessions()]
+
+
+def running(directory: Path) -> SqliteJournal:
+    """What a service holds while it runs."""
+    return SqliteJournal(journal_path(directory, ServiceConfig().instance))
+
+
+def test_an_exported_session_is_the_recording_that_was_taught(directory):
+    out = directory / "s2.npz"
+    with running(directory):
+        done = caesura("export", "s2", "-o", out, "--journal", directory)
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == f"{out}: {len(guided().t)} samples, {guided().t[-1]:.2f} s\n"
+    exported = load_recording(out)
+    np.testing.assert_allclose(exported.matrix(), guided().matrix(), rtol=0, atol=1e-12)
+    assert segment_recording(exported).segments == segment_recording(guided()).segments
+
+
+def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_cannot(directory):
+    with running(directory):
+        assert caesura("delete", "s2", "--journal", directory).stdout == "cell-1/s2 deleted\n"
+        refused = caesura("delete", "s1", "--station", "cell-1", "--journal", directory)
+    assert (refused.exit_code, refused.stdout) == (1, "")
+    assert refused.stderr == "error: cell-1/s1 is open: close it, or end the service first\n"
+    assert kept(directory) == ["cell-1/s1", "cell-2/s1"]
+
+
+def test_without_a_service_any_session_can_be_deleted(directory):
+    assert caesura("delete", "s1", "--station", "cell-1", "--journal", directory).exit_code == 0
+    assert kept(directory) == ["cell-2/s1", "cell-1/s2"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("s9",), "no session 's9' at any station in"),
+        (("s9",), "known: cell-1/s1, cell-2/s1, cell-1/s2"),
+        (("s1",), "several stations have a session 's1': name one of cell-1, cell-2 with --station"),
+        (("s1", "--station", "cell-3"), "no session 's1' at cell-3"),
+        (("s1", "--instance", "other"), "other.sqlite: this runs where the service does"),
+    ],
+)
+@pytest.mark.parametrize("command", [("delete",), ("export", "-o", "out.npz")])
+def test_a_session_that_is_not_meant_clearly_is_one_line(directory, command, arguments, words):
+    done = caesura(*command, *arguments, "--journal", directory)
+    assert (done.exit_code, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert words in line
+    assert len(kept(directory)) == 3
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [("out.txt", "expected the suffix .npz"), ("nowhere/out.npz", "No such file or directory")],
+)
+def test_a_file_that_cannot_be_written_is_one_line(directory, out, words):
+    done = caesura("export", "s2", "-o", directory / out, "--journal", directory)
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert words in done.stderr

@@ -22,6 +22,7 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)
+	$(BIN)/python tests/bench/journal_cost.py
 
 thesis: $(STAMP)
 	$(BIN)/caesura evaluate --suite thesis $(ARGS)

@@ -43,7 +43,7 @@ class NoJournal(MemoryJournal):
 
 def main() -> None:
     """Measure every journal."""
-    table = Table("journal", "append [µs]", "batch [µs]", "p99 [µs]", "share of 20 ms", "ratio", "ack [ms]")
+    table = Table("journal", "append [µs]", "batch [µs]", "p99 [µs]", "share", "ratio", "ack [ms]")
     with ExitStack() as stack:
         parent = sys.argv[1] if len(sys.argv) > 1 else None
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=parent)))
@@ -51,8 +51,8 @@ def main() -> None:
         journals: dict[str, Journal] = {
             "none": NoJournal(),
             "memory": MemoryJournal(),
-            "sqlite, 50 ms": stack.enter_context(SqliteJournal(directory / "group.sqlite")),
-            "sqlite, each at once": stack.enter_context(SqliteJournal(directory / "once.sqlite", at_once)),
+            "50 ms": stack.enter_context(SqliteJournal(directory / "group.sqlite")),
+            "at once": stack.enter_context(SqliteJournal(directory / "once.sqlite", at_once)),
         }
         appends = {name: statistics.median(appended(journal)) for name, journal in journals.items()}
         batches = taken(journals)

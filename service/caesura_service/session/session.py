@@ -135,6 +135,9 @@ class Session:
     # --- messages ---------------------------------------------------------------------------------------
 
     def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
+        if self.standing.state == "closed" and batch.seq < self.next_seq:
+            self._demonstration.duplicate()  # sent again, it trails behind the close
+            return []
         after(self.standing.state, "samples")
         self._check_epoch(batch.epoch)
         self._check_seq(batch.seq)
@@ -172,9 +175,14 @@ class Session:
         return [*self._give_up(target), *self._ask(now)]
 
     def _receive_opening(self, again: Open, now: float) -> list[Output]:
-        after(self.standing.state, "open")
         if again.preset is None:
             again = again.model_copy(update={"preset": self._opening.preset})
+        try:
+            after(self.standing.state, "open")
+        except ProtocolError as refusal:
+            if again != self._opening:
+                raise
+            return [Answer(refusal)]  # told again, it trails behind the close: nobody did wrong
         if again.model_copy(update={"epoch": self._opening.epoch}) != self._opening:
             raise ProtocolError(
                 "conflict",

@@ -1,8 +1,8 @@
 """What a session may do next, as a table. A move that is not in it raises and changes nothing.
 
-A session is opened once, takes samples and closes once. A heartbeat or a late answer to a replay may
-trail behind the close, and a close may be repeated because its acknowledgement was lost. `failed` is a
-session whose pipeline raised: closed for the world, with the reason in its status.
+A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
+has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
+`failed` is a session whose pipeline raised: closed for the world, with the reason in its status.
 """
 
 from __future__ import annotations

@@ -413,7 +413,7 @@ def test_a_pipeline_that_cannot_finish_refuses_the_close_and_ends_the_session():
     assert not session.is_open
 
 
-@pytest.mark.parametrize("message", [batch(2), opening(), opening(epoch=1)])
+@pytest.mark.parametrize("message", [batch(2), opening(epoch=1), opening(wrench_source="none")])
 def test_a_closed_session_takes_nothing_and_stays_as_it_is(message):
     session, _ = open_session()
     run(session, 2)
@@ -421,6 +421,26 @@ def test_a_closed_session_takes_nothing_and_stays_as_it_is(message):
     before = session.standing
     with pytest.raises(ProtocolError, match="conflict: the session is closed"):
         session.receive(message, 0.0)
+    assert session.standing == before
+
+
+def test_a_batch_that_was_sent_again_may_trail_behind_the_close():
+    # After a restart what was asked for again came behind the close, and was counted as refused.
+    session, _ = open_session()
+    run(session, 2)
+    session.receive(closing(1), 0.0)
+    assert session.receive(batch(1), 0.0) == []
+    assert (session.standing.tally.duplicates, session.standing.tally.refused) == (1, {})
+
+
+def test_the_same_opening_behind_the_close_is_refused_and_not_counted():
+    # A bridge tells a service that came back its session again; the close once overtook that.
+    session, _ = open_session()
+    session.receive(closing(-1), 0.0)
+    before = session.standing
+    refusal = answer(session.receive(opening(), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert "the session is closed" in refusal.message
     assert session.standing == before
 
 

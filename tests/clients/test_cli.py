@@ -299,8 +299,9 @@ def test_a_session_that_is_not_there_is_one_line(caesura, service):
     assert_one_line(caesura("sessions", "show", "s9", "--station", "cell-1"), "no session s9")
 
 
-def test_options_that_would_be_ignored_are_refused(caesura, service):
-    result = caesura("sessions", "--station", "cell-1", "list")
+@pytest.mark.parametrize("option", [("--station", "cell-1"), ("--json",), ("--connect", "tcp/127.0.0.1:1")])
+def test_options_that_would_be_ignored_are_refused(caesura, service, option):
+    result = caesura("sessions", *option, "list")
     assert result.exit_code == 2
     assert "behind the command" in result.stderr
 

@@ -29,8 +29,13 @@ def _default(
     """List the sessions that the service knows, or look at one."""
     if context.invoked_subcommand is None:
         list_sessions(station, as_json, endpoint, config)
-    elif station is not None or as_json:
+    elif any(_was_typed(context, name) for name in context.params):
         raise typer.BadParameter(f"options stand behind the command: sessions {context.invoked_subcommand} …")
+
+
+def _was_typed(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 @sessions.command("list")

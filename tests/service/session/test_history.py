@@ -6,26 +6,13 @@ import numpy as np
 import pytest
 
 from caesura_service.session.history import PRESS_LOOKS, History
-from caesura_service.signals import Observation
+from service.session.observing import observation
 
 
 def history_of(down: np.ndarray) -> History:
     history = History()
     for i, newton in enumerate(down):
-        history.append(
-            Observation(
-                index=i,
-                t=0.1 * i,
-                position_base=np.zeros(3),
-                force_base=np.array([0.0, 0.0, newton]),
-                orientation=None,
-                joints=None,
-                gripper_width=None,
-                gripper_closed=None,
-                speed=0.0,
-                after_gap=False,
-            )
-        )
+        history.append(observation(i, newton))
     return history
 
 

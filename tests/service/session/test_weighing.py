@@ -9,7 +9,7 @@ from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.segments import Stretch, Verdict
 from caesura_service.session.history import History
 from caesura_service.session.weighing import Load, weigh
-from caesura_service.signals import Observation
+from service.session.observing import observation
 
 LENGTH = 20
 WEIGHT_N = 0.5 * 9.81
@@ -27,21 +27,6 @@ def story(*parts: tuple[str, float]) -> tuple[list[Stretch], History]:
         for i in range(LENGTH):
             history.append(observation(start + i, force))
     return stretches, history
-
-
-def observation(index: int, force: float) -> Observation:
-    return Observation(
-        index=index,
-        t=0.1 * index,
-        position_base=np.zeros(3),
-        force_base=np.array([0.0, 0.0, force]),
-        orientation=None,
-        joints=None,
-        gripper_width=None,
-        gripper_closed=None,
-        speed=0.0,
-        after_gap=False,
-    )
 
 
 def loads(*parts: tuple[str, float], bias_n: float = 1.5) -> list[Load | None]:

@@ -7,6 +7,7 @@ then its evidence is the product of its predictives.
 
 from __future__ import annotations
 
+import gc
 import io
 import pickle
 import sys
@@ -156,7 +157,13 @@ def _work(model: ChannelModel, rows: Rows, observed: Observed) -> tuple[int, int
         return extended
 
     size = sum(array.nbytes for array in step())
-    return size, _lines(step), _peak(step)
+    collecting = gc.isenabled()
+    gc.disable()  # a collection in between would run others' callbacks, and be counted
+    try:
+        return size, _lines(step), _peak(step)
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def _lines(step: Callable[[], object]) -> int:

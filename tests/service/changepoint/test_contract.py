@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -245,6 +246,26 @@ def test_model_and_rows_can_be_written_down_and_go_on(name: str) -> None:
 def test_a_step_costs_the_same_early_and_late(name: str) -> None:
     seen = observations(10)
     contract.check_constant_work(EVERYTHING[name], (seen[i % 10] for i in range(contract.LATE + 1)))
+
+
+def test_a_collection_in_between_is_no_work_of_the_model() -> None:
+    told: list[str] = []
+
+    def callback(phase: str, info: dict[str, int]) -> None:
+        told.append(phase)
+        for _ in range(len(told)):  # more every time
+            pass
+
+    before = gc.get_threshold()
+    gc.callbacks.append(callback)
+    gc.set_threshold(1)
+    try:
+        seen = observations(10)
+        contract.check_constant_work(EVERYTHING["carried"], (seen[i % 10] for i in range(contract.LATE + 1)))
+    finally:
+        gc.set_threshold(*before)
+        gc.callbacks.remove(callback)
+    assert told
 
 
 def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:

@@ -16,7 +16,7 @@ from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConf
 from caesura_service.edge import NetworkError
 from caesura_service.edge.network import DEFAULT_ENDPOINT
 from caesura_service.journal import JournalError, JournalSettings
-from caesura_service.journal.sqlite import DAY_S, GB
+from caesura_service.journal.keeping import DAY_S, GB
 
 logger = logging.getLogger(__name__)
 

@@ -9,8 +9,9 @@ from caesura_service.journal.journal import (
     Record,
     Recordable,
 )
+from caesura_service.journal.keeping import JournalSettings
 from caesura_service.journal.memory import MemoryJournal
-from caesura_service.journal.sqlite import JournalSettings, SqliteJournal
+from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
     "Journal",

@@ -16,6 +16,7 @@ from caesura_service.journal.journal import JournalBusyError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 1
+LOCK_SUFFIX = ".lock"
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -47,6 +48,25 @@ CREATE TABLE outcomes (                 -- of closed sessions, in place of a rep
 );
 CREATE UNIQUE INDEX one_row_a_batch ON records (session_id, epoch, seq) WHERE seq IS NOT NULL;
 """
+
+INSERT_SESSION = """
+INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
+ON CONFLICT (station, session) DO NOTHING"""
+INSERT_RECORD = """
+INSERT INTO records (session_id, epoch, seq, at, encoding, payload)
+VALUES ((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)
+ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
+UPDATE_SESSION = """
+UPDATE sessions SET size = size + ?, touched = ?, closed = max(closed, ?) WHERE station = ? AND session = ?"""
+SELECT_PAGE = """
+SELECT place, at, encoding, payload FROM records
+WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
+INSERT_OUTCOME = """
+INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
+SELECT_OUTCOME = """
+SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
+WHERE station = ? AND session = ?"""
+DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
 
 # What SQLite calls it → what it means, and what to do.
 REMEDIES: Mapping[str, str] = {
@@ -101,6 +121,20 @@ def opened(path: Path) -> sqlite3.Connection:
             database.close()
             raise
     return database
+
+
+def locked(path: Path) -> sqlite3.Connection:
+    """A lock that ends with the process, however it ends. Raises JournalError while another has it."""
+    lock = sqlite3.connect(
+        path.with_name(path.name + LOCK_SUFFIX), timeout=0.0, isolation_level=None, check_same_thread=False
+    )
+    try:
+        with translated(path):
+            lock.execute("BEGIN EXCLUSIVE")
+    except JournalError:
+        lock.close()
+        raise
+    return lock
 
 
 def _prepare(database: sqlite3.Connection, path: Path) -> None:

@@ -14,11 +14,9 @@ their size, and for their age only once nobody has touched them for so long.
 from __future__ import annotations
 
 import logging
-import sqlite3
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -28,51 +26,27 @@ from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
 from caesura_service.journal.journal import JournalError, Key, Outcome, Record, Recordable
-from caesura_service.journal.schema import opened, transaction, translated
+from caesura_service.journal.keeping import JournalSettings, Kept, overdue
+from caesura_service.journal.schema import (
+    DELETE_SESSION,
+    INSERT_OUTCOME,
+    INSERT_RECORD,
+    INSERT_SESSION,
+    SELECT_OUTCOME,
+    SELECT_PAGE,
+    UPDATE_SESSION,
+    locked,
+    opened,
+    transaction,
+    translated,
+)
 
 logger = logging.getLogger(__name__)
 
-DAY_S = 86400.0
-GB = 10**9
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
 _ROW_BYTES = 100  # of a record beside its payload
-_LOCK_SUFFIX = ".lock"
 _RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Error, Close)
-
-_INSERT_SESSION = """
-INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
-ON CONFLICT (station, session) DO NOTHING"""
-_INSERT_RECORD = """
-INSERT INTO records (session_id, epoch, seq, at, encoding, payload)
-VALUES ((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)
-ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
-_UPDATE_SESSION = """
-UPDATE sessions SET size = size + ?, touched = ?, closed = max(closed, ?) WHERE station = ? AND session = ?"""
-_SELECT_PAGE = """
-SELECT place, at, encoding, payload FROM records
-WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
-_INSERT_OUTCOME = """
-INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
-_SELECT_OUTCOME = """
-SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
-WHERE station = ? AND session = ?"""
-_DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
-
-
-@dataclass(frozen=True)
-class JournalSettings:
-    """How long a record may wait to be written, and how much is kept. Raises ValueError below 0."""
-
-    commit_s: float = 0.05  # 0: each is written at once
-    waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
-    age_s: float = 30 * DAY_S  # since a session was last touched
-    size_bytes: int = 10 * GB  # of all sessions
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 0:
-                raise ValueError(f"{name} is {value}, expected 0 or more")
 
 
 class _Row(NamedTuple):
@@ -88,18 +62,6 @@ class _Row(NamedTuple):
     @property
     def size(self) -> int:
         return len(self.payload) + _ROW_BYTES
-
-
-class _Kept(NamedTuple):
-    station: str
-    session: str
-    touched: float  # [s]
-    size: int  # [bytes]
-    closed: int
-
-    @property
-    def key(self) -> Key:
-        return self.station, self.session
 
 
 class SqliteJournal:
@@ -127,7 +89,7 @@ class SqliteJournal:
         with ExitStack() as stack:
             self._database = stack.enter_context(closing(opened(self.path)))
             if self._alone:
-                stack.enter_context(closing(_locked(self.path)))
+                stack.enter_context(closing(locked(self.path)))
             stack.callback(self.commit)
             thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
             thread.start()
@@ -200,12 +162,12 @@ class SqliteJournal:
         key = (station, outcome.opening.session)
         self.commit()
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(_INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, *key))
+            self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, *key))
 
     def outcome(self, station: str, session: str) -> Outcome | None:
         """How a session ended; None where an older version wrote it in another form."""
         with self._writing, translated(self.path):
-            found = self._database.execute(_SELECT_OUTCOME, (station, session)).fetchone()
+            found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
         if found is None:
             return None
         opening, last_seq, snapshot = found
@@ -226,14 +188,14 @@ class SqliteJournal:
         self.commit()
         self._seen.discard((station, session))
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(_DELETE_SESSION, (station, session))
+            self._database.execute(DELETE_SESSION, (station, session))
 
     def tidy(self, now: float) -> Mapping[Key, str]:
         """Drop at most one session, and tell of those that somebody else has dropped."""
         known = self._look()
         gone = dict.fromkeys(self._seen - {row.key for row in known}, "deleted by somebody")
         self._seen = {row.key for row in known}
-        for row, why in islice(self._overdue(known, now), 1):
+        for row, why in islice(overdue(known, self.settings, now), 1):
             self.forget(*row.key)
             gone[row.key] = why
         return gone
@@ -281,10 +243,10 @@ class SqliteJournal:
         for row in rows:
             key = (row.station, row.session)
             if key not in known:
-                execute(_INSERT_SESSION, (*key, row.at, row.at))
+                execute(INSERT_SESSION, (*key, row.at, row.at))
                 known.add(key)
-            written = execute(_INSERT_RECORD, row[:-1]).rowcount
-            execute(_UPDATE_SESSION, (written * row.size, row.at, row.closes, *key))
+            written = execute(INSERT_RECORD, row[:-1]).rowcount
+            execute(UPDATE_SESSION, (written * row.size, row.at, row.closes, *key))
 
     def _fail(self, error: JournalError) -> None:
         if self._trouble is None:
@@ -313,28 +275,15 @@ class SqliteJournal:
 
     # --- keeping ----------------------------------------------------------------------------------------
 
-    def _look(self) -> list[_Kept]:
+    def _look(self) -> list[Kept]:
         """Every session, the one that was touched longest ago first."""
         with self._writing, translated(self.path):
             rows = self._database.execute(
                 "SELECT station, session, touched, size, closed FROM sessions ORDER BY touched"
             )
-            known = [_Kept(*row) for row in rows]
+            known = [Kept(*row) for row in rows]
         self._size = sum(row.size for row in known)
         return known
-
-    def _overdue(self, known: list[_Kept], now: float) -> Iterator[tuple[_Kept, str]]:
-        """What has to go, in order: closed sessions first."""
-        closed = [row for row in known if row.closed]
-        age_s, size_bytes = self.settings.age_s, self.settings.size_bytes
-        for row in (*closed, *(row for row in known if not row.closed)):
-            if now - row.touched > age_s:
-                yield (
-                    row,
-                    f"not touched for {(now - row.touched) / 86400:.1f} days, kept are {age_s / 86400:g}",
-                )
-        for row in closed if self._size > size_bytes else ():
-            yield row, f"the oldest closed one of {self._size / GB:.3g} GB, kept are {size_bytes / GB:g}"
 
     # --- reading ----------------------------------------------------------------------------------------
 
@@ -342,7 +291,7 @@ class SqliteJournal:
         place = -1
         while True:
             with self._writing, translated(self.path):
-                page = self._database.execute(_SELECT_PAGE, (session_id, place, last, _PAGE)).fetchall()
+                page = self._database.execute(SELECT_PAGE, (session_id, place, last, _PAGE)).fetchall()
             if not page:
                 return
             for _, at, encoding, payload in page:
@@ -356,17 +305,3 @@ def _row_of(record: Record) -> _Row:
     payload, encoding = encode(message)
     closes = isinstance(message, Close)
     return _Row(record.station, record.session, epoch, seq, record.at, encoding, payload, closes)
-
-
-def _locked(path: Path) -> sqlite3.Connection:
-    """A lock that ends with the process, however it ends. Raises JournalError while another has it."""
-    lock = sqlite3.connect(
-        path.with_name(path.name + _LOCK_SUFFIX), timeout=0.0, isolation_level=None, check_same_thread=False
-    )
-    try:
-        with translated(path):
-            lock.execute("BEGIN EXCLUSIVE")
-    except JournalError:
-        lock.close()
-        raise
-    return lock

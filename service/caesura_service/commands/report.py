@@ -13,23 +13,21 @@ from caesura_clients.cli.options import reported
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.changepoint.presets import PRESETS
+from caesura_service.commands.options import LengthUnit, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
 from caesura_service.report.truth import Truth, annotation_beside, load_truth
 
 
 def report(
-    file: Annotated[Path, typer.Argument(help="Recording, npz or csv.")],
+    file: RecordingFile,
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .pdf, .png or .html.")],
-    preset: Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")] = DEFAULT_PRESET,
+    preset: PresetName = DEFAULT_PRESET,
     truth: Annotated[
         Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
     ] = None,
-    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
-    length_unit: Annotated[
-        str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
-    ] = None,
+    wrench_source: WrenchSource = None,
+    length_unit: LengthUnit = None,
 ) -> None:
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
     with reported():

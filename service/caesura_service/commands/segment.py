@@ -16,7 +16,7 @@ from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.changepoint.presets import PRESETS
+from caesura_service.commands.options import LengthUnit, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
@@ -25,8 +25,8 @@ SHOWN_GAPS = 5
 
 
 def segment(
-    file: Annotated[Path, typer.Argument(help="Recording, npz or csv.")],
-    preset: Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")] = DEFAULT_PRESET,
+    file: RecordingFile,
+    preset: PresetName = DEFAULT_PRESET,
     threshold: Annotated[
         float | None,
         typer.Option(help="Changepoints where their probability is above this, as in the thesis (0.2)."),
@@ -34,10 +34,8 @@ def segment(
     json_out: Annotated[
         Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
     ] = None,
-    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
-    length_unit: Annotated[
-        str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
-    ] = None,
+    wrench_source: WrenchSource = None,
+    length_unit: LengthUnit = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
     with reported():

@@ -1,0 +1,17 @@
+"""Options that commands on a recording share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_service.changepoint.presets import PRESETS
+
+RecordingFile = Annotated[Path, typer.Argument(help="Recording, npz or csv.")]
+PresetName = Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")]
+WrenchSource = Annotated[str | None, typer.Option(help="Overrides what the file declares.")]
+LengthUnit = Annotated[
+    str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
+]

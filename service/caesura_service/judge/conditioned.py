@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from caesura_clients.recording import Recording
 from caesura_service.recordings import opening_of
 from caesura_service.session.pipeline import layout_of, observed
-from caesura_service.signals import WRENCH_SOURCES, Conditioner
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, ConditioningParameters, Observation
 
 Array = NDArray[np.float64]
 
@@ -35,10 +35,21 @@ class Signals:
     tared: bool
 
 
+def observe(
+    recording: Recording, parameters: ConditioningParameters | None = None
+) -> tuple[tuple[Observation, ...], bool]:
+    """Observations of a recording, as a session has them; and whether there was a rest to tare the force in.
+
+    All samples are pushed at once, which gives the same numbers. Raises ValueError for impossible ones.
+    """
+    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
+    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
+    return (*pushed.observations, *ended.observations), conditioner.tare is not None
+
+
 def condition(recording: Recording) -> Signals:
     """Bring a recording to the segmentation grid. Raises ValueError for one shorter than two steps."""
-    conditioner = Conditioner(layout_of(opening_of(recording)))
-    observations = [*conditioner.push(recording.matrix()).observations, *conditioner.finish().observations]
+    observations, tared = observe(recording)
     if len(observations) < 2:
         raise ValueError(f"{recording.name}: {len(observations)} observations, expected at least 2")
     t = np.array([o.t for o in observations])
@@ -53,5 +64,5 @@ def condition(recording: Recording) -> Signals:
         force_base=force_base if tells else np.zeros_like(force_base),
         holding=np.array([observed(o).holding == 1.0 for o in observations]),
         force_tells=tells,
-        tared=conditioner.tare is not None,
+        tared=tared,
     )

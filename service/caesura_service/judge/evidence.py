@@ -23,12 +23,12 @@ from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
+from caesura_service.judge.conditioned import observe
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 from caesura_service.judge.truth import truth_file
-from caesura_service.recordings import opening_of
-from caesura_service.session.pipeline import filter_of, layout_of, observed
-from caesura_service.signals import WRENCH_SOURCES, Conditioner
+from caesura_service.session.pipeline import filter_of, observed
+from caesura_service.signals import WRENCH_SOURCES
 
 NOTE = (
     "In nats behind the best; 'per observation' (0.1 s) of all recordings. The library of the model's "
@@ -97,13 +97,12 @@ def _recording(case: Case) -> Recording:
 
 def _parts(recording: Recording) -> tuple[list[list[Observed]], bool]:
     """Observations, divided at gaps; and whether there was a rest to tare the force in."""
-    conditioner = Conditioner(layout_of(opening_of(recording)))
-    seen = [*conditioner.push(recording.matrix()).observations, *conditioner.finish().observations]
+    seen, tared = observe(recording)
     if not seen:
         raise ValueError("no observations, expected at least one")
     starts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
     parts = [list(map(observed, seen[a:b])) for a, b in pairwise(starts)]
-    return parts, conditioner.tare is not None
+    return parts, tared
 
 
 def title(what: str, told: Sequence[Told]) -> str:

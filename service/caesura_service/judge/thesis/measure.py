@@ -24,12 +24,13 @@ from caesura_service.changepoint.levels import GRAVITY
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.segments import verdict
+from caesura_service.judge.conditioned import observe
 from caesura_service.judge.metrics import ROUNDING_S, Look
 from caesura_service.judge.thesis.rows import Boundary, Row
 from caesura_service.judge.truth import Truth
-from caesura_service.recordings import opening_of, views
-from caesura_service.session.pipeline import filter_of, layout_of, observed
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, ConditioningParameters, Observation
+from caesura_service.recordings import views
+from caesura_service.session.pipeline import filter_of, observed
+from caesura_service.signals import WRENCH_SOURCES, ConditioningParameters, Observation
 
 TOLERANCE_S = 0.3
 SAME_EVENT_S = 0.6  # further from the thesis' time than this an event is another one
@@ -83,11 +84,9 @@ class Seen:
 
 
 def see(recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None) -> Seen:
-    """Condition a demonstration as a session does; in one push, which gives the same numbers."""
-    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
-    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
-    observations = (*pushed.observations, *ended.observations)
-    return Seen(recording, truth, observations, conditioner.tare is not None)
+    """Condition a demonstration as a session does."""
+    observations, tared = observe(recording, parameters)
+    return Seen(recording, truth, observations, tared)
 
 
 def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None, *, best: bool = False) -> Outcome:

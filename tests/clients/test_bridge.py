@@ -104,6 +104,20 @@ def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
         eventually(lambda: service.rows() == 3)
 
 
+def test_a_service_that_lost_the_session_unnoticed_is_told_it_again(memory):
+    settings = BridgeSettings(reopen_s=0.02, retry_s=0.02, heartbeat_s=60.0)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        bridge.send(samples(100))
+        eventually(lambda: service.next_seq == 5)
+        service.openings.clear()
+        service.batches.clear()
+        eventually(lambda: bool(service.openings) and service.next_seq == 5)
+
+
 def test_a_file_waits_for_a_service_that_comes_later(network):
     source, acks = file_source(100), []
     with Bridge(network.transport(), "cell-1", source, settings=QUICK) as bridge:
@@ -428,7 +442,7 @@ def test_a_bridge_is_seen_while_it_is_there(network):
 def test_a_bridge_leaves_no_thread_behind(memory):
     before = set(threading.enumerate())
     with Bridge(memory.transport(), "cell-1", LiveSource()):
-        assert len(set(threading.enumerate()) - before) == 2
+        assert len(set(threading.enumerate()) - before) == 3
     assert set(threading.enumerate()) == before
 
 

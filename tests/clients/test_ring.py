@@ -13,6 +13,10 @@ def filled(count, *, period_s=0.02, samples=20, **bounds):
     return ring
 
 
+def kept(ring):
+    return ring.after(0, len(ring))
+
+
 def numbers(entries):
     return [entry.seq for entry in entries]
 
@@ -20,7 +24,7 @@ def numbers(entries):
 @pytest.mark.parametrize("period_s", [0.001, 0.02, 1.0])
 def test_at_least_the_span_is_kept_and_hardly_more(period_s):
     ring = filled(40_000, period_s=period_s, samples=1, span_s=30.0, min_batches=1)
-    kept_s = (39_999 - numbers(ring)[0]) * period_s
+    kept_s = (39_999 - numbers(kept(ring))[0]) * period_s
     assert 30.0 <= kept_s <= 30.0 + 2 * period_s
 
 
@@ -59,4 +63,28 @@ def test_numbers_have_no_holes():
     ring = filled(3)
     with pytest.raises(ValueError, match="batch 4 after 2"):
         ring.append(Entry(4, 1.0, 1, Encoded(b"", "x")))
-    assert numbers(ring) == [0, 1, 2]
+    assert numbers(kept(ring)) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
+def test_a_clock_that_jumps_evicts_nothing(jump_s):
+    ring = ReplayRing(span_s=30.0, min_batches=1)
+    for seq in range(1000):
+        ring.append(Entry(seq, 0.02 * seq + jump_s * (seq > 500), 20, Encoded(b"", "x")))
+    assert numbers(kept(ring)) == list(range(1000))
+
+
+def test_what_comes_after_a_number_is_what_is_still_there():
+    ring = filled(100, samples=20, max_samples=200)
+    assert numbers(ring.after(95, 3)) == [95, 96, 97]
+    assert numbers(ring.after(0, 3)) == [90, 91, 92]
+    assert ring.after(100, 3) == []
+    assert ReplayRing().after(0, 3) == []
+
+
+def test_a_batch_becomes_bytes_when_they_are_needed_and_once():
+    made = []
+    entry = Entry(0, 0.0, 1, lambda: made.append(1) or Encoded(b"7", "x"))
+    assert made == []
+    assert (entry.content, entry.content) == (Encoded(b"7", "x"),) * 2
+    assert made == [1]

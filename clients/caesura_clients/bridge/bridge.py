@@ -1,9 +1,10 @@
 """A bridge between one robot and the service: samples go out numbered, and are kept for a while.
 
-Three threads:
-  the caller's  takes chunks from the source and sends them;
+Four threads:
+  the caller's  takes chunks from the source and leaves them in the ring, numbered; it calls no network;
+  pump          puts what is in the ring, late batches and heartbeats;
   replay        answers the service's questions for batches that it missed;
-  keeper        opens the session, again whenever a service comes or goes; sends late batches and heartbeats.
+  keeper        opens the session, again whenever a service comes or goes.
 
 How nothing is lost: `put` drops silently, so the service finds a hole by its number and asks `replay`. A
 lost tail shows no hole, so an idle bridge repeats its last number. `Close` is acknowledged only when the
@@ -21,15 +22,16 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from types import TracebackType
 from typing import Self
 
 from caesura_clients.bridge.control import ControlLine
+from caesura_clients.bridge.pump import Pump
 from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.sender import Sender
+from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Source
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
@@ -42,22 +44,6 @@ from caesura_protocol.messages import Ack, Close, Open
 def new_session_name(now: datetime | None = None) -> str:
     """A name that sorts by time and does not repeat: `s{yyyymmdd}-{hhmmss}-{4 hex}`."""
     return f"s{now or datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
-
-
-@dataclass(frozen=True)
-class BridgeSettings:
-    """How a bridge batches, waits and remembers."""
-
-    batch_samples: int = 20
-    max_latency_s: float = 0.1  # a batch that does not fill goes after this time
-    heartbeat_s: float = 0.5  # silence after which the last number is repeated
-    ring_span_s: float = 30.0  # [s] session clock
-    ring_samples: int = 200_000
-    window_batches: int = 64  # under way at most, where the source can wait
-    tick_s: float = 0.02  # how often the keeper looks
-    retry_s: float = 0.2  # between attempts to open or to close
-    stall_s: float = 0.5  # without progress, missing batches are sent again
-    close_timeout_s: float = 10.0
 
 
 class Bridge:
@@ -114,6 +100,14 @@ class Bridge:
         self._over = threading.Event()
         self._failure: Exception | None = None
         self._services = Inbox()
+        self._pump = Pump(
+            self._sender,
+            f"pump {station}",
+            tick_s=self.settings.tick_s,
+            max_latency_s=self.settings.max_latency_s,
+            heartbeat_s=self.settings.heartbeat_s,
+            over=self._over,
+        )
         self._stack = ExitStack()
 
     @property
@@ -132,6 +126,7 @@ class Bridge:
             stack.enter_context(self._transport.watch(service_key("*", "alive"), self._services))
             stack.enter_context(self._transport.token(station_key(self.station, "alive")))
             keeper = threading.Thread(target=self._keep, name=f"keeper {self.station}", daemon=True)
+            stack.enter_context(self._pump)
             keeper.start()
             stack.callback(keeper.join)
             stack.callback(self._over.set)
@@ -168,7 +163,7 @@ class Bridge:
         self._check()
 
     def send(self, chunk: Chunk) -> None:
-        """Send samples (k, columns). Never waits for the network, unless the source can.
+        """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
 
         Raises BadSource for a wrong shape or a value that is not finite, ProtocolError once the service
         has refused the session.
@@ -188,6 +183,7 @@ class Bridge:
         """
         self._check()
         self._sender.flush()
+        self._sender.put_waiting()
         close = Close(session=self.session, last_seq=self._sender.last_seq)
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
@@ -250,12 +246,12 @@ class Bridge:
             untold, due = True, self._clock()
             while not self._over.is_set():
                 untold |= self._services.get(self.settings.tick_s) is not None
+                untold |= self._clock() >= due + self.settings.reopen_s
                 if untold and self._clock() >= due:
                     untold, due = not self._tell(), self._clock() + self.settings.retry_s
-                self._sender.flush(older_than_s=self.settings.max_latency_s)
-                self._sender.heartbeat(idle_s=self.settings.heartbeat_s)
         except Exception as error:
             self._failure = error
+            self._over.set()
         finally:
             self._answered.set()
 
@@ -282,8 +278,9 @@ class Bridge:
         self._known = True
 
     def _check(self) -> None:
-        if self._failure is not None:
-            raise self._failure
+        failure = self._failure or self._pump.failure
+        if failure is not None:
+            raise failure
 
 
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:

@@ -2,29 +2,47 @@
 
 The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, as long as that is
 no more than `max_samples`; and always the last `min_batches`, which is what may be under way to the service.
-Batches are kept as bytes: answering a replay copies nothing and encodes nothing.
+A clock that jumps evicts nothing: from one batch to the next no more than `STEP_S` pass, and never less than
+nothing.
+
+The ring is also the queue between the robot's thread and the network: a batch is in it from the moment it is
+numbered, and becomes bytes when somebody first needs them, once.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from itertools import islice
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange
 
+STEP_S = 1.0
 
-@dataclass(frozen=True)
+
 class Entry:
-    """A batch as it was sent."""
+    """A batch with its number."""
 
-    seq: int
-    t: float  # [s] its last sample, session clock
-    samples: int
-    content: Encoded
+    __slots__ = ("_content", "passed", "samples", "seq", "t")
+
+    def __init__(self, seq: int, t: float, samples: int, content: Encoded | Callable[[], Encoded]) -> None:
+        """t: its last sample [s], session clock; content: the batch as it is sent, or what makes it so."""
+        self.seq = seq
+        self.t = t
+        self.passed = 0.0  # [s] since the first one, as the ring counts
+        self.samples = samples
+        self._content = content
+
+    @property
+    def content(self) -> Encoded:
+        """As it is sent. Two threads that ask for the first time make the same bytes twice."""
+        content = self._content
+        if callable(content):
+            self._content = content = content()
+        return content
 
 
 class ReplayRing:
@@ -43,9 +61,12 @@ class ReplayRing:
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
                 raise ValueError(f"batch {entry.seq} after {self._entries[-1].seq}, expected the next")
+            if self._entries:
+                last = self._entries[-1]
+                entry.passed = last.passed + min(max(entry.t - last.t, 0.0), STEP_S)
             self._entries.append(entry)
             self._samples += entry.samples
-            while self._evictable(entry.t):
+            while self._evictable(entry.passed):
                 self._samples -= self._entries.popleft().samples
 
     def since(self, wanted: ReplayRange) -> list[Entry]:
@@ -62,11 +83,13 @@ class ReplayRing:
                     "evicted", "the ring no longer has these samples", value=wanted.first, limit=oldest
                 )
             end = min(wanted.last + 1, wanted.first + wanted.limit, self._entries[-1].seq + 1)
-            return [self._entries[seq - oldest] for seq in range(wanted.first, end)]
+            return list(islice(self._entries, wanted.first - oldest, max(end, wanted.first) - oldest))
 
-    def __iter__(self) -> Iterator[Entry]:
+    def after(self, first: int, count: int) -> list[Entry]:
+        """What it still has from batch `first` on, oldest first, at most `count`."""
         with self._lock:
-            return iter(tuple(self._entries))
+            skipped = max(0, first - self._entries[0].seq) if self._entries else 0
+            return list(islice(self._entries, skipped, skipped + count))
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -77,4 +100,4 @@ class ReplayRing:
             return False
         if self._samples > self.max_samples:
             return True
-        return len(self._entries) > self.min_batches and now - self._entries[1].t > self.span_s
+        return len(self._entries) > self.min_batches and now - self._entries[1].passed > self.span_s

@@ -1,7 +1,10 @@
 """Numbers the batches of one session, keeps them in the ring and puts them.
 
-Everything that decides an order (what is pending, the number, the put) is under one lock, because late
-batches and heartbeats come from another thread than samples do. No network call in here waits.
+Two sides that share the ring and nothing else. The robot's side (`push`, `flush`) numbers a batch and
+appends it; its lock is held for microseconds and never across a call of the network, so that a robot's loop
+does not wait, whatever the network does. The network's side (`put_waiting`, `heartbeat`, `resend`) encodes
+and puts, in any other thread. Where the network is slower than the robot for longer than the ring lasts, what
+the ring drops was never put: the service finds the hole by the numbers and is told `evicted`.
 """
 
 from __future__ import annotations
@@ -13,9 +16,11 @@ from collections.abc import Callable
 from caesura_clients.bridge.batching import Batcher, Matrix
 from caesura_clients.bridge.ring import Entry, ReplayRing
 from caesura_clients.network import Transport
-from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Heartbeat, Open
+
+_AT_ONCE = 64  # batches taken from the ring in one go
 
 
 class Sender:
@@ -32,62 +37,82 @@ class Sender:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.ring = ring
-        self.last_seq = -1
+        self.last_seq = -1  # of what has a number
         self._transport = transport
         self._key = station_key(station, "samples")
         self._open = opening
         self._batcher = Batcher(opening.columns, batch_samples)
         self._clock = clock
-        self._lock = threading.RLock()
+        self._numbering = threading.Lock()
+        self._work = threading.Event()
+        self._putting = threading.Lock()
+        self._next_put = 0
         self._last_put = self._pending_since = clock()
 
+    # --- the robot's side -------------------------------------------------------------------------------
+
     def push(self, chunk: Matrix) -> None:
-        """Take samples (k, columns) and put the batches that they fill. Raises BadSource."""
-        with self._lock:
+        """Take samples (k, columns) and number the batches that they fill. Raises BadSource."""
+        with self._numbering:
             if not len(self._batcher):
                 self._pending_since = self._clock()
             full = self._batcher.push(chunk)
             for batch in full:
-                self._put(batch)
+                self._number(batch)
             if full:
                 self._pending_since = self._clock()
+        if full:
+            self._work.set()
 
     def flush(self, *, older_than_s: float = 0.0) -> None:
-        """Put what is pending as a batch of its own, if its first sample has waited so long."""
-        with self._lock:
+        """Number what is pending as a batch of its own, if its first sample has waited so long."""
+        with self._numbering:
             if self._clock() - self._pending_since >= older_than_s:
                 for batch in self._batcher.flush():
-                    self._put(batch)
+                    self._number(batch)
+
+    def continue_from(self, seq: int) -> None:
+        """Number the next batch `seq`: a predecessor sent those before. Only while nothing has a number."""
+        with self._numbering:
+            if len(self.ring):
+                raise ValueError(f"batches up to {self.last_seq} were sent before the session was open")
+            self.last_seq, self._next_put = seq - 1, seq
+
+    # --- the network's side -----------------------------------------------------------------------------
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until a batch has been numbered since the last wait, or the time is over."""
+        self._work.wait(timeout_s)
+        self._work.clear()
+
+    def put_waiting(self) -> None:
+        """Put every batch that has not been put."""
+        with self._putting:
+            while entries := self.ring.after(self._next_put, _AT_ONCE):
+                for entry in entries:
+                    self._transport.put(self._key, entry.content)
+                self._next_put = entries[-1].seq + 1
+                self._last_put = self._clock()
 
     def heartbeat(self, *, idle_s: float = 0.0) -> None:
-        """Repeat the last number, if nothing was put for so long."""
-        with self._lock:
+        """Repeat the last number that was put, if nothing was put for so long."""
+        with self._putting:
             if self._clock() - self._last_put >= idle_s:
-                beat = Heartbeat(session=self._open.session, epoch=self._open.epoch, seq=self.last_seq)
+                seq = self._next_put - 1
+                beat = Heartbeat(session=self._open.session, epoch=self._open.epoch, seq=seq)
                 self._transport.put(self._key, encode(beat))
                 self._last_put = self._clock()
 
     def resend(self, first: int, count: int) -> None:
         """Put batches again from `first` on, as far as the ring has them, at most `count`."""
-        entries = [entry for entry in self.ring if entry.seq >= first][:count]
-        with self._lock:
-            for entry in entries:
-                self._transport.put(self._key, entry.content)
+        for entry in self.ring.after(first, count):
+            self._transport.put(self._key, entry.content)
 
-    def continue_from(self, seq: int) -> None:
-        """Number the next batch `seq`: a predecessor sent those before. Only while nothing was put."""
-        with self._lock:
-            if len(self.ring):
-                raise ValueError(f"batches up to {self.last_seq} were put before the session was open")
-            self.last_seq = seq - 1
-
-    def _put(self, batch: Matrix) -> None:
+    def _number(self, batch: Matrix) -> None:
         seq = self.last_seq + 1
-        packed = pack_samples(
-            batch, self._open.columns, session=self._open.session, epoch=self._open.epoch, seq=seq
-        )
-        content = encode(packed)
-        self.ring.append(Entry(seq, float(batch[-1, 0]), len(batch), content))
+        self.ring.append(Entry(seq, float(batch[-1, 0]), len(batch), lambda: self._encoded(batch, seq)))
         self.last_seq = seq
-        self._transport.put(self._key, content)
-        self._last_put = self._clock()
+
+    def _encoded(self, batch: Matrix, seq: int) -> Encoded:
+        said = self._open
+        return encode(pack_samples(batch, said.columns, session=said.session, epoch=said.epoch, seq=seq))

@@ -1,0 +1,22 @@
+"""What a bridge may be told; the defaults suit a robot at 1 kHz."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BridgeSettings:
+    """How a bridge batches, waits and remembers."""
+
+    batch_samples: int = 20
+    max_latency_s: float = 0.1  # a batch that does not fill goes after this time
+    heartbeat_s: float = 0.5  # silence after which the last number is repeated
+    ring_span_s: float = 30.0  # [s] session clock
+    ring_samples: int = 200_000
+    window_batches: int = 64  # under way at most, where the source can wait
+    tick_s: float = 0.02  # how often the keeper and the pump look
+    retry_s: float = 0.2  # between attempts to open or to close
+    reopen_s: float = 5.0  # between openings that nothing asks for, should a service's coming go unnoticed
+    stall_s: float = 0.5  # without progress, missing batches are sent again
+    close_timeout_s: float = 10.0

@@ -1,0 +1,144 @@
+"""A robot's loop calls `send` at 1 kHz and must not wait, whatever the network does.
+
+That is kept by construction: `send` calls nothing of the transport, and no lock that it takes is held while
+somebody calls the transport. How long it takes under real faults is measured by `make faults`.
+"""
+
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.keys import ReplayRange, replay_parameters, station_key
+from clients.examples import LiveSource, samples
+from clients.fake_service import FakeService, eventually
+
+QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.05, tick_s=0.005, max_latency_s=0.02)
+DEADLINE_S = 8.0
+
+
+class Stuck:
+    """A transport whose puts and answers stand still while `stuck`, and which knows who has called it."""
+
+    def __init__(self, transport):
+        self.callers = set()
+        self.standing = threading.Semaphore(0)  # one for each call that has come to a stand
+        self.free = threading.Event()
+        self.free.set()
+        self._transport = transport
+        self.endpoint = transport.endpoint
+
+    def put(self, *args, **options):
+        self._called()
+        self._transport.put(*args, **options)
+
+    def query(self, *args, **options):
+        self._called()
+        return self._transport.query(*args, **options)
+
+    @contextmanager
+    def answer(self, key, inbox):
+        with self._transport.answer(key, Answering(inbox, self._called)):
+            yield
+
+    def __getattr__(self, name):
+        return getattr(self._transport, name)
+
+    def _called(self):
+        self.callers.add(threading.current_thread())
+        if not self.free.is_set():
+            self.standing.release()
+            assert self.free.wait(DEADLINE_S)
+
+
+class Answering:
+    """An inbox whose questions call back before each reply."""
+
+    def __init__(self, inbox, called):
+        self._inbox = inbox
+        self._called = called
+
+    def offer(self, question):
+        reply = question.reply
+
+        def calling(*args):
+            self._called()
+            reply(*args)
+
+        question.reply = calling
+        self._inbox.offer(question)
+
+
+def a_loop(bridge, cycles, t0=0.0):
+    """One sample a call, in a thread of its own; False where it hangs."""
+    rows = samples(cycles, t0=t0)
+    loop = threading.Thread(target=lambda: [bridge.send(rows[i : i + 1]) for i in range(cycles)], daemon=True)
+    loop.start()
+    loop.join(DEADLINE_S)
+    return not loop.is_alive()
+
+
+@pytest.fixture
+def stuck(memory):
+    return Stuck(memory.transport())
+
+
+def test_send_calls_nothing_of_the_network(memory, stuck):
+    with FakeService(memory.transport()) as service, Bridge(stuck, "cell-1", LiveSource()) as bridge:
+        bridge.wait_open(DEADLINE_S)
+        for start in range(10):
+            bridge.send(samples(100, t0=start / 10))
+        eventually(lambda: service.rows() == 1000)
+    assert threading.current_thread() not in stuck.callers
+
+
+def test_send_goes_on_while_a_put_stands_still_and_nothing_is_lost(memory, stuck):
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(stuck, "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(DEADLINE_S)
+        stuck.free.clear()
+        bridge.send(samples(20))
+        assert stuck.standing.acquire(timeout=DEADLINE_S)
+        assert a_loop(bridge, 200, t0=0.02)
+        assert bridge.sent == 11
+        stuck.free.set()
+        assert bridge.finish().next_seq == 11
+    assert [row for batch in service.batches for row in unpack_samples(batch)[:, 0]] == pytest.approx(
+        samples(220)[:, 0]
+    )
+
+
+def test_send_goes_on_while_a_replay_stands_still(memory, stuck):
+    with Bridge(stuck, "cell-1", LiveSource(), settings=QUICK) as bridge:
+        bridge.send(samples(200))
+        eventually(lambda: bridge.sent == 10)
+        stuck.free.clear()
+        wanted = replay_parameters(ReplayRange(0, 9, 10))
+        asking = threading.Thread(
+            target=lambda: memory.transport().query(station_key("cell-1", "replay"), parameters=wanted),
+            daemon=True,
+        )
+        asking.start()
+        assert stuck.standing.acquire(timeout=DEADLINE_S)
+        assert a_loop(bridge, 200, t0=0.2)
+        stuck.free.set()
+        asking.join(DEADLINE_S)
+
+
+def test_send_goes_on_while_batches_are_sent_again_and_while_the_session_is_opened(memory, stuck):
+    with FakeService(memory.transport()) as service, Bridge(stuck, "cell-1", LiveSource()) as bridge:
+        bridge.wait_open(DEADLINE_S)
+        service.hold = True
+        bridge.send(samples(200))
+        stuck.free.clear()
+        for call in (lambda: bridge._sender.resend(0, 64), bridge._tell):
+            thread = threading.Thread(target=call, daemon=True)
+            thread.start()
+            assert stuck.standing.acquire(timeout=DEADLINE_S)
+        assert a_loop(bridge, 200, t0=0.2)
+        stuck.free.set()
+        thread.join(DEADLINE_S)

@@ -12,7 +12,7 @@ import typer
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
-    "service": ("serve", "segment", "demo", "evaluate", "report"),
+    "service": ("serve", "certs", "segment", "demo", "evaluate", "report"),
     "teacher": ("teach",),
 }
 OWN_PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients")

@@ -1,0 +1,98 @@
+"""`caesura certs`: certificates and access rules, ready for Zenoh, in one directory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_service.security.certificates import SecurityError
+from caesura_service.security.directory import Directory, Wanted, identities
+from caesura_service.security.roles import Identity, Role, identity
+
+_Names = list[str] | None
+
+
+def certs(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where the files are kept.")],
+    station: Annotated[_Names, typer.Option(help="A bridge of this station. Repeatable, as all are.")] = None,
+    dashboard: Annotated[
+        _Names, typer.Option(help="Somebody who reads the results of every station.")
+    ] = None,
+    operator: Annotated[_Names, typer.Option(help="A dashboard that may also send commands.")] = None,
+    instance: Annotated[
+        _Names, typer.Option(help="An instance of the service whose router is another process.")
+    ] = None,
+    host: Annotated[
+        _Names, typer.Option(help="Name or address by which clients reach the router; theirs is the first.")
+    ] = None,
+    listen: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="Of the router; by default tls/[::]:7447.")
+    ] = None,
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long new certificates last.")] = 730,
+    passwords: Annotated[
+        bool, typer.Option("--passwords", help="A user and a random password for everybody as well.")
+    ] = False,
+    renew: Annotated[
+        _Names, typer.Option(metavar="ROLE.NAME", help="Replace a certificate and its password.")
+    ] = None,
+    revoke: Annotated[
+        _Names, typer.Option(metavar="ROLE.NAME", help="Take a certificate and its password out of use.")
+    ] = None,
+) -> None:
+    """Make certificates for mutual TLS, and the access rules for every role.
+
+    What is there already stays: run it again to add a station.
+    """
+    asked: dict[Role, _Names] = {
+        "service": instance,
+        "bridge": station,
+        "dashboard": dashboard,
+        "operator": operator,
+    }
+    kept = Directory(directory)
+    try:
+        for label in (*(renew or ()), *(revoke or ())):
+            kept.revoke(label)
+        holders = [*_holders(asked), *(identity(label) for label in renew or ())]
+        kept.issue(Wanted(holders, host or (), listen, days, passwords))
+    except (SecurityError, OSError) as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(1) from error
+    _tell(kept)
+
+
+def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:
+    for role, names in asked.items():
+        yield from identities(role, names or ())
+
+
+def _tell(kept: Directory) -> None:
+    """What was written, and what to do with it."""
+    for file in kept.written:
+        typer.echo(f"wrote {file}")
+    if not kept.written:
+        typer.echo(f"{kept.path}: nothing to do")
+    holders = kept.holders()
+    typer.echo(f"\nThe first certificate ends on {kept.ends()}. {kept.path}/ca.key stays here and secret.")
+    typer.echo(f"Router and service, here:  caesura serve --zenoh-config {kept.path}/router.json5")
+    if not holders:
+        typer.echo("Nobody may connect yet: add --station NAME and --dashboard NAME.")
+    for holder in holders:
+        typer.echo(
+            f"Copy {kept.path}/{holder.label}.json5 to its machine:  {_command(holder, kept.endpoint)}"
+        )
+    typer.echo("Restart what listens with router.json5 whenever it was written anew.")
+
+
+def _command(holder: Identity, endpoint: str) -> str:
+    """What its holder runs."""
+    words = {
+        "service": f"serve --instance {holder.name}",
+        "bridge": f"bridge --station {holder.name}",
+        "dashboard": "watch",
+        "operator": "watch",
+    }
+    return f"caesura {words[holder.role]} --connect {endpoint} --zenoh-config {holder.label}.json5"

@@ -1,0 +1,228 @@
+"""The directory that `caesura certs` keeps: an authority, the router's certificate, one for each client.
+
+Nothing that exists is written over, but for the router's file, which follows from the rest. So the command
+may be run again to add a station. A certificate cannot be called back: Zenoh reads no revocation list. What
+can be done is to leave its name out of the router's rules. Therefore a certificate that replaces another
+has a common name of its own (`bridge.cell-1.2`), and `revoked/` remembers which were used.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from caesura_protocol.errors import ProtocolError
+from caesura_service.security import zenoh_files
+from caesura_service.security.certificates import (
+    AUTHORITY_DAYS,
+    Issued,
+    SecurityError,
+    common_name,
+    expiry,
+    hosts_of,
+    issue_client,
+    issue_router,
+    new_authority,
+    normal_host,
+)
+from caesura_service.security.roles import Identity, identity
+
+AUTHORITY, ROUTER = "ca", "router"
+USERS = "users.txt"
+THIS_MACHINE = ("127.0.0.1", "localhost", "::1")
+PASSWORD_BYTES = 24  # of randomness
+_LISTEN = re.compile(r'"listen": \{\s*"endpoints": \[\s*"([^"]+)"')
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What there shall be. hosts: by which clients reach the router, the first of them in their files."""
+
+    holders: Sequence[Identity] = ()
+    hosts: Sequence[str] = ()
+    listen: str | None = None  # endpoint of the router
+    days: int = 730
+    passwords: bool = False  # files with user and password as well
+
+
+@dataclass
+class Directory:
+    """The files of one authority. Raises SecurityError, and OSError where they cannot be written."""
+
+    path: Path
+    written: list[Path] = field(default_factory=list)
+    endpoint: str = ""  # by which clients reach the router, once issued
+
+    def issue(self, wanted: Wanted) -> None:
+        """Make what is missing, and the router's file anew."""
+        self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        authority = self._authority()
+        server = self._router(authority, wanted)
+        listen = self._listen(wanted)
+        self.endpoint = f"tls/{_bracketed(self._hosts(wanted)[0])}:{listen.rpartition(':')[2]}"
+        for holder in wanted.holders:
+            self._client(authority, holder, wanted.days)
+        if wanted.passwords or self._users_file.exists():
+            self._users(authority.certificate)
+        self._router_files(authority, server, listen)
+
+    def revoke(self, label: str) -> None:
+        """Take a certificate and a password out of use, for the router's next start."""
+        holder = _identity(label)
+        certificate = self._file(holder.label, "crt")
+        if not certificate.exists():
+            known = ", ".join(one.label for one in self.holders())
+            raise SecurityError(f"{self.path} has no {label}; it has {known or 'nobody'}")
+        away = self.path / "revoked"
+        away.mkdir(mode=0o700, exist_ok=True)
+        certificate.rename(away / f"{common_name(certificate.read_bytes())}.crt")
+        for suffix in ("key", "json5", "password.json5"):
+            self._file(holder.label, suffix).unlink(missing_ok=True)
+        if self._users_file.exists():
+            left = {user: word for user, word in self._passwords().items() if user != holder.label}
+            self._put_users(left)
+
+    def holders(self) -> list[Identity]:
+        """Everybody who has a certificate."""
+        stems = sorted(file.stem for file in self.path.glob("*.crt"))
+        return [_identity(stem) for stem in stems if stem not in {AUTHORITY, ROUTER}]
+
+    def ends(self) -> str:
+        """When the first of the certificates ends, a date."""
+        return f"{min(expiry(file.read_bytes()) for file in self.path.glob('*.crt')):%Y-%m-%d}"
+
+    def _authority(self) -> Issued:
+        return self._kept(AUTHORITY) or self._store(AUTHORITY, new_authority(AUTHORITY_DAYS))
+
+    def _router(self, authority: Issued, wanted: Wanted) -> Issued:
+        """The router's certificate; another one where it does not have all hosts."""
+        kept, hosts = self._kept(ROUTER), self._hosts(wanted)
+        if kept is not None and set(hosts) <= set(hosts_of(kept.certificate)):
+            return kept
+        if kept is not None:  # nobody holds a right by it, so it may be replaced
+            for suffix in ("crt", "key"):
+                self._file(ROUTER, suffix).unlink()
+        return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
+
+    def _hosts(self, wanted: Wanted) -> list[str]:
+        """Those wanted first, those of the certificate there is, and this machine."""
+        kept = self._kept(ROUTER)
+        known = [] if kept is None else hosts_of(kept.certificate)
+        return list(dict.fromkeys([*map(normal_host, wanted.hosts), *known, *THIS_MACHINE]))
+
+    def _listen(self, wanted: Wanted) -> str:
+        """The endpoint that is wanted, or else the one of the router's file."""
+        file = self._file(ROUTER, "json5")
+        found = _LISTEN.search(file.read_text()) if file.exists() else None
+        return wanted.listen or (found[1] if found else f"tls/[::]:{zenoh_files.PORT}")
+
+    def _client(self, authority: Issued, holder: Identity, days: int) -> None:
+        if self._file(holder.label, "crt").exists():
+            return
+        issued = issue_client(authority, self._next_common_name(holder), days)
+        self._store(holder.label, issued)
+        text = zenoh_files.client_file(authority.certificate, issued, self.endpoint)
+        self._create(self._file(holder.label, "json5"), text.encode(), secret=True)
+
+    def _next_common_name(self, holder: Identity) -> str:
+        used = {file.stem for file in (self.path / "revoked").glob(f"{holder.label}*.crt")}
+        return next(name for name in _generations(holder.label) if name not in used)
+
+    def _router_files(self, authority: Issued, server: Issued, listen: str) -> None:
+        names = {
+            holder: common_name(self._file(holder.label, "crt").read_bytes()) for holder in self.holders()
+        }
+        text = zenoh_files.router_file(authority.certificate, server, names, listen)
+        self._derive(self._file(ROUTER, "json5"), text)
+        if self._users_file.exists():
+            text = zenoh_files.password_router_file(authority.certificate, server, list(names), listen, USERS)
+            self._derive(self._file(ROUTER, "password.json5"), text)
+
+    def _users(self, authority: bytes) -> None:
+        """A password for everybody who has none."""
+        known = self._passwords()
+        new = [holder for holder in self.holders() if holder.label not in known]
+        for holder in new:
+            known[holder.label] = secrets.token_urlsafe(PASSWORD_BYTES)
+            text = zenoh_files.password_client_file(
+                authority, holder.label, known[holder.label], self.endpoint
+            )
+            self._create(self._file(holder.label, "password.json5"), text.encode(), secret=True)
+        if new:
+            self._put_users(known)
+
+    def _passwords(self) -> dict[str, str]:
+        if not self._users_file.exists():
+            return {}
+        lines = self._users_file.read_text().splitlines()
+        return dict(line.split(":", 1) for line in lines if ":" in line)
+
+    def _put_users(self, known: dict[str, str]) -> None:
+        self._derive(self._users_file, "".join(f"{user}:{word}\n" for user, word in sorted(known.items())))
+
+    @property
+    def _users_file(self) -> Path:
+        return self.path / USERS
+
+    def _file(self, stem: str, suffix: str) -> Path:
+        return self.path / f"{stem}.{suffix}"
+
+    def _kept(self, stem: str) -> Issued | None:
+        certificate, key = self._file(stem, "crt"), self._file(stem, "key")
+        if not certificate.exists() and not key.exists():
+            return None
+        missing = [str(file) for file in (certificate, key) if not file.exists()]
+        if missing:
+            raise SecurityError(f"{missing[0]} is missing: put it back, or start with an empty directory")
+        return Issued(certificate.read_bytes(), key.read_bytes())
+
+    def _store(self, stem: str, issued: Issued) -> Issued:
+        self._create(self._file(stem, "key"), issued.key, secret=True)
+        self._create(self._file(stem, "crt"), issued.certificate, secret=False)
+        return issued
+
+    def _create(self, file: Path, content: bytes, *, secret: bool) -> None:
+        """Write a file that must not be there yet."""
+        try:
+            number = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if secret else 0o644)
+        except FileExistsError as error:
+            raise SecurityError(f"{file} is there already and is not written over: move it away") from error
+        with os.fdopen(number, "wb") as stream:
+            stream.write(content)
+        self.written.append(file)
+
+    def _derive(self, file: Path, text: str) -> None:
+        """Write a secret file that follows from others; what stood there before stays beside it as `.old`."""
+        if file.exists():
+            if file.read_text() == text:
+                return
+            file.replace(file.with_name(f"{file.name}.old"))
+        self._create(file, text.encode(), secret=True)
+
+
+def _identity(label: str) -> Identity:
+    try:
+        return identity(label)
+    except ProtocolError as error:
+        raise SecurityError(str(error).removeprefix("malformed: ")) from error
+
+
+def _generations(label: str) -> Iterator[str]:
+    yield label
+    number = 2
+    while True:
+        yield f"{label}.{number}"
+        number += 1
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def identities(role: str, names: Iterable[str]) -> list[Identity]:
+    """Holders of one role. Raises SecurityError for a name that is none."""
+    return [_identity(f"{role}.{name}") for name in names]

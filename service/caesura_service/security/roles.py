@@ -1,0 +1,121 @@
+"""Every role, and what it may do. Access rules and their documentation are made from this table alone.
+
+What a role is not given here it does not have. A role is held by somebody with a name: `bridge.cell-1` may
+be station cell-1 and no other, `service.caesura-1` the instance caesura-1 and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import check_name, service_key, session_key, station_key
+
+Role = Literal["service", "bridge", "dashboard", "operator"]
+
+
+@dataclass(frozen=True)
+class Access:
+    """Key expressions, by what may be done with them; those that they include are meant too."""
+
+    put: tuple[str, ...] = ()
+    subscribe: tuple[str, ...] = ()
+    query: tuple[str, ...] = ()
+    answer: tuple[str, ...] = ()  # queries of others
+    hold: tuple[str, ...] = ()  # a liveliness token
+    watch: tuple[str, ...] = ()  # liveliness tokens of others, by subscription or query
+
+
+RESULTS = tuple(session_key("*", "*", part) for part in ("changepoints", "segments", "posterior", "status"))
+PROGRAMS = station_key("*", "program")
+SNAPSHOTS = session_key("*", "*", "snapshot")
+SERVICES_ALIVE = service_key("*", "alive")
+STATIONS_ALIVE = station_key("*", "alive")
+
+
+def _service(instance: str) -> Access:
+    """One instance, where the router is another process. Any instance may come to own any station."""
+    return Access(
+        put=(*RESULTS, PROGRAMS),
+        subscribe=(station_key("*", "samples"),),
+        query=(station_key("*", "replay"),),
+        answer=(station_key("*", "control"), PROGRAMS, SNAPSHOTS, service_key(instance, "status")),
+        hold=(service_key(instance, "alive"),),
+        watch=(SERVICES_ALIVE, STATIONS_ALIVE),
+    )
+
+
+def _bridge(station: str) -> Access:
+    """The robot of one station. It asks for its own sessions to say at the end what became of them."""
+    return Access(
+        put=(station_key(station, "samples"),),
+        query=(station_key(station, "control"), session_key(station, "*", "snapshot")),
+        answer=(station_key(station, "replay"),),
+        hold=(station_key(station, "alive"),),
+        watch=(SERVICES_ALIVE,),
+    )
+
+
+def _dashboard(_name: str) -> Access:
+    """Whoever reads results, of every station, and changes nothing."""
+    return Access(
+        subscribe=(*RESULTS, PROGRAMS),
+        query=(SNAPSHOTS, PROGRAMS, service_key("*", "status")),
+        watch=(SERVICES_ALIVE, STATIONS_ALIVE),
+    )
+
+
+def _operator(name: str) -> Access:
+    """A dashboard that may also send commands to every station."""
+    reader = _dashboard(name)
+    return Access(
+        subscribe=reader.subscribe,
+        query=(*reader.query, station_key("*", "control")),
+        watch=reader.watch,
+    )
+
+
+ROLES: Mapping[Role, Callable[[str], Access]] = {
+    "service": _service,
+    "bridge": _bridge,
+    "dashboard": _dashboard,
+    "operator": _operator,
+}
+
+
+class Identity(NamedTuple):
+    """Somebody who holds a role. The label is the user name, and begins the certificate's common name.
+
+    >>> Identity("bridge", "cell-1").label
+    'bridge.cell-1'
+    """
+
+    role: Role
+    name: str
+
+    @property
+    def label(self) -> str:
+        """Role and name; a name has no dot."""
+        return f"{self.role}.{self.name}"
+
+    @property
+    def access(self) -> Access:
+        """What this one may do."""
+        return ROLES[self.role](self.name)
+
+
+def identity(label: str) -> Identity:
+    """Parse a label. Raises ProtocolError `malformed`.
+
+    >>> identity("bridge.cell-1")
+    Identity(role='bridge', name='cell-1')
+    """
+    prefix, _, name = label.partition(".")
+    for role in get_args(Role):
+        if role == prefix:
+            return Identity(role, check_name(name, role))
+    raise ProtocolError(
+        "malformed", "no such role", value=label, expected=[f"{role}.NAME" for role in get_args(Role)]
+    )

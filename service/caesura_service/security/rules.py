@@ -1,0 +1,66 @@
+"""Zenoh's access rules from the table of roles.
+
+A router looks at every message twice: when it comes in from one peer (ingress) and when it goes out to
+another (egress), each time with the rights of that peer. So each thing that may be done takes several
+messages, in two directions; `MESSAGES` has them all. Deny is the default, and whoever has no policy
+(a certificate that is no longer listed) may connect, and that is all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from typing import Any, Literal
+
+from caesura_service.security.roles import Access, Identity
+
+Flow = Literal["ingress", "egress"]
+
+# Of the router: ingress is what comes from the one with the right, egress what goes to it.
+MESSAGES: Mapping[str, Mapping[Flow, tuple[str, ...]]] = {
+    "put": {"ingress": ("put",)},
+    "subscribe": {"ingress": ("declare_subscriber",), "egress": ("put",)},
+    "query": {"ingress": ("query",), "egress": ("reply",)},
+    "answer": {"ingress": ("declare_queryable", "reply"), "egress": ("query",)},
+    "hold": {"ingress": ("liveliness_token",)},
+    "watch": {
+        "ingress": ("liveliness_query", "declare_liveliness_subscriber"),
+        "egress": ("liveliness_token",),
+    },
+}
+
+Subject = Literal["cert_common_names", "usernames"]
+
+
+def access_control(names: Mapping[Identity, str], known_by: Subject) -> dict[str, Any]:
+    """Zenoh's `access_control`. names: the common name or user name that each identity comes with."""
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule for holder in names for rule in _rules(holder)],
+        "subjects": [{"id": holder.label, known_by: [name]} for holder, name in names.items()],
+        "policies": [
+            {"id": holder.label, "rules": [rule["id"] for rule in _rules(holder)], "subjects": [holder.label]}
+            for holder in names
+        ],
+    }
+
+
+def _rules(holder: Identity) -> Iterator[dict[str, Any]]:
+    for verb, keys in granted(holder.access):
+        for flow, messages in MESSAGES[verb].items():
+            yield {
+                "id": f"{holder.label} {verb} {flow}",
+                "permission": "allow",
+                "flows": [flow],
+                "messages": list(messages),
+                "key_exprs": list(keys),
+            }
+
+
+def granted(access: Access) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """What may be done, with which keys; without what may not."""
+    for verb in fields(access):
+        keys: tuple[str, ...] = getattr(access, verb.name)
+        if keys:
+            yield verb.name, keys

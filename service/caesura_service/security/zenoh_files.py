@@ -1,0 +1,144 @@
+"""The json5 files that Zenoh reads: one for the router, one for each client, each complete in itself.
+
+Certificates and keys are written into them, so that one file is all that has to be copied to a machine, and
+no path in it can be wrong there.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_service.security.certificates import Issued
+from caesura_service.security.roles import Identity
+from caesura_service.security.rules import access_control
+
+PORT = 7447
+# Up to here the service refuses what is too large with a reason; beyond, the router drops it without.
+ROUTER_MAX_BYTES = 2 * MAX_MESSAGE_BYTES
+
+_Sections = Sequence[tuple[str, Mapping[str, Any]]]  # comment, settings
+
+_QUIET: Mapping[str, Any] = {
+    "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+}
+_LINK: Mapping[str, Any] = {
+    "tx": {"lease": 2000},
+    "rx": {"max_message_size": ROUTER_MAX_BYTES},
+}
+
+
+def router_file(authority: bytes, server: Issued, names: Mapping[Identity, str], listen: str) -> str:
+    """A router that demands a certificate of every client. names: the common name of each."""
+    tls = {
+        **_server_tls(authority, server),
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+    }
+    comment = "Both sides show a certificate of our authority; a link ends when a certificate does."
+    security = (comment, {"transport": {"link": {**_LINK, "tls": tls}, "shared_memory": {"enabled": False}}})
+    return _router(listen, security, access_control(names, "cert_common_names"))
+
+
+def password_router_file(
+    authority: bytes, server: Issued, holders: Sequence[Identity], listen: str, dictionary: str
+) -> str:
+    """A router that demands a password of every client, on links that its certificate encrypts."""
+    transport = {
+        "link": {**_LINK, "tls": _server_tls(authority, server)},
+        "auth": {"usrpwd": {"dictionary_file": dictionary}},
+        "shared_memory": {"enabled": False},
+    }
+    comment = (
+        "The router shows a certificate, clients a user and a password. zenohd looks for the dictionary "
+        "where it is started, caesura serve beside this file."
+    )
+    rules = access_control({holder: holder.label for holder in holders}, "usernames")
+    return _router(listen, (comment, {"transport": transport}), rules)
+
+
+def client_file(authority: bytes, client: Issued, endpoint: str) -> str:
+    """A client that shows a certificate."""
+    tls = {
+        "root_ca_certificate_base64": _text(authority),
+        "enable_mtls": True,
+        "connect_certificate_base64": _text(client.certificate),
+        "connect_private_key_base64": _text(client.key),
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+    return _client(endpoint, {"link": {"tls": tls}})
+
+
+def password_client_file(authority: bytes, user: str, password: str, endpoint: str) -> str:
+    """A client that shows a user and a password."""
+    tls = {"root_ca_certificate_base64": _text(authority), "verify_name_on_connect": True}
+    auth = {"usrpwd": {"user": user, "password": password}}
+    return _client(endpoint, {"link": {"tls": tls}, "auth": auth})
+
+
+def _router(listen: str, security: tuple[str, Mapping[str, Any]], rules: Mapping[str, Any]) -> str:
+    limit = {
+        "id": "size",
+        "flows": ["ingress"],
+        "messages": ["put", "query", "reply"],
+        "key_exprs": ["**"],
+        "size_limit": ROUTER_MAX_BYTES,
+    }
+    return _json5(
+        (
+            "Written by `caesura certs`, which writes it anew: --listen and --host change it there.\n"
+            "For `caesura serve --zenoh-config` and for `zenohd -c`. It holds the router's private key.",
+            {"mode": "router"},
+        ),
+        ("Robots and dashboards connect here.", {"listen": {"endpoints": [listen]}}),
+        ("Nobody is looked for: a factory network names its routers.", _QUIET),
+        security,
+        (
+            "A larger message is dropped without an answer; the service refuses those over half of it.",
+            {"low_pass_filter": [limit]},
+        ),
+        (
+            "Who may do what, from the table of roles; what stands in no rule is denied. ingress is what\n"
+            "comes from the one with the right, egress what goes to it.",
+            {"access_control": rules},
+        ),
+    )
+
+
+def _client(endpoint: str, transport: Mapping[str, Any]) -> str:
+    return _json5(
+        (
+            "Written by `caesura certs`. It holds a secret: readable by its user alone.",
+            {"mode": "client"},
+        ),
+        ("The router; --connect names another.", {"connect": {"endpoints": [endpoint]}}),
+        ("Nobody is looked for.", _QUIET),
+        ("How this client is known.", {"transport": {**transport, "shared_memory": {"enabled": False}}}),
+    )
+
+
+def _server_tls(authority: bytes, server: Issued) -> dict[str, Any]:
+    return {
+        "root_ca_certificate_base64": _text(authority),
+        "listen_certificate_base64": _text(server.certificate),
+        "listen_private_key_base64": _text(server.key),
+    }
+
+
+def _text(pem: bytes) -> str:
+    return b64encode(pem).decode()
+
+
+def _json5(*sections: tuple[str, Mapping[str, Any]]) -> str:
+    """One object, a comment above each part of it."""
+    return "{\n" + "\n".join(_section(*section) for section in sections) + "}\n"
+
+
+def _section(comment: str, settings: Mapping[str, Any]) -> str:
+    remarks = "".join(f"  // {line}\n" for line in comment.split("\n"))
+    body = json.dumps(settings, indent=2)[2:-2]
+    return f"{remarks}{body},\n"

@@ -21,8 +21,10 @@ from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal, SqliteJournal
+from caesura_service.observing.health import web_of
+from caesura_service.observing.metrics import Observed
+from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.ports import Owner, PipelineFactory
-from caesura_service.session.registry import Registry
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +49,7 @@ class Service:
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, self.config.epoch_now())
         self._file = _journal_on_disk(self.config) if journal is None else None
-        self.registry = Registry(
+        self.registry = WatchedRegistry(
             owner=owner,
             pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
@@ -63,28 +65,38 @@ class Service:
             clock=steady_clock(),
             stop=stop,
         )
+        self.ready = False  # joined and declared: it can be found
+        observed = Observed(self.registry, self.status, lambda: self.ready)
+        self.web = None if self.config.metrics is None else web_of(self.config.metrics, observed)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            if self.web is not None:
+                stack.enter_context(self.web)
             stack.enter_context(_switching_often())
             if self._file is not None:
                 stack.enter_context(self._file)
             self._restore()
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
+        self.ready = True
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.ready = False
         self._stack.close()
 
     def _restore(self) -> None:
         """Go on where the journal ends; its sessions are there before anybody can ask for them."""
         began = time.monotonic()
         for failed in self.registry.restore():
-            logger.error("%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error)
+            fields = {"station": failed.station, "session": failed.session}
+            logger.error(
+                "%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error, extra=fields
+            )
         if standings := self.registry.board.standings():
             opened = sum(standing.is_open for standing in standings)
             took_s = time.monotonic() - began

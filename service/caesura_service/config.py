@@ -48,6 +48,7 @@ class ServiceConfig:
     queue: QueueSettings = field(default_factory=QueueSettings)
     journal: Path | None = None
     journal_settings: JournalSettings = field(default_factory=JournalSettings)
+    metrics: str | None = None  # host:port of the page for Prometheus and probes; port 0: a free one
 
     def __post_init__(self) -> None:
         check_name(self.instance, "instance")

@@ -17,6 +17,8 @@ from caesura_service.edge import NetworkError
 from caesura_service.edge.network import DEFAULT_ENDPOINT
 from caesura_service.journal import JournalError, JournalSettings
 from caesura_service.journal.keeping import DAY_S, GB
+from caesura_service.observing.logs import LEVELS, LOG_FORMATS, UnknownOption, log_to
+from caesura_service.observing.web import WebError
 
 logger = logging.getLogger(__name__)
 
@@ -48,13 +50,21 @@ def serve(
     journal_gb: Annotated[
         float, typer.Option(min=0.0, help="Past this size closed sessions go, oldest first.")
     ] = JournalSettings.size_bytes / GB,
-    log_level: Annotated[str, typer.Option(help="debug, info, warning or error.")] = "info",
+    metrics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT",
+            help="Serve /metrics for Prometheus, /healthz and /readyz for probes here; port 0: a free one.",
+        ),
+    ] = None,
+    log_level: Annotated[str, typer.Option(help=f"{', '.join(LEVELS)}.")] = "info",
+    log_format: Annotated[str, typer.Option(help=f"{', '.join(LOG_FORMATS)}.")] = "text",
 ) -> None:
     """Segment what bridges publish, until SIGINT or SIGTERM.
 
     Prints one line with the endpoint once the service can be found; logs go to stderr.
     """
-    _log_to_stderr(log_level)
+    _log_to_stderr(log_level, log_format, instance)
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset!r}, known: {', '.join(sorted(PRESETS))}", param_hint="--preset")
     try:
@@ -65,12 +75,13 @@ def serve(
             preset=preset,
             zenoh_config=zenoh_config,
             journal=_directory(journal),
+            metrics=metrics,
             journal_settings=JournalSettings(
                 commit_s=journal_commit_s, age_s=journal_days * DAY_S, size_bytes=round(journal_gb * GB)
             ),
         )
         run_service(config, ready=_announce)
-    except (ProtocolError, NetworkError, JournalError) as error:
+    except (ProtocolError, NetworkError, JournalError, WebError) as error:
         typer.echo(f"caesura serve: {error}", err=True)
         raise typer.Exit(1) from error
 
@@ -88,15 +99,13 @@ def _announce(service: Service) -> None:
         logger.info("the journal is in memory: a restart knows nothing of earlier sessions")
     else:
         logger.info("journal %s, written every %g s", config.journal_path, config.journal_settings.commit_s)
+    if service.web is not None:
+        logger.info("metrics at %s/metrics", service.web.url)
     print(f"caesura ready at {service.endpoint} as {service.config.instance}", flush=True)
 
 
-def _log_to_stderr(level: str) -> None:
-    levels = logging.getLevelNamesMapping()
-    if level.upper() not in levels:
-        raise typer.BadParameter(f"{level!r}, known: debug, info, warning, error", param_hint="--log-level")
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=levels[level.upper()],
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-    )
+def _log_to_stderr(level: str, log_format: str, instance: str) -> None:
+    try:
+        log_to(sys.stderr, level=level, log_format=log_format, instance=instance)
+    except UnknownOption as error:
+        raise typer.BadParameter(str(error), param_hint=error.option) from error

@@ -129,9 +129,13 @@ class Worker:
                 case Refused(error):
                     logger.debug("refused: %s", error)
                 case Failed(station, session, error):
-                    logger.error("%s/%s was closed by an error", station, session, exc_info=error)
+                    fields = {"station": station, "session": session}
+                    logger.error(
+                        "%s/%s was closed by an error", station, session, exc_info=error, extra=fields
+                    )
                 case Forgotten(station, session, why):
-                    logger.info("%s/%s is no longer kept: %s", station, session, why)
+                    fields = {"station": station, "session": session}
+                    logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
                 case Answer():
                     raise TypeError("an answer without a question")
 

@@ -1,0 +1,115 @@
+"""What happens to sessions, told in the log: a line an event, with station and session as fields.
+
+What a peer can cause as often as it likes (a refusal, a question for batches, a question without an answer)
+is told once in QUIET_S for each station and reason, with the number of times that it was not told.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from caesura_protocol.messages import Gap
+from caesura_service.observing.quiet import Quiet
+from caesura_service.observing.steps import Change, Step
+from caesura_service.session.ports import AskReplay, ReplayEnded
+from caesura_service.session.standing import Standing
+
+logger = logging.getLogger(__name__)
+
+QUIET_S = 10.0
+GAP_REASONS = {
+    "source": "the robot's samples paused",
+    "evicted": "its bridge no longer has the samples",
+}
+
+
+class Chronicle:
+    """Steps in, log lines out."""
+
+    def __init__(self) -> None:
+        self._quiet = Quiet(QUIET_S)
+
+    def take(self, step: Step, now: float) -> None:
+        """Tell what a step has changed. now: [s]"""
+        for change in step.changes:
+            _tell_change(change)
+        for output in step.outputs:
+            if isinstance(output, AskReplay):
+                asked = f"asks for batches {output.first} to {output.last}"
+                self._tell(logging.INFO, now, ("asked",), output.station, output.session, asked)
+        if isinstance(step.message, ReplayEnded) and not (step.message.answered or step.message.evicted):
+            why = f"its bridge did not answer for batches from {step.message.first} on"
+            self._tell(logging.WARNING, now, ("unanswered",), step.station, step.message.session, why)
+        if step.refusal is not None:
+            name = step.message.session if step.message else None
+            self._tell(
+                logging.WARNING,
+                now,
+                ("refused", step.refusal.code),
+                step.station,
+                name,
+                f"refused: {step.refusal.message}",
+                step.refused,
+            )
+
+    def _tell(
+        self,
+        level: int,
+        now: float,
+        about: tuple[str, ...],
+        station: str | None,
+        session: str | None,
+        what: str,
+        times: int = 1,
+    ) -> None:
+        held = self._quiet.kept_back((station, *about), now, times)
+        if held is None:
+            return
+        more = f" (and {held} more like it)" if held else ""
+        _say(level, station, session, f"{what}{more}")
+
+
+def _tell_change(change: Change) -> None:
+    before, after = change.before, change.after
+    if after is None:
+        return  # forgotten: the worker says why
+    if before is None:
+        if after.is_open and not after.view.samples:
+            _say_of(after, logging.INFO, f"opened, preset {after.preset}, wrench {after.view.wrench.source}")
+        return
+    for gap in after.view.gaps[len(before.view.gaps) :] if after.view.gaps is not before.view.gaps else ():
+        _say_of(after, logging.WARNING, _gap(gap))
+    if before.is_open and after.state == "closed":
+        _say_of(after, logging.INFO, _closed(after))
+
+
+def _gap(gap: Gap) -> str:
+    why = GAP_REASONS.get(gap.reason, gap.reason)
+    return f"gap from {gap.t0:.2f} to {gap.tn:.2f} s ({gap.reason}): {why}"
+
+
+def _closed(standing: Standing) -> str:
+    view, tally = standing.view, standing.tally
+    lost = (
+        f", {len(view.gaps)} gaps of {sum(gap.tn - gap.t0 for gap in view.gaps):.2f} s" if view.gaps else ""
+    )
+    return (
+        f"closed: {len(view.segments)} segments in {_duration(standing):.1f} s, "
+        f"{view.samples} samples in {tally.batches} batches{lost}"
+    )
+
+
+def _duration(standing: Standing) -> float:
+    segments = standing.view.segments
+    return segments[-1].tn - segments[0].t0 if segments else 0.0
+
+
+def _say_of(standing: Standing, level: int, what: str) -> None:
+    _say(level, standing.station, standing.session, what)
+
+
+def _say(level: int, station: str | None, session: str | None, what: str) -> None:
+    fields: dict[str, Any] = {"station": station, "session": session}
+    who = "/".join(name for name in (station, session) if name) or "somebody"
+    logger.log(level, "%s %s", who, what, extra={name: value for name, value in fields.items() if value})

@@ -1,0 +1,120 @@
+"""What has been done for each station since this process started, in numbers that only grow.
+
+The registry's thread counts, any thread reads: every number is an immutable value that is replaced. A station
+that is no longer here is dropped with its numbers, so there are never more than the registry has stations.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+from caesura_protocol.messages import Gap, SampleBatch
+from caesura_service.observing.steps import Change, Step
+from caesura_service.session.ports import AskReplay
+
+BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Of one station. heard: when a batch of it last came [s, the counter's clock]."""
+
+    batches: int = 0
+    samples: int = 0
+    observations: int = 0
+    duplicates: int = 0
+    repeats: int = 0
+    gaps: int = 0
+    gap_s: float = 0.0
+    replays: int = 0
+    heard: float | None = None
+
+    def plus(self, change: Change) -> Counted:
+        """With what a change adds. A session that is taken up as it was adds nothing."""
+        before, after = change.before, change.after
+        if before is None or after is None:
+            return self
+        old, new = before.view, after.view
+        lost = new.gaps[len(old.gaps) :] if new.gaps is not old.gaps else ()
+        return replace(
+            self,
+            batches=self.batches + _grown(before.tally.batches, after.tally.batches),
+            samples=self.samples + _grown(old.samples, new.samples),
+            observations=self.observations + _grown(old.observations, new.observations),
+            duplicates=self.duplicates + _grown(before.tally.duplicates, after.tally.duplicates),
+            repeats=self.repeats + _grown(old.repeats, new.repeats),
+            gaps=self.gaps + len(lost),
+            gap_s=self.gap_s + _seconds(lost),
+        )
+
+
+@dataclass(frozen=True)
+class Durations:
+    """A histogram of how long steps took."""
+
+    counts: tuple[int, ...] = (0,) * (len(BUCKETS_S) + 1)  # of each bucket; the last is past them all
+    total_s: float = 0.0
+
+    def plus(self, took_s: float) -> Durations:
+        """With one step more."""
+        bucket = bisect_left(BUCKETS_S, took_s)
+        counts = (*self.counts[:bucket], self.counts[bucket] + 1, *self.counts[bucket + 1 :])
+        return Durations(counts, self.total_s + took_s)
+
+    def cumulative(self) -> list[tuple[str, float]]:
+        """(upper bound, how many took no longer), as Prometheus counts them."""
+        bounds = [*(str(bound) for bound in BUCKETS_S), "+Inf"]
+        return list(zip(bounds, map(float, accumulate(self.counts)), strict=True))
+
+
+class Counting:
+    """Folds steps into numbers."""
+
+    def __init__(self, began: float) -> None:
+        """began: [s] when this process did."""
+        self.began = began
+        self.turned = began  # [s] when the registry's thread last came round
+        self.durations = Durations()
+        self._of_station: dict[str, Counted] = {}
+
+    @property
+    def of_station(self) -> Mapping[str, Counted]:
+        """A copy, by station."""
+        return dict(self._of_station)
+
+    def take(self, step: Step, known: Container[str], now: float) -> None:
+        """Count a step. known: the stations that the registry has."""
+        self.turned = now
+        if isinstance(step.message, SampleBatch):
+            self.durations = self.durations.plus(step.took_s)
+        for output in step.outputs:
+            if isinstance(output, AskReplay) and output.station in known:
+                before = self._counted(output.station, known)
+                self._of_station[output.station] = replace(before, replays=before.replays + 1)
+        if step.station is not None and step.station in known:
+            self._count(step.station, step, known, now)
+
+    def _count(self, station: str, step: Step, known: Container[str], now: float) -> None:
+        counted = self._counted(station, known)
+        for change in step.changes:
+            counted = counted.plus(change)
+        if isinstance(step.message, SampleBatch) and not step.refused:
+            counted = replace(counted, heard=now)
+        self._of_station[station] = counted
+
+    def _counted(self, station: str, known: Container[str]) -> Counted:
+        """Of a station so far; before a new one gets its place, those that have left lose theirs."""
+        if station not in self._of_station:
+            self._of_station = {name: one for name, one in self._of_station.items() if name in known}
+        return self._of_station.get(station, Counted())
+
+
+def _grown(before: int, after: int) -> int:
+    return max(0, after - before)
+
+
+def _seconds(gaps: tuple[Gap, ...]) -> float:
+    return sum(gap.tn - gap.t0 for gap in gaps)

@@ -1,0 +1,62 @@
+"""How log lines look: for people, or one JSON object a line for whatever collects them.
+
+A line of JSON has `time` (UTC), `level`, `logger`, `instance` and `message`; `station` and `session` where it
+speaks of one; `exception` where there was one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TextIO
+
+from pythonjsonlogger.json import JsonFormatter
+
+LEVELS = ("debug", "info", "warning", "error")
+
+_RENAMED = {"levelname": "level", "name": "logger", "exc_info": "exception"}
+
+
+def text_formatter(instance: str) -> logging.Formatter:
+    """For people."""
+    return logging.Formatter(f"%(asctime)s %(levelname)s {instance} %(name)s: %(message)s")
+
+
+def json_formatter(instance: str) -> logging.Formatter:
+    """For a collector: one object a line."""
+    fields: dict[str, Any] = {"instance": instance}
+    return JsonFormatter(
+        ["levelname", "name", "message"],
+        timestamp="time",
+        rename_fields=_RENAMED,
+        static_fields=fields,
+        json_ensure_ascii=False,
+    )
+
+
+FORMATTERS: Mapping[str, Callable[[str], logging.Formatter]] = {
+    "text": text_formatter,
+    "json": json_formatter,
+}
+
+
+LOG_FORMATS = tuple(FORMATTERS)
+
+
+class UnknownOption(ValueError):  # noqa: N818 - it reads better where it is caught
+    """An option of the log has a value that it does not know."""
+
+    def __init__(self, option: str, value: str, known: Sequence[str]) -> None:
+        super().__init__(f"{value!r}, known: {', '.join(known)}")
+        self.option = option
+
+
+def log_to(stream: TextIO, *, level: str, log_format: str, instance: str) -> None:
+    """Send everything from a level on to a stream. Raises UnknownOption."""
+    if level.lower() not in LEVELS:
+        raise UnknownOption("--log-level", level, LEVELS)
+    if log_format not in FORMATTERS:
+        raise UnknownOption("--log-format", log_format, LOG_FORMATS)
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(FORMATTERS[log_format](instance))
+    logging.basicConfig(level=level.upper(), handlers=[handler])

@@ -1,0 +1,42 @@
+"""What one call of the registry has done, as those see it who count and those who tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from caesura_protocol.messages import Refusal
+from caesura_service.session.ports import Incoming, Output
+from caesura_service.session.standing import Standing
+
+
+@dataclass(frozen=True)
+class Change:
+    """A session before and after; None where it was not there."""
+
+    before: Standing | None
+    after: Standing | None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One message, command or tick.
+
+    station: None where the key did not tell, or where it concerns all. refused: how many refusals it
+    made, of which `refusal` is the last.
+    """
+
+    station: str | None
+    message: Incoming | None
+    changes: Sequence[Change]
+    outputs: Sequence[Output]
+    refused: int
+    refusal: Refusal | None
+    took_s: float
+
+
+def changes_between(before: Mapping[str, Standing], after: Mapping[str, Standing]) -> list[Change]:
+    """Every session that is not what it was, by name; what stayed is left out."""
+    names = dict.fromkeys((*before, *after))
+    changes = [Change(before.get(name), after.get(name)) for name in names]
+    return [change for change in changes if change.before is not change.after]

@@ -1,0 +1,169 @@
+"""What is served over HTTP: /metrics for Prometheus, /healthz and /readyz for whoever restarts the service.
+
+It only tells: names of stations and how much of what, never samples, results or commands, and nothing that
+a request says reaches anything but a table of paths. So it needs no credentials and may listen on any
+address; it is off unless asked for. At most CONNECTIONS at once, and none that is silent for TIMEOUT_S, so
+that it delays no work.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import choose_encoder
+
+CONNECTIONS = 16
+TIMEOUT_S = 5.0
+PLAIN = "text/plain; charset=utf-8"
+_POLL_S = 0.05  # how soon it ends when it is told to
+
+
+class WebError(Exception):
+    """The address will not do."""
+
+
+class Health(NamedTuple):
+    """Is it well, and if not, why?"""
+
+    well: bool
+    why: str = "ok"
+
+
+class Page(NamedTuple):
+    """An answer."""
+
+    status: int
+    content_type: str
+    body: bytes
+
+
+class Web:
+    """Serves while the context lasts, from the first moment on: also while sessions are replayed.
+
+    address: `host:port`, port 0 for a free one. Raises WebError.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        registry: CollectorRegistry,
+        *,
+        alive: Callable[[], Health],
+        ready: Callable[[], Health],
+    ) -> None:
+        self._where = parse_address(address)
+        self._registry = registry
+        self._pages: Mapping[str, Callable[[str], Page]] = {
+            "/metrics": self._metrics,
+            "/healthz": lambda _: _page_of(alive()),
+            "/readyz": lambda _: _page_of(ready()),
+        }
+
+    def __enter__(self) -> Self:
+        try:
+            self._server = _Server(self._where, _handler(self._page))
+        except OSError as error:
+            host, port = self._where
+            raise WebError(f"metrics at {host}:{port}: {error.strerror or error}; choose another") from error
+        run = threading.Thread(
+            target=self._server.serve_forever, args=(_POLL_S,), name="caesura-web", daemon=True
+        )
+        run.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    @property
+    def url(self) -> str:
+        """Where it is found, with its real port."""
+        host, port = self._server.server_address[:2]
+        name = host.decode() if isinstance(host, bytes) else str(host)
+        return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
+
+    def _page(self, path: str, accept: str) -> Page:
+        page = self._pages.get(path.partition("?")[0])
+        if page is None:
+            return Page(404, PLAIN, f"known: {', '.join(self._pages)}\n".encode())
+        return page(accept)
+
+    def _metrics(self, accept: str) -> Page:
+        encoder, content_type = choose_encoder(accept)
+        return Page(200, content_type, encoder(self._registry))
+
+
+def parse_address(address: str) -> tuple[str, int]:
+    """(host, port). Raises WebError.
+
+    >>> parse_address("[::1]:9464")
+    ('::1', 9464)
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise WebError(f"metrics at {address!r}: expected HOST:PORT, for example 127.0.0.1:9464")
+    return host.strip("[]"), int(port)
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = True
+
+    def __init__(self, where: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self.address_family = socket.AF_INET6 if ":" in where[0] else socket.AF_INET
+        self._room = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(where, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if not self._room.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        super().process_request(request, client_address)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A caller that went away in between is no event."""
+
+
+def _handler(page: Callable[[str, str], Page]) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        timeout = TIMEOUT_S
+        server_version = "caesura"
+        sys_version = ""
+
+        def do_GET(self) -> None:
+            self._answer(with_body=True)
+
+        def do_HEAD(self) -> None:
+            self._answer(with_body=False)
+
+        def _answer(self, *, with_body: bool) -> None:
+            status, content_type, body = page(self.path, self.headers.get("Accept", ""))
+            self.send_response(status)
+            self.send_header("Content-Type", content_type)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            if with_body:
+                self.wfile.write(body)
+
+        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its base's name
+            """A probe every few seconds is no event."""
+
+    return Handler
+
+
+def _page_of(health: Health) -> Page:
+    return Page(200 if health.well else 503, PLAIN, f"{health.why}\n".encode())

@@ -1,0 +1,165 @@
+"""Metrics and probes over real HTTP, of a real service."""
+
+from __future__ import annotations
+
+import re
+import socket
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.parser import text_string_to_metric_families
+
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.observing.health import STUCK_S, alive
+from caesura_service.observing.metrics import Observed, ServiceCollector
+from caesura_service.observing.web import CONNECTIONS, Health, Web, WebError, parse_address
+from caesura_service.session.fake_pipeline import make_fake_pipeline
+from harness.peer import Peer
+from harness.sessions import batch, closing, opening
+
+DEADLINE_S = 5.0
+OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"
+
+
+@pytest.fixture
+def service() -> Iterator[Service]:
+    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", metrics="127.0.0.1:0")
+    with Service(config, pipeline_factory=make_fake_pipeline) as running:
+        yield running
+
+
+def get(url: str) -> tuple[int, str]:
+    try:
+        with urllib.request.urlopen(url, timeout=DEADLINE_S) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+def scrape(service: Service) -> dict[tuple[str, str], float]:
+    """Every sample as Prometheus reads it, by name and the value of its label."""
+    status, text = get(f"{service.web.url}/metrics")
+    assert status == 200
+    return {
+        (sample.name, next(iter(sample.labels.values()), "")): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+        if not sample.name.startswith("caesura_info")
+    }
+
+
+def test_what_is_taught_shows_in_what_prometheus_reads(service):
+    with Peer(service.endpoint) as peer:
+        peer.command(opening())
+        for seq in (0, 1, 1, 2):
+            peer.send(batch(seq))
+        peer.put("caesura/v1/station/cell-1/samples", b"rubbish", "text/plain")
+        peer.until_service(lambda status: "unsupported_version" in status.refused)
+        during = scrape(service)
+        peer.command(closing(2))
+        after = scrape(service)
+    assert during["caesura_batches_total", "cell-1"] == 3
+    assert during["caesura_samples_total", "cell-1"] == 60
+    assert during["caesura_duplicates_total", "cell-1"] == 1
+    assert during["caesura_refused_total", "unsupported_version"] == 1
+    assert during["caesura_sessions", "open"] == 1
+    assert during["caesura_session_open", "cell-1"] == 1
+    assert during["caesura_batch_seconds_count", ""] == 4
+    assert during["caesura_ready", ""] == 1
+    assert 0 <= during["caesura_last_batch_age_seconds", "cell-1"] < DEADLINE_S
+    assert (after["caesura_sessions", "open"], after["caesura_sessions", "closed"]) == (0, 1)
+    assert ("caesura_last_batch_age_seconds", "cell-1") not in after, "a station at rest is not stale"
+    assert after["process_resident_memory_bytes", ""] > 0
+
+
+def test_probes_tell_what_is(service):
+    assert get(f"{service.web.url}/healthz") == (200, "ok\n")
+    assert get(f"{service.web.url}/readyz") == (200, "ok\n")
+    status, body = get(f"{service.web.url}/../etc/passwd")
+    assert (status, body) == (404, "known: /metrics, /healthz, /readyz\n")
+
+
+def test_it_is_alive_and_not_ready_before_it_has_joined_and_after_it_left():
+    seen = []
+    config = ServiceConfig(listen="tcp/127.0.0.1:0", preset="fake", metrics="127.0.0.1:0")
+
+    class Watched(Service):
+        def _restore(self) -> None:
+            seen.append((get(f"{self.web.url}/healthz")[0], get(f"{self.web.url}/readyz")[0]))
+            super()._restore()
+
+    with Watched(config, pipeline_factory=make_fake_pipeline) as service:
+        url = service.web.url
+    assert seen == [(200, 503)]
+    assert not service.ready
+    with pytest.raises(urllib.error.URLError):
+        get(f"{url}/healthz")
+
+
+def test_a_worker_that_does_not_come_round_is_not_alive(service):
+    observed = Observed(service.registry, service.status, lambda: True)
+    at = service.registry.counting.turned
+    assert alive(observed, clock=lambda: at + STUCK_S).well
+    stuck = alive(observed, clock=lambda: at + 10 * STUCK_S)
+    assert not stuck.well
+    assert "has not come round" in stuck.why
+
+
+def test_an_address_that_is_taken_or_none_is_said():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        config = ServiceConfig(listen="tcp/127.0.0.1:0", preset="fake", metrics=address)
+        service = Service(config, pipeline_factory=make_fake_pipeline)
+        with pytest.raises(WebError, match=f"metrics at {address}: Address already in use"), service:
+            pass
+    for wrong in ("9464", "localhost:", "localhost:http", "localhost:99999"):
+        with pytest.raises(WebError, match="expected HOST:PORT"):
+            parse_address(wrong)
+
+
+def test_it_answers_over_ipv6_where_there_is_any():
+    web = Web("[::1]:0", CollectorRegistry(), alive=lambda: Health(True), ready=lambda: Health(True))
+    try:
+        web.__enter__()
+    except WebError:
+        pytest.skip("no IPv6 loopback here")
+    with ExitStack() as stack:
+        stack.callback(web.__exit__, None, None, None)
+        assert web.url.startswith("http://[::1]:")
+        assert get(f"{web.url}/healthz")[0] == 200
+
+
+def test_who_sits_on_every_connection_gives_way_once_it_leaves(service):
+    host, port = service.web.url.removeprefix("http://").split(":")
+    with ExitStack() as stack:
+        for _ in range(CONNECTIONS):
+            stack.enter_context(socket.create_connection((host, int(port))))
+        with pytest.raises((urllib.error.URLError, ConnectionError)):
+            get(f"{service.web.url}/healthz")
+    assert eventually_well(service)
+
+
+def eventually_well(service: Service) -> bool:
+    for _ in range(100):
+        try:
+            return get(f"{service.web.url}/healthz")[0] == 200
+        except (urllib.error.URLError, ConnectionError):
+            continue
+    return False
+
+
+def test_every_metric_has_its_line_in_the_docs_and_the_other_way_round(service):
+    collector = ServiceCollector(Observed(service.registry, service.status, lambda: True))
+    families = {
+        family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
+        for family in collector.collect()
+    }
+    documented = set(re.findall(r"^\| `(caesura_\w+)`", OPERATIONS.read_text(), re.MULTILINE))
+    assert families == documented

@@ -17,7 +17,8 @@ from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Constant
 from caesura_service.changepoint.models import Noise, Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.robot import Robot, load_panda
 from service.changepoint.brute_force import BruteForce, segmentations
 

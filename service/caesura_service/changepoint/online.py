@@ -33,44 +33,11 @@ from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice, LatticeRows
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.smoothing import Smoothing
 from caesura_service.changepoint.window import Ended, Starts, Window
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class FilterParameters:
-    """What bounds the work.
-
-    Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), the right way round),
-    but never the `keep_youngest`, which have not had time to show what they are worth (a movement that has
-    just begun fits no profile yet; two seconds are one movement); at most `cap` live.
-    `window`: samples behind now over which changepoints are smoothed.
-
-    A changepoint of the best segmentation is certain when its smoothed probability, that of its neighbours
-    included, passes `certain` with `certain_after` samples seen since it; 1 leaves all to coalescence. The
-    posterior is too sure while the movement that follows fits no profile yet: of what passes 0.99 (simulated
-    teacher) 6 % has gone again after 0.3 s and 33 % has moved by a sample, after 1.5 s 0.4 % and 8 %.
-    """
-
-    prune_ratio: float = 1e-6
-    keep_youngest: int = 20
-    cap: int = 100
-    window: int = 40
-    certain: float = 0.99
-    certain_after: int = 15
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.keep_youngest < self.cap:
-            raise ValueError(f"keep_youngest is {self.keep_youngest}, expected 0 to cap − 1 = {self.cap - 1}")
-        if not 0.0 <= self.prune_ratio < 1.0:
-            raise ValueError(f"prune_ratio is {self.prune_ratio}, expected 0 ≤ ratio < 1")
-        if self.window < 1:
-            raise ValueError(f"window is {self.window} samples, expected at least 1")
-        if not 0.5 < self.certain <= 1.0:
-            raise ValueError(f"certain is {self.certain}, expected a probability above 0.5")
-        if self.certain_after < 0:
-            raise ValueError(f"certain_after is {self.certain_after} samples, expected at least 0")
 
 
 @dataclass
@@ -95,9 +62,7 @@ class OnlineFilter:
         self.boundaries: list[int] = []  # starts that are certain because somebody said so
         self.capped = 0  # steps on which the cap bit
         self._window = Window(self.parameters.window, len(self.lattice.kinds))
-        self._smoothed_past: list[float] = []
-        self._smoothed_window: Array = np.zeros(0)
-        self._undecided: dict[int, tuple[int, Array]] = {}  # the same two, as they were before `condition`
+        self._smoothing = Smoothing()
         self._next_prior = 0.0  # A and its maximum for the hypothesis that the next observation starts
         self._next_map = 0.0
 
@@ -106,7 +71,7 @@ class OnlineFilter:
 
         Raises ValueError where a value is not finite; nothing has changed then.
         """
-        _check_finite(observed, self.count)
+        check_finite(observed, self.count)
         if boundary and self.count:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
@@ -125,10 +90,8 @@ class OnlineFilter:
         that have this boundary; `event_probability` remembers how probable it was. Raises ValueError for a
         start that is final already, or out of the window.
         """
-        first = max(self.root, self.count - self.parameters.window - 1) + 1
-        if not first <= start < self.count:
-            raise ValueError(f"start is {start}, expected {first} to {self.count - 1}")
-        self._undecided[start] = len(self._smoothed_past), self._smoothed_window
+        check_start(start, self.root, self.count, self.parameters)
+        self._smoothing.decide(start)
         ended, self._next_prior, self._next_map = self._window.sum_from(start, self.count, self.hazard)
         self.ended |= ended
         self._keep(self.starts >= start)
@@ -164,32 +127,19 @@ class OnlineFilter:
         Given everything so far while it is in the window, and as of its leaving the window after that.
         about: where this start was taken for certain, as it was just before, of what had been seen then.
         """
-        past, window = len(self._smoothed_past), self._smoothed_window
-        if about in self._undecided:
-            then, seen = self._undecided[about]
-            past, window = (then, seen) if start < then + seen.size else (past, window)
-        return self._smoothed_past[start] if start < past else float(window[start - past])
+        return self._smoothing.probability(start, about)
 
     @property
     def smoothed(self) -> Array:
         """(n,) smoothed probability at every observation; about what was taken for certain, that before."""
-        result = np.array([*self._smoothed_past, *self._smoothed_window])
-        others = {segment.start for segment in (*self.final, *self.map_path())}
-        for start in self._undecided:
-            for s in self._near(start, others - {start}):
-                result[s] = self.changepoint_probability(s, about=start)
-        return result
+        return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.
 
         others: neighbours that are events of their own.
         """
-        near = self._near(start, others)
-        return min(1.0, sum(self.changepoint_probability(s, about=start) for s in near))
-
-    def _near(self, start: int, others: Collection[int]) -> list[int]:
-        return [s for s in (start - 1, start, start + 1) if 0 <= s < self.count and s not in others]
+        return self._smoothing.event(start, others)
 
     def _grow(self, observed: Observed) -> None:
         self.rows = self.lattice.extend(self.rows, observed)
@@ -262,10 +212,8 @@ class OnlineFilter:
         return None
 
     def _smooth(self) -> None:
-        leaving = self._window.oldest(self.count) - len(self._smoothed_past)
-        self._smoothed_past += self._smoothed_window[:leaving].tolist()
         total = float(log_sum_exp(self.log_joint))
-        self._smoothed_window = self._window.smoothed(self.count, self.hazard, total)
+        self._smoothing.follow(self._window.smoothed(self.count, self.hazard, total), self.count)
 
 
 def _common_ancestor(nodes: set[int], ended: dict[int, Ended]) -> int:
@@ -278,8 +226,16 @@ def _common_ancestor(nodes: set[int], ended: dict[int, Ended]) -> int:
     return nodes.pop()
 
 
-def _check_finite(observed: Observed, count: int) -> None:
+def check_finite(observed: Observed, count: int) -> None:
+    """Raises ValueError for an observation that holds anything else."""
     for name in ("position", "force"):
         value = getattr(observed, name)
         if not np.isfinite(value).all():
             raise ValueError(f"observation {count}: {name} is {value.tolist()}, expected finite numbers")
+
+
+def check_start(start: int, root: int, count: int, parameters: FilterParameters) -> None:
+    """Raises ValueError for a start that is final already, or out of the window."""
+    first = max(root, count - parameters.window - 1) + 1
+    if not first <= start < count:
+        raise ValueError(f"start is {start}, expected {first} to {count - 1}")

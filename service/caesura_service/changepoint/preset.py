@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import ChannelModel
-from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ

@@ -8,7 +8,8 @@ import pytest
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from service.changepoint.brute_force import BruteForce, demonstration
 

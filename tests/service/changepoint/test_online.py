@@ -13,7 +13,8 @@ from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import FilterParameters, OnlineFilter
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.segments import stretches
 from service.changepoint.brute_force import BruteForce, demonstration

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.online import Ended, FilterParameters, OnlineFilter
+from caesura_service.changepoint.online import Ended, OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.threshold import OnlineThreshold, runs_above, threshold_path
 from service.changepoint.brute_force import BruteForce, demonstration

@@ -1,0 +1,71 @@
+"""How probable it is that a segment starts at some observation, given what came after it.
+
+Within the window that is what is known now, behind it what was known as the observation left the window. Where a
+start was taken for certain, what is said of it and its neighbours stays as it was just before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Smoothing:
+    """The smoothed probability of every observation so far."""
+
+    def __init__(self) -> None:
+        self.window: Array = np.zeros(0)  # of the last observations, now
+        self._past: list[float] = []  # of those before them
+        self._undecided: dict[int, tuple[int, Array]] = {}  # the same two, as they were before a decision
+
+    @property
+    def count(self) -> int:
+        """Observations so far."""
+        return len(self._past) + self.window.size
+
+    def follow(self, window: Array, count: int) -> None:
+        """Take what is known of the last observations, of `count`."""
+        leaving = count - window.size - len(self._past)
+        self.leave(self.window[:leaving].tolist(), window)
+
+    def leave(self, left: Iterable[float], window: Array) -> None:
+        """Take what has left the window, and what is known of those in it."""
+        self._past += left
+        self.window = window
+
+    def decide(self, start: int) -> None:
+        """A segment starts there for certain from now on; remember how probable it was."""
+        self._undecided[start] = len(self._past), self.window.copy()
+
+    def probability(self, start: int, about: int | None = None) -> float:
+        """That a segment starts at observation `start`.
+
+        about: where this start was taken for certain, as it was just before, of what had been seen then.
+        """
+        past, window = len(self._past), self.window
+        if about in self._undecided:
+            then, seen = self._undecided[about]
+            past, window = (then, seen) if start < then + seen.size else (past, window)
+        return self._past[start] if start < past else float(window[start - past])
+
+    def event(self, start: int, others: Collection[int] = ()) -> float:
+        """That a segment starts here or next to it: the same event, to the grid's resolution.
+
+        others: neighbours that are events of their own.
+        """
+        return min(1.0, sum(self.probability(s, about=start) for s in self._near(start, others)))
+
+    def everything(self, starts: Collection[int]) -> Array:
+        """(n,) at every observation; starts: those of all segments, which are events of their own."""
+        result = np.array([*self._past, *self.window])
+        for start in self._undecided:
+            for s in self._near(start, {*starts} - {start}):
+                result[s] = self.probability(s, about=start)
+        return result
+
+    def _near(self, start: int, others: Collection[int]) -> list[int]:
+        return [s for s in (start - 1, start, start + 1) if 0 <= s < self.count and s not in others]

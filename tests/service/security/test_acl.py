@@ -1,0 +1,115 @@
+"""What each role may do with each key, over real TLS links through a real router.
+
+The table below is written by hand and knows nothing of the one that the rules are made from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from caesura_service.security.roles import ROLES as TABLE
+from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates
+
+STREAMS = ("changepoints", "segments", "posterior", "status")
+RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}
+SNAPSHOTS = {"caesura/v1/session/cell-1/s1/snapshot", "caesura/v1/session/cell-2/s1/snapshot"}
+PROGRAMS = {"caesura/v1/station/cell-1/program", "caesura/v1/station/cell-2/program"}
+CONTROLS = {"caesura/v1/station/cell-1/control", "caesura/v1/station/cell-2/control"}
+STATIONS_ALIVE = {"caesura/v1/station/cell-1/alive", "caesura/v1/station/cell-2/alive"}
+SERVICES_ALIVE = {"caesura/v1/service/west/alive", "caesura/v1/service/east/alive"}
+STATUSES = {"caesura/v1/service/west/status", "caesura/v1/service/east/status"}
+
+ALLOWED: dict[str, dict[str, set[str]]] = {
+    "service.west": {
+        "put": RESULTS | PROGRAMS,
+        "subscribe": {"caesura/v1/station/cell-1/samples", "caesura/v1/station/cell-2/samples"},
+        "query": {"caesura/v1/station/cell-1/replay", "caesura/v1/station/cell-2/replay"},
+        "answer": CONTROLS | PROGRAMS | SNAPSHOTS | {"caesura/v1/service/west/status"},
+        "hold": {"caesura/v1/service/west/alive"},
+        "watch": SERVICES_ALIVE | STATIONS_ALIVE,
+    },
+    "bridge.cell-1": {
+        "put": {"caesura/v1/station/cell-1/samples"},
+        "subscribe": set(),
+        "query": {"caesura/v1/station/cell-1/control", "caesura/v1/session/cell-1/s1/snapshot"},
+        "answer": {"caesura/v1/station/cell-1/replay"},
+        "hold": {"caesura/v1/station/cell-1/alive"},
+        "watch": SERVICES_ALIVE,
+    },
+    "dashboard.wall": {
+        "put": set(),
+        "subscribe": RESULTS | PROGRAMS,
+        "query": SNAPSHOTS | PROGRAMS | STATUSES,
+        "answer": set(),
+        "hold": set(),
+        "watch": SERVICES_ALIVE | STATIONS_ALIVE,
+    },
+    "operator.boss": {
+        "put": set(),
+        "subscribe": RESULTS | PROGRAMS,
+        "query": SNAPSHOTS | PROGRAMS | STATUSES | CONTROLS,
+        "answer": set(),
+        "hold": set(),
+        "watch": SERVICES_ALIVE | STATIONS_ALIVE,
+    },
+    STRANGER: {verb: set() for verb in ("put", "subscribe", "query", "answer", "hold", "watch")},
+}
+VERBS = ("put", "delete", "subscribe", "query", "answer", "hold", "watch")
+WIDE = ("**", "caesura/**", "caesura/v1/**", "caesura/v1/station/*/*", "caesura/v1/session/cell-2/**")
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    path = tmp_path_factory.mktemp("certs")
+    certificates(path)
+    return path
+
+
+@pytest.fixture(scope="module", params=["certificates", "passwords"])
+def world(request, directory) -> Iterator[World]:
+    with World(directory, request.param) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("role", [*ROLES, STRANGER])
+def test_a_role_may_do_what_the_table_says_and_nothing_else(world, role, verb):
+    done = getattr(world.somebody(role), verb)(world.router)
+    assert done == ALLOWED[role].get(verb, set())
+
+
+@pytest.mark.parametrize("wide", WIDE)
+@pytest.mark.parametrize("role", [*ROLES, STRANGER])
+def test_a_wider_expression_than_the_rules_have_lets_nothing_through(world, role, wide):
+    somebody = world.somebody(role)
+    assert somebody.subscribe_to(wide, world.router) == set()
+    assert somebody.query(world.router, (wide,)) == set()
+
+
+@pytest.mark.parametrize(
+    ("role", "wide", "heard"),
+    [
+        ("service.west", "caesura/v1/station/*/samples", ALLOWED["service.west"]["subscribe"]),
+        ("dashboard.wall", "caesura/v1/session/*/*/segments", {key for key in RESULTS if "segments" in key}),
+        ("operator.boss", "caesura/v1/station/*/program", PROGRAMS),
+    ],
+)
+def test_the_expressions_that_clients_and_service_use_are_let_through(world, role, wide, heard):
+    assert world.somebody(role).subscribe_to(wide, world.router) == heard
+
+
+def test_the_questions_that_clients_ask_of_everybody_are_answered(world):
+    asked = ("caesura/v1/session/*/*/snapshot", "caesura/v1/station/*/program", "caesura/v1/service/*/status")
+    assert world.somebody("dashboard.wall").query(world.router, asked) == set(asked)
+
+
+def test_this_suite_would_see_what_gets_through(directory):
+    with World(directory, "certificates", rules=False) as unruled:
+        for verb in VERBS:
+            assert getattr(unruled.somebody(STRANGER), verb)(unruled.router) == set(KEYS), verb
+
+
+def test_every_role_has_its_row_above():
+    assert {label.partition(".")[0] for label in ROLES} == set(TABLE)

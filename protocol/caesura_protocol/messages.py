@@ -165,11 +165,14 @@ class Segment(Message):
 
 
 class Gap(Message):
-    """Samples that never came: nothing is known between the two times."""
+    """Samples that never came: nothing is known between the two times.
+
+    Where what came before the first sample or after the last one is lost, both are that sample's time.
+    """
 
     t0: Seconds
     tn: Seconds
-    reason: Literal["source", "evicted"]  # the source paused, or the bridge's ring no longer has them
+    reason: Literal["source", "evicted"]  # the source paused, or nobody has them any more
 
 
 class Result(Message):
@@ -239,6 +242,9 @@ class SessionStatus(Result):
     last_refusal: Refusal | None
     hypotheses: Count
     capped: Count  # steps on which the limit on hypotheses bit
+    lost: Count = 0  # batches that were given up, or whose content was refused; each is in a gap
+    dropped: Count = 0  # batches for which the service had no room, and asked again
+    overloaded: bool = False  # its station's share of the service's queue, or the queue, is filling up
 
 
 class App(Message):
@@ -309,6 +315,7 @@ class ServiceStatus(Message):
     queue_capacity: Count
     dropped: Count
     journal: JournalReport | None = None  # an older instance does not tell
+    overloaded: bool = False  # more than it can do arrives; said before anything is dropped
 
 
 class Error(Message):

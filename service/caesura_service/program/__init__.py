@@ -9,5 +9,16 @@ from caesura_service.program.apps import (
     Step,
     task_program,
 )
+from caesura_service.program.gaps import gap_note, observed_share
 
-__all__ = ["FORCE_LIMIT_N", "GRIP_SLACK_S", "Grip", "Moment", "MomentAt", "Step", "task_program"]
+__all__ = [
+    "FORCE_LIMIT_N",
+    "GRIP_SLACK_S",
+    "Grip",
+    "Moment",
+    "MomentAt",
+    "Step",
+    "gap_note",
+    "observed_share",
+    "task_program",
+]

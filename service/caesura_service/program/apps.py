@@ -6,6 +6,7 @@
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
 - Rests, force decays, and segments below the minimum time are left out. A gripper event outside any
   contact is an app of its own.
+- What was not observed makes an app less sure (`gaps`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from caesura_protocol.messages import App, AppKind, Joints, Quaternion, Segment, Vector
+from caesura_protocol.messages import App, AppKind, Gap, Joints, Quaternion, Segment, Vector
+from caesura_service.program.gaps import observed_share
 
 FORCE_LIMIT_N = 10.0
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
@@ -75,11 +77,12 @@ def task_program(
     *,
     least_s: float = 0.3,
     force_limit_n: float = FORCE_LIMIT_N,
+    gaps: Sequence[Gap] = (),
 ) -> tuple[App, ...]:
     """The apps of a demonstration, in time order.
 
     least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
-    force_limit_n [N].
+    force_limit_n [N]; gaps: in time order.
     """
     kept = [step for step in steps if step.seconds >= least_s]
     kept = [step for before, step in zip([None, *kept], kept, strict=False) if not _lets_go(before, step)]
@@ -92,7 +95,13 @@ def task_program(
         if build is not None:
             apps += build(_Group(group, following, rest, moment_at, force_limit_n))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
-    return tuple(sorted(apps, key=lambda app: app.t0))
+    return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
+
+
+def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
+    """As sure as it can be with what is missing of it."""
+    share = observed_share(app.t0, app.tn, gaps)
+    return app if share == 1.0 else app.model_copy(update={"confidence": app.confidence * share})
 
 
 @dataclass(frozen=True)

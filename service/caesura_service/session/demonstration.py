@@ -31,6 +31,9 @@ class Demonstration:
         self._pipeline = pipeline
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
+        self.is_hushed = False  # has an occasion just been told, so that the next one has to wait?
+        self._hushed_until: float | None = None  # [s] real time, once it is known
+        self._unsaid = False  # has something been left unsaid meanwhile?
         preset = opening.preset or ""
         self.standing: Standing = results.beginning(station, opening.session, owner, preset, pipeline.view)
 
@@ -55,15 +58,15 @@ class Demonstration:
         try:
             return self._guarded(step)
         except ProtocolError as error:
-            return [Refused(error), *self.refuse(error), *self.gap()]
+            return [Refused(error), *self.refuse(error), *self.gap(1)]
 
-    def gap(self) -> list[Output]:
-        """Nothing more will come between the last sample and the next; a lost beginning divides nothing."""
+    def gap(self, batches: int) -> list[Output]:
+        """So many batches will never come; what is between the last sample and the next is not known."""
 
         def step() -> list[Output]:
-            if self.standing.view.samples:
-                self._pipeline.declare_gap()
-            return [*self._look(), self.status()]
+            self._pipeline.declare_gap()
+            tally = self.standing.tally
+            return [*self._look(replace(tally, lost=tally.lost + batches)), *self._occasion()]
 
         return self._guarded(step)
 
@@ -80,7 +83,20 @@ class Demonstration:
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""
         self.standing = replace(self.standing, tally=self.standing.tally.with_refusal(error))
-        return [self.status()]
+        return self._occasion()
+
+    def drop(self, batches: int) -> None:
+        """Count batches that came, and for which there was no room."""
+        tally = self.standing.tally
+        self.standing = replace(self.standing, tally=replace(tally, dropped=tally.dropped + batches))
+
+    def tick(self, now: float) -> list[Output]:
+        """Say what could not be said at once; `is_hushed` tells whether to call it again."""
+        if self._hushed_until is None or now < self._hushed_until:
+            self._hushed_until = self._hushed_until or now + self._limits.hush_s
+            return []
+        self.is_hushed, self._hushed_until = self._unsaid, None
+        return [self.status()] if self._unsaid else []
 
     def duplicate(self) -> None:
         """Count a batch that came again."""
@@ -95,8 +111,17 @@ class Demonstration:
     def status(self) -> Publish:
         """How it is doing."""
         self._status_t = max(self._status_t, self.standing.view.t)
+        self._unsaid = False
         self.standing, said = results.with_status(self.standing)
         return said
+
+    def _occasion(self) -> list[Output]:
+        """A status at once, or with all that comes meanwhile a little later: nobody can make us shout."""
+        if self.is_hushed:
+            self._unsaid = True
+            return []
+        self.is_hushed = True
+        return [self.status()]
 
     def _look(self, tally: Tally | None = None) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""

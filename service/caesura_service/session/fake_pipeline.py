@@ -85,8 +85,8 @@ class FakePipeline:
             self._push_one(float(row[0]), float(row[1]))
 
     def declare_gap(self) -> None:
-        """Remember to close the gap at the next sample; a lost beginning is none."""
-        self._gap_pending = self._last_t is not None
+        """Remember to close the gap at the next sample, or at the end."""
+        self._gap_pending = True
 
     def finish(self) -> None:
         """Make everything final. Raises RuntimeError in the preset `raising-at-the-end`."""
@@ -94,6 +94,8 @@ class FakePipeline:
             raise RuntimeError("cannot finish")
         self.observations += self.preset == "unspeakable"
         self.finished = True
+        if self._gap_pending and self._last_t is not None:
+            self._end_gap(self._last_t)
 
     def _latest_start(self) -> Any:
         """In the preset `unspeakable`, nothing that a message takes from the third observation on."""
@@ -107,14 +109,18 @@ class FakePipeline:
         elif t <= self._last_t:
             self.repeats += 1
             return
-        if self._gap_pending and self._last_t is not None:
-            self.gaps = (*self.gaps, Gap(t0=self._last_t, tn=t, reason="evicted"))
-            self._gap_pending = False
+        if self._gap_pending:
+            self._end_gap(t)
         self._last_t = t
         self.samples += 1
         self._digest = 0.9 * self._digest + value  # order matters, so a test sees a wrong one
         if self.samples % STRIDE == 0:
             self._observe(t, value)
+
+    def _end_gap(self, t: float) -> None:
+        t0 = t if self._last_t is None else self._last_t
+        self.gaps = (*self.gaps, Gap(t0=t0, tn=t, reason="evicted"))
+        self._gap_pending = False
 
     def _observe(self, t: float, value: float) -> None:
         self.t = t

@@ -2,7 +2,8 @@
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a rest, or a motion that is not the decay of a contact.
-The program is then that of the segments up to it, and that of the segments from it on.
+The program is then that of the segments up to it, and that of the segments from it on. A gap that touches
+what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Gap
 from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, task_program
 
 
@@ -26,25 +27,27 @@ class GrowingProgram:
     since: float = -np.inf  # [s] grips after this may still be used
     built: tuple[App, ...] = ()  # from what lies before
 
-    def apps(self, steps: Sequence[Step], settled: int, grips: Sequence[Grip]) -> tuple[App, ...]:
+    def apps(
+        self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
+    ) -> tuple[App, ...]:
         """The apps of a demonstration, in time order.
 
         steps: from segment `first` on; settled: how many segments of all nothing can change any more;
-        grips: all that are known. Where one comes to light that lies before `since`, begin anew.
+        grips and gaps: all that are known. Where a grip comes to light that lies before `since`, begin anew.
         """
         rest = [grip for grip in grips if grip.t > self.since]
         quiet = self._quiet(steps, settled - self.first, rest)
         if quiet:
             place = steps[quiet]
             before = [grip for grip in rest if grip.t < place.segment.t0]
-            apps = self._program(steps[: quiet + 1], before)
+            apps = self._program(steps[: quiet + 1], before, gaps)
             self.built += tuple(app for app in apps if not app.segments or app.segments[0] < place.index)
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
-        return self.built + self._program(steps[quiet:], rest)
+        return self.built + self._program(steps[quiet:], rest, gaps)
 
-    def _program(self, steps: Sequence[Step], grips: Sequence[Grip]) -> tuple[App, ...]:
-        return task_program(steps, grips, self.moment_at, least_s=self.least_s)
+    def _program(self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap]) -> tuple[App, ...]:
+        return task_program(steps, grips, self.moment_at, least_s=self.least_s, gaps=gaps)
 
     def _quiet(self, steps: Sequence[Step], settled: int, grips: Sequence[Grip]) -> int:
         """The last quiet place among the steps that have settled; 0 where there is none."""

@@ -11,6 +11,7 @@ class Limits:
 
     # Ordering and replay
     held_batches: int = 128  # that came before their turn; further ones are asked for again
+    held_bytes: int = 1 << 23  # of their samples
     batches_ahead: int = 1_000_000  # of the expected one; further ahead is not a sequence number
     replay_batches: int = 256  # asked for at once
     replay_retry_s: float = 0.5  # after an answer that brought nothing
@@ -23,6 +24,7 @@ class Limits:
 
     # Publishing
     status_interval_s: float = 1.0  # session time between two statuses without an occasion
+    hush_s: float = 1.0  # real time between two statuses about what was refused or given up
 
     # Registry
     stations: int = 256

@@ -7,33 +7,41 @@ followed by the next question at once, one that brought nothing by a pause.
 
 from __future__ import annotations
 
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from caesura_service.session.limits import Limits
 
 T = TypeVar("T")
 
 
+class _Held(NamedTuple, Generic[T]):
+    item: T
+    size: int  # [bytes]
+
+
 class Ordering(Generic[T]):
     """Hands out items by sequence number; holds a bounded number that came before their turn."""
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, capacity_bytes: int) -> None:
         self.next_seq = 0  # the batch that is waited for
         self.newest = -1  # the highest that is known to exist
-        self._capacity = capacity
-        self._held: dict[int, T] = {}
+        self._capacity, self._capacity_bytes = capacity, capacity_bytes
+        self._held: dict[int, _Held[T]] = {}
+        self._bytes = 0
 
     def is_duplicate(self, seq: int) -> bool:
         """Has the batch come before?"""
         return seq < self.next_seq or seq in self._held
 
-    def has_room(self, seq: int) -> bool:
-        """Can it be kept? The expected one always can."""
-        return seq == self.next_seq or len(self._held) < self._capacity
+    def has_room(self, seq: int, size: int) -> bool:
+        """Can it be kept? The expected one always can. size: [bytes]."""
+        full = len(self._held) >= self._capacity or self._bytes + size > self._capacity_bytes
+        return seq == self.next_seq or not full
 
-    def hold(self, seq: int, item: T) -> None:
+    def hold(self, seq: int, item: T, size: int) -> None:
         """Keep an item that is no duplicate, and for which there is room, until its turn."""
-        self._held[seq] = item
+        self._held[seq] = _Held(item, size)
+        self._bytes += size
         self.expect(seq)
 
     def expect(self, seq: int) -> None:
@@ -46,7 +54,8 @@ class Ordering(Generic[T]):
 
     def take(self) -> T:
         """The next item, which must be ready."""
-        item = self._held.pop(self.next_seq)
+        item, size = self._held.pop(self.next_seq)
+        self._bytes -= size
         self.next_seq += 1
         return item
 

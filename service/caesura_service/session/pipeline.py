@@ -16,7 +16,7 @@ from caesura_service.changepoint.preset import TARED_BIAS_N, UNTARED_BIAS_N, Pre
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.segments import Stretch, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold, check_level
-from caesura_service.program import Grip, Step
+from caesura_service.program import Grip, Step, gap_note
 from caesura_service.robot import load_panda
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History
@@ -106,6 +106,7 @@ class SegmentationPipeline:
         self._settled: list[Part] = []
         self._program = self._growing()
         self._lost = False  # the next gap was declared, not seen
+        self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
         self._finished = False
         self._view = self._look()
 
@@ -116,17 +117,31 @@ class SegmentationPipeline:
 
     def push(self, samples: NDArray[np.float64]) -> None:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
-        self._take(self._conditioner.push(samples))
+        conditioned = self._conditioner.push(samples)
+        if len(samples):
+            self._latest = max(self._latest, float(samples[:, 0].max()))
+            self._note_beginning(float(samples[0, 0]))
+        self._take(conditioned)
 
     def declare_gap(self) -> None:
-        """Say that samples between the last push and the next are lost for good."""
+        """Say that samples between the last push and the next, or the end, are lost for good."""
         self._conditioner.declare_gap()
-        self._lost = self._conditioner.samples > 0
+        self._lost = True
 
     def finish(self) -> None:
         """The demonstration is over: what is still open is decided as it stands."""
         self._finished = True
+        if self._lost and self._conditioner.samples:
+            self._gaps.append(Gap(t0=self._latest, tn=self._latest, reason="evicted"))
         self._take(self._conditioner.finish())
+
+    def _note_beginning(self, t: float) -> None:
+        """Where the first sample was not the first one sent, say so; it divides nothing."""
+        if np.isinf(self._began):
+            self._began = t
+            if self._lost:
+                self._gaps.append(Gap(t0=t, tn=t, reason="evicted"))
+                self._lost = False
 
     def _growing(self) -> GrowingProgram:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
@@ -172,7 +187,7 @@ class SegmentationPipeline:
             posterior_starts=tuple(self._boundary(int(s)) for s in self._online.starts),
             posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
             apps=self._apps(parts),
-            notes=() if self._source.contact_models else (self._source.note,),
+            notes=self._notes(),
             gaps=tuple(self._gaps),
             wrench=self._wrench(),
             delay_s=self._conditioner.delay_s,
@@ -263,7 +278,12 @@ class SegmentationPipeline:
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts[first:])
         ]
-        return self._program.apps(steps, len(self._settled), self._grips)
+        return self._program.apps(steps, len(self._settled), self._grips, self._gaps)
+
+    def _notes(self) -> tuple[str, ...]:
+        """What somebody must know who runs the program."""
+        wrench = () if self._source.contact_models else (self._source.note,)
+        return (*wrench, gap_note(self._gaps, self._began)) if self._gaps else wrench
 
     def _wrench(self) -> WrenchReport:
         source = self._source

@@ -69,6 +69,7 @@ class Registry:
         self._journal = journal
         self._limits = limits
         self._stations: dict[str, dict[str, Session]] = {}
+        self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = float("-inf")  # [s]
         self.board = Board({})
         self.tally = Tally()
@@ -94,8 +95,9 @@ class Registry:
         try:
             if isinstance(command, Open) and self._find(station, command.session) is None:
                 return self._open(station, command, now)
+            session = self._session(station, command.session)
             with _recording():
-                return self._session(station, command.session).receive(command, now)
+                return self._minded(session, session.receive(command, now))
         except ProtocolError as error:
             return [*self._charge(station, command.session, error), Answer(error)]
 
@@ -104,8 +106,9 @@ class Registry:
     ) -> list[Output]:
         """Take what a bridge sent, or the end of an answer to a replay."""
         try:
+            session = self._session(station, message.session)
             with _recording():
-                said = self._session(station, message.session).receive(message, now)
+                said = self._minded(session, session.receive(message, now))
         except ProtocolError as error:
             return self._charge(station, message.session, error)
         for output in said:
@@ -120,6 +123,8 @@ class Registry:
     def tick(self, now: float) -> list[Output]:
         """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
         said = [said for session in self._all() if session.is_open for said in session.tick(now)]
+        said += [said for session in self._hushed for said in session.unhush(now)]
+        self._hushed = {session for session in self._hushed if session.is_hushed}
         if now >= self._tidy_at:
             self._tidy_at = now + self._limits.tidy_interval_s
             said += self._tidy(now)
@@ -216,7 +221,13 @@ class Registry:
     def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.tally = self.tally.with_refusal(error)
         session = self._find(station, name) or self._current(station, error)
-        return session.refuse(error) if session else []
+        return self._minded(session, session.refuse(error)) if session else []
+
+    def _minded(self, session: Session, said: list[Output]) -> list[Output]:
+        """What a session says; where it keeps something back, it is asked for that later."""
+        if session.is_hushed:
+            self._hushed.add(session)
+        return said
 
     def _current(self, station: str | None, error: ProtocolError) -> Session | None:
         """The station's newest session, unless the refusal speaks of one that is unknown here."""

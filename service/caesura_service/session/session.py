@@ -57,7 +57,9 @@ class Session:
         self._demonstration = Demonstration(station, opening, pipeline, owner=owner, limits=limits)
         self._journal: Journal | None = journal
         self._limits = limits
-        self._ordering: Ordering[NDArray[np.float64] | None] = Ordering(limits.held_batches)
+        self._ordering: Ordering[NDArray[np.float64] | None] = Ordering(
+            limits.held_batches, limits.held_bytes
+        )
         self._asking = Asking(limits)
         self._unrecorded = False  # did a batch come since the last answer that could not be recorded?
 
@@ -132,6 +134,20 @@ class Session:
         asked = self._ask(now)
         return [*asked, self._demonstration.status()] if asked else []
 
+    def drop(self, batches: int) -> list[Output]:
+        """Count batches for which the service had no room, and show it."""
+        self._demonstration.drop(batches)
+        return [self._demonstration.status()]
+
+    @property
+    def is_hushed(self) -> bool:
+        """Does it wait with what it has to say of refusals? Then `unhush` says it in time."""
+        return self._demonstration.is_hushed
+
+    def unhush(self, now: float) -> list[Output]:
+        """Say what has waited, where it has waited long enough."""
+        return self._demonstration.tick(now)
+
     # --- messages ---------------------------------------------------------------------------------------
 
     def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
@@ -144,7 +160,7 @@ class Session:
         if self._ordering.is_duplicate(batch.seq):
             self._demonstration.duplicate()
             return []
-        if not self._ordering.has_room(batch.seq):
+        if not self._ordering.has_room(batch.seq, _size(batch)):
             self._expect(batch.seq)
             return self._ask(now)
         self._record(batch, now)
@@ -229,9 +245,9 @@ class Session:
         try:
             samples = samples_of(batch, self._opening.columns, self._limits)
         except ProtocolError as error:
-            self._ordering.hold(batch.seq, _LOST)
+            self._ordering.hold(batch.seq, _LOST, 0)
             return [Refused(error), *self.refuse(error)]
-        self._ordering.hold(batch.seq, samples)
+        self._ordering.hold(batch.seq, samples, _size(batch))
         return []
 
     def _drain(self) -> list[Output]:
@@ -240,16 +256,17 @@ class Session:
         while self.is_open and self._ordering.ready():
             samples = self._ordering.take()
             self._note_hole()
-            said += self._demonstration.gap() if samples is _LOST else self._demonstration.push(samples)
+            said += self._demonstration.gap(1) if samples is _LOST else self._demonstration.push(samples)
         self._note_hole()
         return said
 
     def _give_up(self, target: int) -> list[Output]:
         """Go on at the batch `target`: everything before it is lost."""
+        given_up = target - self.next_seq
         self._ordering.skip_to(target)
         self._asking.forgive()
         self._note_hole()
-        return [*self._demonstration.gap(), *self._drain()]
+        return [*self._demonstration.gap(given_up), *self._drain()]
 
     def _resume(self, again: Open, now: float) -> list[Output]:
         """A restarted bridge cannot send what its predecessor kept: give up every hole."""
@@ -322,3 +339,8 @@ class Session:
         except JournalError:
             self._unrecorded |= is_batch
             raise
+
+
+def _size(batch: SampleBatch) -> int:
+    """Of its samples in memory [bytes]."""
+    return 8 * batch.n * len(batch.columns)

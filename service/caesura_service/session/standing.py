@@ -29,9 +29,11 @@ Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 @dataclass(frozen=True)
 class Tally:
-    """What has been counted. Refusals and duplicates count for this process, the rest for the session."""
+    """What has been counted. `batches` and `lost` count for the session, the rest for this process."""
 
     batches: int = 0
+    lost: int = 0
+    dropped: int = 0
     duplicates: int = 0
     refused: Mapping[ErrorCode, int] = field(default_factory=dict)
     last_refusal: Refusal | None = None
@@ -99,6 +101,8 @@ def status_of(standing: Standing) -> SessionStatus:
         last_refusal=tally.last_refusal,
         hypotheses=view.hypotheses,
         capped=view.capped,
+        lost=tally.lost,
+        dropped=tally.dropped,
     )
 
 

@@ -47,7 +47,7 @@ class Pipeline(Protocol):
         """Take the next samples, (n, columns) as declared when the session was opened, time first."""
 
     def declare_gap(self) -> None:
-        """Say that samples between the last push and the next are lost for good."""
+        """Say that samples between the last push and the next, or the end, are lost for good."""
 
     def finish(self) -> None:
         """The demonstration is over: decide what is still open."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_protocol.messages import Segment
+from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.program import Grip, Moment, Step, task_program
 from caesura_service.session.growing import GrowingProgram
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
 LENGTHS = (0.1, 0.3, 0.4, 2.0)
+PAUSES = (0.0, 0.0, 0.0, 0.2, 1.0)
 FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0))
 
 
@@ -43,26 +46,35 @@ def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
     )
 
 
-def demonstration(rng: np.random.Generator, n: int) -> list[Step]:
+def demonstration(rng: np.random.Generator, n: int, *, holes: bool = False) -> list[Step]:
     steps: list[Step] = []
     for i in range(n):
-        steps.append(Step(i, segment(rng, i, steps[-1].segment.tn if steps else 0.0), 0.9))
+        pause = float(rng.choice(PAUSES)) if holes else 0.0
+        steps.append(Step(i, segment(rng, i, steps[-1].segment.tn + pause if steps else 0.0), 0.9))
     return steps
 
 
+def gaps_between(steps: list[Step]) -> list[Gap]:
+    """What was not observed, a little shorter than the time between the segments, as conditioning has it."""
+    pairs = [(before.segment.tn, after.segment.t0) for before, after in pairwise(steps)]
+    return [Gap(t0=t0 + 0.1, tn=tn - 0.05, reason="evicted") for t0, tn in pairs if tn > t0]
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(st.integers(0, 2**32 - 1), st.integers(0, 30))
-def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int):
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.booleans())
+def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, holes: bool):
     rng = np.random.default_rng(seed)
-    steps = demonstration(rng, 40)
+    steps = demonstration(rng, 40, holes=holes)
     near = [step.segment.t0 + rng.choice([-0.3, -0.1, 0.0, 0.1, 0.3]) for step in steps]
     times = np.sort(rng.choice(near, gripping))
     grips = [Grip(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
     growing = GrowingProgram(moment_at, 0.3)
     for now in range(1, len(steps) + 1):
         seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.t0 + 0.4]
-        apps = growing.apps(steps[growing.first : now], max(now - int(rng.integers(4)), growing.first), seen)
-        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3)
+        gaps = gaps_between(steps[:now])
+        settled = max(now - int(rng.integers(4)), growing.first)
+        apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
+        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
 
 
 def test_only_what_follows_the_last_quiet_place_is_built_again():

@@ -98,9 +98,7 @@ def test_segments_join_without_gaps_or_overlaps(found: View):
 
 
 def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught: Recording):
-    there = (taught.t < 5.0) | (taught.t > 5.6)
-    signals = {name: values[there] for name, values in taught.signals.items()}
-    view = segment_recording(replace(taught, t=taught.t[there], signals=MappingProxyType(signals)))
+    view = segment_recording(without(taught, 5.0, 5.6))
     (gap,) = view.gaps
     assert (gap.t0, gap.tn, gap.reason) == (
         pytest.approx(5.0, abs=0.01),
@@ -111,6 +109,65 @@ def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught:
     after = min(one.t0 for one in view.segments if one.t0 >= gap.t0)
     assert before <= gap.t0 + 0.05
     assert after >= gap.tn - 0.05
+    assert view.notes == (
+        "Not observed: 5.00–5.60 s (the source paused). What was taught then is missing, and apps beside it "
+        "are less sure.",
+    )
+
+
+def without(recording: Recording, t0: float, tn: float) -> Recording:
+    there = (recording.t < t0) | (recording.t > tn)
+    signals = {name: values[there] for name, values in recording.signals.items()}
+    return replace(recording, t=recording.t[there], signals=MappingProxyType(signals))
+
+
+def test_apps_beside_a_hole_are_less_sure_and_the_others_are_not(taught: Recording):
+    holed = without(taught, 5.0, 5.6)
+    view = segment_recording(holed)
+    (gap,) = view.gaps
+    starts = {one.t: one.probability for one in view.changepoints}
+    checked = set()
+    for app in view.apps:
+        mine = [view.segments[i] for i in app.segments]
+        sure = [starts.get(one.t0, 1.0) for one in mine] + [starts.get(one.tn, 1.0) for one in mine]
+        beside = app.t0 - 0.2 <= gap.tn and gap.t0 <= app.tn + 0.2
+        if beside:
+            lost, seen = gap.tn - gap.t0, app.tn - app.t0
+            assert app.confidence <= seen / (seen + lost)
+        elif mine:
+            assert app.confidence >= 0.999 * min(one.probability for one in mine) * min(sure)
+        checked.add(beside)
+    assert checked == {True, False}
+
+
+def test_samples_that_are_lost_divide_and_are_named_as_lost(taught: Recording):
+    every = list(batches(taught))
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    for number, samples in enumerate(every):
+        if 20 <= number < 24:
+            pipeline.declare_gap()
+        else:
+            pipeline.push(samples)
+    pipeline.finish()
+    (gap,) = pipeline.view.gaps
+    assert (gap.t0, gap.tn, gap.reason) == (every[19][-1, 0], every[24][0, 0], "evicted")
+    assert any(one.tn <= gap.t0 + 0.05 for one in pipeline.view.segments)
+    assert not [one for one in pipeline.view.segments if one.t0 < gap.t0 - 0.05 and one.tn > gap.tn + 0.05]
+    assert "(samples were lost)" in pipeline.view.notes[0]
+
+
+def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recording):
+    first, second = list(batches(taught))[:2]
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    pipeline.declare_gap()
+    for samples in (first, second):
+        pipeline.push(samples)
+    pipeline.declare_gap()
+    pipeline.finish()
+    assert [(gap.t0, gap.tn) for gap in pipeline.view.gaps] == [(t, t) for t in (first[0, 0], second[-1, 0])]
+    (note,) = pipeline.view.notes
+    for words in (f"before {first[0, 0]:.2f} s", f"after {second[-1, 0]:.2f} s"):
+        assert words in note
 
 
 @pytest.mark.parametrize("source", ["flange_sensor_with_hand", "joint_torque_estimate", "none"])
@@ -165,7 +222,7 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     view = pipeline.view
     sure = [1.0, *(one.probability for one in view.changepoints), 1.0]
     steps = [Step(i, one, one.probability * min(sure[i], sure[i + 1])) for i, one in enumerate(view.segments)]
-    return task_program(steps, pipeline._grips, pipeline._history.moment, least_s=0.3)
+    return task_program(steps, pipeline._grips, pipeline._history.moment, least_s=0.3, gaps=view.gaps)
 
 
 @settings(max_examples=8, deadline=None, derandomize=True)

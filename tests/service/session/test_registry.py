@@ -8,7 +8,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_service.journal import MemoryJournal, Record
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import ReplayEnded
+from caesura_service.session.ports import Output, ReplayEnded
 from caesura_service.session.standing import status_of
 from harness.sessions import (
     STATION,
@@ -204,3 +204,44 @@ def test_a_session_that_cannot_be_rebuilt_is_left_out_and_named():
     failed = rebuilt.restore()
     assert [(each.session, type(each.error)) for each in failed] == [("s3", ProtocolError), ("s4", TypeError)]
     assert names(rebuilt, STATION) == ["s1", "s2"]
+
+
+# --- shouting -------------------------------------------------------------------------------------------
+
+
+def statuses(said: list[Output]) -> list[SessionStatus]:
+    return published(said, SessionStatus)
+
+
+def test_whoever_sends_rubbish_makes_no_more_than_one_status_a_second_and_the_last_word_is_said():
+    registry = new_registry()
+    registry.command("cell-1", opening(), 0.0)
+    rubbish = ProtocolError("malformed", "not a map")
+    said = [output for _ in range(1000) for output in registry.refuse("cell-1", rubbish)]
+    assert [status.refused for status in statuses(said)] == [{"malformed": 1}]
+    assert statuses(registry.tick(0.1)) == statuses(registry.tick(1.0)) == []
+    (last,) = statuses(registry.tick(1.2))
+    assert last.refused == {"malformed": 1000}
+    assert statuses(registry.tick(1.3)) == statuses(registry.tick(2.4)) == statuses(registry.tick(9.0)) == []
+    assert len(statuses(registry.refuse("cell-1", rubbish))) == 1
+
+
+def test_what_was_refused_of_a_closed_session_is_said_too():
+    registry = new_registry()
+    registry.command("cell-1", opening(), 0.0)
+    registry.command("cell-1", closing(-1), 0.0)
+    for epoch in (1, 2, 3):
+        registry.samples("cell-1", batch(7, epoch=epoch), 0.0)
+    registry.tick(0.0)
+    assert [status.refused for status in statuses(registry.tick(1.1))] == [{"conflict": 3}]
+
+
+def test_a_batch_that_is_refused_in_every_message_is_no_louder():
+    registry = new_registry()
+    said = registry.command("cell-1", opening(), 0.0)
+    for seq in range(100):
+        said += registry.samples("cell-1", batch(seq, columns=("t", "py")), 0.0)
+    assert len(statuses(said)) == 2  # the first words, and the first refusal
+    registry.tick(0.0)
+    (last,) = statuses(registry.tick(1.1))
+    assert (last.refused, last.lost) == ({"malformed": 100}, 100)

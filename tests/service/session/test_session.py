@@ -190,11 +190,24 @@ def test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on():
     assert (gap.t0, gap.tn) == (pytest.approx(0.19), pytest.approx(0.8))
 
 
-def test_a_lost_beginning_is_skipped_and_divides_nothing():
+def test_a_lost_beginning_is_skipped_and_told():
     session, _ = open_session()
     Ring(batches(10), oldest=4).feed(session, batch(6), 0.0)
     assert session.next_seq == 7
-    assert session.standing.view.gaps == ()
+    (gap,) = session.standing.view.gaps
+    assert gap.t0 == gap.tn == pytest.approx(0.8)
+    assert status_of(session.standing).lost == 4
+
+
+def test_a_lost_end_is_told():
+    session, _ = open_session()
+    session.receive(batch(0), 0.0)
+    said = session.receive(closing(5), 0.0)
+    said += session.receive(ReplayEnded("s1", 1, answered=False, evicted=True), 0.0)
+    said += session.receive(closing(5), 1.0)
+    status = published(said, SessionStatus)[-1]
+    assert (status.state, status.batches, status.lost) == ("closed", 1, 5)
+    assert [(gap.t0, gap.tn) for gap in status.gaps] == [(0.19, 0.19)]
 
 
 def test_an_eviction_that_names_nothing_goes_on_with_what_is_held():
@@ -450,3 +463,16 @@ def test_heartbeats_and_late_answers_after_the_close_are_harmless():
     session.receive(closing(1), 0.0)
     assert session.receive(heartbeat(5), 0.0) == []
     assert session.receive(ReplayEnded("s1", 2, answered=False), 0.0) == []
+
+
+def test_what_is_held_is_bounded_in_bytes_too():
+    size = 8 * 20 * 2  # of a batch in memory
+    session, _ = open_session(limits=Limits(held_batches=100, held_bytes=3 * size))
+    for seq in range(1, 6):
+        session.receive(batch(seq), 0.0)
+    session.receive(batch(0), 0.0)
+    assert session.next_seq == 4
+    for seq in (5, 6, 7):
+        session.receive(batch(seq), 0.0)
+    session.receive(batch(4), 0.0)
+    assert session.next_seq == 8

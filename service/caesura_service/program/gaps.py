@@ -1,0 +1,49 @@
+"""What was not observed, and what that means for a task program.
+
+Principle: an app is as sure as what it was made from, times the share of its time that was observed. Its time
+is its own and that of every gap in it or at its edge, for there it ends because nothing more was seen, not
+because the teacher was done: a gap between two apps counts for both. So a program with a hole in it says so
+where it is run, app by app, and in words that name each gap.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from itertools import takewhile
+
+from caesura_protocol.messages import Gap
+
+EDGE_S = 0.2  # conditioning makes no observation this close to a gap, so an app may end as long before it
+NAMED = 5  # gaps in a note, the longest ones
+REASONS = {"source": "the source paused", "evicted": "samples were lost"}
+
+
+def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
+    """How much of an app from t0 to tn [s] was observed, 0 to 1; gaps: in time order, without overlaps."""
+    first = bisect_left(gaps, t0 - EDGE_S, key=lambda gap: gap.tn)
+    beside = list(takewhile(lambda gap: gap.t0 <= tn + EDGE_S, gaps[first:]))
+    if t0 == tn:
+        beside = [gap for gap in beside if gap.t0 < t0 < gap.tn]  # an instant has no edge
+    lost = sum(gap.tn - gap.t0 for gap in beside)
+    inside = sum(max(min(gap.tn, tn) - max(gap.t0, t0), 0.0) for gap in beside)
+    seen = max(tn - t0 - inside, 0.0)
+    return seen / (seen + lost) if lost > 0.0 else 1.0
+
+
+def gap_note(gaps: Sequence[Gap], began: float) -> str:
+    """What somebody must know who runs a program with gaps in it; began [s]: its first sample."""
+    longest = sorted(gaps, key=lambda gap: gap.t0 - gap.tn)[:NAMED]
+    named = ", ".join(_named(gap, began) for gap in sorted(longest, key=lambda gap: gap.t0))
+    rest = len(gaps) - len(longest)
+    total = sum(gap.tn - gap.t0 for gap in gaps)
+    more = f" and {rest} shorter ones, {total:.2f} s in all" if rest else ""
+    return f"Not observed: {named}{more}. What was taught then is missing, and apps beside it are less sure."
+
+
+def _named(gap: Gap, began: float) -> str:
+    if gap.t0 < gap.tn:
+        when = f"{gap.t0:.2f}–{gap.tn:.2f} s"
+    else:
+        when = f"before {gap.t0:.2f} s" if gap.t0 <= began else f"after {gap.t0:.2f} s"
+    return f"{when} ({REASONS[gap.reason]})"

@@ -176,6 +176,7 @@ def examples() -> dict[str, Message]:
             queue_capacity=4096,
             dropped=0,
             journal=journal,
+            time=1767225600.25,
         ),
         Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),
     ]

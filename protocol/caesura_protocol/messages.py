@@ -316,6 +316,7 @@ class ServiceStatus(Message):
     dropped: Count
     journal: JournalReport | None = None  # an older instance does not tell
     overloaded: bool = False  # more than it can do arrives; said before anything is dropped
+    time: Seconds | None = None  # [s] of day (UTC) there, when it said so; an older instance does not tell
 
 
 class Error(Message):

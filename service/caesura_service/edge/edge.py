@@ -92,6 +92,7 @@ class Edge:
             queue_capacity=self._inbox.capacity,
             dropped=self._inbox.dropped,
             journal=self._registry.journal_report(),
+            time=time.time(),
         )
 
     def _declare(self, stack: ExitStack, network: zenoh.Session, answers: Answers) -> None:

@@ -1,6 +1,7 @@
 """What a session is made of, kept in order: replaying it rebuilds the session bit for bit."""
 
 from caesura_service.journal.journal import (
+    Copy,
     Journal,
     JournalBusyError,
     JournalError,
@@ -11,9 +12,12 @@ from caesura_service.journal.journal import (
 )
 from caesura_service.journal.keeping import JournalSettings
 from caesura_service.journal.memory import MemoryJournal
+from caesura_service.journal.siblings import Found, Siblings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
+    "Copy",
+    "Found",
     "Journal",
     "JournalBusyError",
     "JournalError",
@@ -23,5 +27,6 @@ __all__ = [
     "Outcome",
     "Record",
     "Recordable",
+    "Siblings",
     "SqliteJournal",
 ]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
 
@@ -49,6 +49,28 @@ class Outcome:
     snapshot: Snapshot
 
 
+class Copy(NamedTuple):
+    """What one journal has of a session."""
+
+    station: str
+    session: str
+    opened: float  # [s] time of day of its first record
+    touched: float  # [s] time of day of its last one
+    closed: bool
+    last_seq: int  # the highest number of a batch; -1 without one
+    size: int  # [bytes]
+
+    @property
+    def key(self) -> Key:
+        """(station, session)."""
+        return self.station, self.session
+
+    @property
+    def progress(self) -> tuple[bool, int, int]:
+        """Of two copies the greater is further along."""
+        return self.closed, self.last_seq, self.size
+
+
 class Journal(Protocol):
     """Append-only records of many sessions. One thread appends."""
 
@@ -69,6 +91,15 @@ class Journal(Protocol):
 
     def closed(self) -> Set[Key]:
         """Those of the sessions that have a close among their records."""
+
+    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
+        """What it has of every session, or of those of one station, in the order of their first record."""
+
+    def epoch_of(self, station: str) -> int:
+        """The last epoch under which this instance had the station; -1 if it never had."""
+
+    def keep_epoch(self, station: str, epoch: int) -> None:
+        """Remember under which epoch this instance has the station. Raises JournalError."""
 
     def conclude(self, station: str, outcome: Outcome) -> None:
         """Keep how a closed session ended. What can be replayed may do without."""

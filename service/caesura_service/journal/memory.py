@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.messages import Close, JournalReport, SampleBatch
-from caesura_service.journal.journal import Key, Outcome, Record
+from caesura_service.journal.journal import Copy, Key, Outcome, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
@@ -19,6 +19,7 @@ class MemoryJournal:
         self._records: dict[Key, list[Record]] = {}
         self._sizes: dict[Key, int] = {}  # [bytes]
         self._outcomes: dict[Key, Outcome] = {}
+        self._epochs: dict[str, int] = {}  # by station
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record, and make room for it; the session that it belongs to is never dropped."""
@@ -47,6 +48,19 @@ class MemoryJournal:
             if any(isinstance(record.message, Close) for record in records)
         }
 
+    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
+        """What it has of every session, oldest first."""
+        kept = [key for key in self._records if station in {None, key[0]}]
+        return tuple(self._copy(key, self._records[key]) for key in kept)
+
+    def epoch_of(self, station: str) -> int:
+        """The last epoch of a station; -1 without one."""
+        return self._epochs.get(station, -1)
+
+    def keep_epoch(self, station: str, epoch: int) -> None:
+        """Remember it."""
+        self._epochs[station] = epoch
+
     def conclude(self, station: str, outcome: Outcome) -> None:
         """Keep how a session ended."""
         self._outcomes[station, outcome.opening.session] = outcome
@@ -73,6 +87,12 @@ class MemoryJournal:
         self._records.pop((station, session), None)
         self._sizes.pop((station, session), None)
         self._outcomes.pop((station, session), None)
+
+    def _copy(self, key: Key, records: list[Record]) -> Copy:
+        numbers = [record.message.seq for record in records if isinstance(record.message, SampleBatch)]
+        opened, touched = records[0].at, records[-1].at
+        closed, size = key in self.closed(), self._sizes[key]
+        return Copy(*key, opened, touched, closed, max(numbers, default=-1), size)
 
 
 def _size(record: Record) -> int:

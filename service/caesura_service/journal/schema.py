@@ -15,7 +15,7 @@ from pathlib import Path
 from caesura_service.journal.journal import JournalBusyError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 LOCK_SUFFIX = ".lock"
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
@@ -48,6 +48,12 @@ CREATE TABLE outcomes (                 -- of closed sessions, in place of a rep
 );
 CREATE UNIQUE INDEX one_row_a_batch ON records (session_id, epoch, seq) WHERE seq IS NOT NULL;
 """
+# What came with version 2, which is all that a journal of version 1 lacks.
+SCHEMA_2 = """
+CREATE TABLE IF NOT EXISTS stations (
+    station TEXT PRIMARY KEY,
+    epoch INTEGER NOT NULL              -- the last one under which this instance had it
+)"""
 
 INSERT_SESSION = """
 INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
@@ -61,11 +67,27 @@ UPDATE sessions SET size = size + ?, touched = ?, closed = max(closed, ?) WHERE 
 SELECT_PAGE = """
 SELECT place, at, encoding, payload FROM records
 WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
+SELECT_BEYOND = """
+SELECT place, at, encoding, payload FROM records
+WHERE session_id = (SELECT id FROM sessions WHERE station = :station AND session = :session)
+    AND place > :place AND (seq IS NULL OR seq >= :first_seq)
+ORDER BY place LIMIT 200"""
 INSERT_OUTCOME = """
 INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
 SELECT_OUTCOME = """
 SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
 WHERE station = ? AND session = ?"""
+SELECT_COPIES = """
+SELECT station, session, opened, touched, closed,
+    coalesce((
+        SELECT max(seq) FROM records WHERE session_id = known.id AND seq IS NOT NULL AND epoch = (
+            SELECT max(epoch) FROM records WHERE session_id = known.id AND seq IS NOT NULL
+        )
+    ), -1),
+    size
+FROM sessions AS known WHERE :station IS NULL OR station = :station ORDER BY id"""
+SELECT_EPOCH = "SELECT coalesce(max(epoch), -1) FROM stations WHERE station = ?"
+INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch) VALUES (?, ?)"
 DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
 
 # What SQLite calls it → what it means, and what to do.
@@ -144,10 +166,11 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
         with transaction(database):
             if _is_empty(database):
                 _create(database)
-    _check(database, path)
+    check(database, path)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         database.execute(f"PRAGMA {pragma}")
     with transaction(database):  # whoever cannot write shall know now
+        database.execute(SCHEMA_2)
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
@@ -163,7 +186,8 @@ def _create(database: sqlite3.Connection) -> None:
     database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
-def _check(database: sqlite3.Connection, path: Path) -> None:
+def check(database: sqlite3.Connection, path: Path) -> None:
+    """Raises JournalError where it is no journal, or a newer one."""
     if _number(database, "application_id") != APPLICATION_ID:
         raise JournalError(f"journal {path} is another program's database: name another --journal")
     version = _number(database, "user_version")

@@ -20,15 +20,17 @@ from contextlib import ExitStack, closing
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
-from caesura_protocol.codec import decode, encode, encoding_of
+from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
-from caesura_service.journal.journal import JournalError, Key, Outcome, Record, Recordable
+from caesura_protocol.messages import JournalReport
+from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import JournalSettings, Kept, overdue
+from caesura_service.journal.rows import Row, copies_in, epoch_in, outcome_of, record_of, row_of
 from caesura_service.journal.schema import (
     DELETE_SESSION,
+    INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_RECORD,
     INSERT_SESSION,
@@ -45,23 +47,6 @@ logger = logging.getLogger(__name__)
 
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
-_ROW_BYTES = 100  # of a record beside its payload
-_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Error, Close)
-
-
-class _Row(NamedTuple):
-    station: str
-    session: str
-    epoch: int | None
-    seq: int | None
-    at: float
-    encoding: str
-    payload: bytes
-    closes: bool
-
-    @property
-    def size(self) -> int:
-        return len(self.payload) + _ROW_BYTES
 
 
 class SqliteJournal:
@@ -75,7 +60,7 @@ class SqliteJournal:
         self.path = path
         self.settings = settings or JournalSettings()
         self._alone = alone
-        self._waiting: list[_Row] = []
+        self._waiting: list[Row] = []
         self._waiting_bytes = 0
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
@@ -108,7 +93,7 @@ class SqliteJournal:
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record. Raises JournalError where what came before it could not be written."""
-        row = _row_of(record)
+        row = row_of(record)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:
@@ -153,6 +138,22 @@ class SqliteJournal:
         with self._writing, translated(self.path):
             return set(self._database.execute("SELECT station, session FROM sessions WHERE closed"))
 
+    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
+        """What it has of every session, or of those of one station, oldest first."""
+        self.commit()
+        with self._writing, translated(self.path):
+            return copies_in(self._database, station)
+
+    def epoch_of(self, station: str) -> int:
+        """The last epoch of a station; -1 without one."""
+        with self._writing, translated(self.path):
+            return epoch_in(self._database, station)
+
+    def keep_epoch(self, station: str, epoch: int) -> None:
+        """Remember it. Raises JournalError."""
+        with self._writing, translated(self.path), transaction(self._database):
+            self._database.execute(INSERT_EPOCH, (station, epoch))
+
     def conclude(self, station: str, outcome: Outcome) -> None:
         """Keep how a session ended; what is too large for a message is replayed instead."""
         try:
@@ -168,17 +169,7 @@ class SqliteJournal:
         """How a session ended; None where an older version wrote it in another form."""
         with self._writing, translated(self.path):
             found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
-        if found is None:
-            return None
-        opening, last_seq, snapshot = found
-        try:
-            return Outcome(
-                decode(opening, encoding_of(Open), Open),
-                last_seq,
-                decode(snapshot, encoding_of(Snapshot), Snapshot),
-            )
-        except ProtocolError:
-            return None
+        return None if found is None else outcome_of(*found)
 
     def release(self, station: str, session: str) -> None:
         """It stays until it is too old or too much."""
@@ -213,7 +204,7 @@ class SqliteJournal:
 
     # --- writing ----------------------------------------------------------------------------------------
 
-    def _append(self, row: _Row) -> None:
+    def _append(self, row: Row) -> None:
         with self._guard:
             if self._trouble is not None:
                 raise self._trouble
@@ -225,7 +216,7 @@ class SqliteJournal:
             self._waiting.append(row)
             self._waiting_bytes += row.size
 
-    def _append_now(self, row: _Row) -> None:
+    def _append_now(self, row: Row) -> None:
         """Either it is safe, or it is not kept: nobody else writes until that is known."""
         with self._writing:
             self._append(row)
@@ -237,7 +228,7 @@ class SqliteJournal:
                     self._waiting_bytes -= row.size
                 raise
 
-    def _write(self, rows: Iterable[_Row]) -> None:
+    def _write(self, rows: Iterable[Row]) -> None:
         execute = self._database.execute
         known: set[Key] = set()
         for row in rows:
@@ -254,7 +245,7 @@ class SqliteJournal:
         self._trouble = error
         self._wake.set()
 
-    def _succeed(self, rows: list[_Row]) -> None:
+    def _succeed(self, rows: list[Row]) -> None:
         with self._guard:
             del self._waiting[: len(rows)]
             self._waiting_bytes -= sum(row.size for row in rows)
@@ -295,13 +286,5 @@ class SqliteJournal:
             if not page:
                 return
             for _, at, encoding, payload in page:
-                yield Record(station, session, at, decode(payload, encoding, *_RECORDABLE))
+                yield record_of(station, session, at, encoding, payload)
             place = page[-1][0]
-
-
-def _row_of(record: Record) -> _Row:
-    message = record.message
-    epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
-    payload, encoding = encode(message)
-    closes = isinstance(message, Close)
-    return _Row(record.station, record.session, epoch, seq, record.at, encoding, payload, closes)

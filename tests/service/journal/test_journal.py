@@ -182,3 +182,26 @@ def test_what_cannot_be_recorded_is_not_processed(message):
     assert (session.standing, session.next_seq) == (before, 1)
     journal.full = False
     session.receive(message, 0.0)
+
+
+def test_copies_tell_how_far_along_each_session_is(journal):
+    assert journal.copies() == ()
+    for message, at in ((opening("s1"), 1.0), (batch(0, "s1"), 2.0), (batch(2, "s1"), 3.0)):
+        journal.append(Record("cell-1", "s1", at, message))
+    journal.append(Record("cell-2", "s1", 4.0, opening("s1")))
+    journal.append(Record("cell-1", "s1", 5.0, batch(3, "s1", epoch=1)))
+    journal.append(Record("cell-1", "s2", 6.0, opening("s2")))
+    journal.append(Record("cell-1", "s2", 7.0, closing(-1, "s2")))
+    one, two = journal.copies("cell-1")
+    assert one[:6] == ("cell-1", "s1", 1.0, 5.0, False, 3)
+    assert two[:6] == ("cell-1", "s2", 6.0, 7.0, True, -1)
+    assert two.progress > one.progress
+    assert [copy.key for copy in journal.copies()] == list(journal.sessions())
+
+
+def test_the_epoch_of_a_station_is_remembered(journal):
+    assert journal.epoch_of("cell-1") == -1
+    for epoch in (7, 9):
+        journal.keep_epoch("cell-1", epoch)
+    assert journal.epoch_of("cell-1") == 9
+    assert journal.epoch_of("cell-2") == -1

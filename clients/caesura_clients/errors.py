@@ -11,6 +11,10 @@ class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better wh
     """Nobody answers: no router at the endpoint, or no service behind it."""
 
 
+class NotLetIn(Unreachable):
+    """A router is there and refuses us: credentials that waiting does not change."""
+
+
 class Absent(CaesuraError):  # noqa: N818
     """A station or session that was asked for is not there; the message names those that are."""
 

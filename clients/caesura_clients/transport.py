@@ -21,6 +21,7 @@ from typing import Any, Self
 
 import zenoh
 
+from caesura_clients.diagnosis import why_not
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority
@@ -238,6 +239,18 @@ def _config(endpoint: str, config_file: Path | None) -> zenoh.Config:
     return config
 
 
+def _reader(config: zenoh.Config) -> Callable[[str], Any]:
+    """Looks up a path of the configuration; None where there is nothing."""
+
+    def read(path: str) -> Any:
+        try:
+            return json.loads(config.get_json(path))
+        except zenoh.ZError:
+            return None
+
+    return read
+
+
 def _open(config: zenoh.Config, endpoint: str, timeout_s: float | None) -> zenoh.Session:
     deadline = None if timeout_s is None else time.monotonic() + timeout_s
     while True:
@@ -245,9 +258,7 @@ def _open(config: zenoh.Config, endpoint: str, timeout_s: float | None) -> zenoh
             return zenoh.open(config)
         except zenoh.ZError as error:
             if deadline is not None and time.monotonic() >= deadline:
-                raise Unreachable(
-                    f"no router at {endpoint} for {timeout_s:g} s; is the service running?"
-                ) from error
+                raise why_not(endpoint, _reader(config), for_s=timeout_s) from error
 
 
 @contextmanager

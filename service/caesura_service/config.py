@@ -9,7 +9,7 @@ from pathlib import Path
 
 from caesura_protocol.keys import check_name
 from caesura_service.edge.inbox import QueueSettings
-from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings
+from caesura_service.edge.network import NetworkSettings
 from caesura_service.journal import JournalSettings
 from caesura_service.session.limits import Limits
 
@@ -38,8 +38,9 @@ class ServiceConfig:
     """
 
     instance: str = DEFAULT_INSTANCE
-    listen: str = DEFAULT_ENDPOINT  # port 0: a free one
+    listen: str | None = None  # port 0: a free one; None: as zenoh_config says, else on this machine
     connect: str | None = None  # a router to be client of, in place of being one
+    insecure: bool = False  # listen without credentials where other machines reach it
     connect_timeout_s: float | None = None
     zenoh_config: Path | None = None  # json5 with certificates, users and access rules
     preset: str = DEFAULT_PRESET
@@ -62,6 +63,7 @@ class ServiceConfig:
             connect=self.connect,
             config_file=self.zenoh_config,
             connect_timeout_s=self.connect_timeout_s,
+            insecure=self.insecure,
         )
 
     @property

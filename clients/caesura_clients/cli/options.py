@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.client import Caesura, connect
-from caesura_clients.errors import Absent, CaesuraError, Unreachable
+from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 
@@ -36,7 +36,7 @@ def connected(endpoint: str, config: Path | None, *, patient: bool = False) -> C
     try:
         return connect(endpoint, config_file=config, timeout_s=CONNECT_TIMEOUT_S)
     except Unreachable as error:
-        if not patient:
+        if not patient or isinstance(error, NotLetIn):
             raise
         typer.echo(f"waiting: {error}", err=True)
         return connect(endpoint, config_file=config, timeout_s=None)

@@ -26,13 +26,21 @@ IN_MEMORY = "memory"
 
 
 def serve(
-    listen: Annotated[str, typer.Option(help="Endpoint of the embedded router.")] = DEFAULT_ENDPOINT,
+    listen: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Endpoint of the embedded router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}."
+        ),
+    ] = None,
     connect: Annotated[str | None, typer.Option(help="Be client of this router instead.")] = None,
     instance: Annotated[str, typer.Option(help="Name of this instance.")] = DEFAULT_INSTANCE,
     preset: Annotated[str, typer.Option(help="Model where a session names none.")] = DEFAULT_PRESET,
     zenoh_config: Annotated[
         Path | None, typer.Option(help="zenoh json5 with certificates, users and access rules.")
     ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Listen without credentials where other machines reach it.")
+    ] = False,
     journal: Annotated[
         str | None,
         typer.Option(
@@ -72,6 +80,7 @@ def serve(
             instance=instance,
             listen=listen,
             connect=connect,
+            insecure=insecure,
             preset=preset,
             zenoh_config=zenoh_config,
             journal=_directory(journal),

@@ -24,7 +24,7 @@ from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.answers import Answers
 from caesura_service.edge.arrivals import Arrival, Command, Samples, content_of, content_of_query
 from caesura_service.edge.inbox import Inbox, QueueSettings
-from caesura_service.edge.network import NetworkSettings, join
+from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, refuse
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner
@@ -46,7 +46,8 @@ class Edge:
         stop: threading.Event | None = None,
     ) -> None:
         """stop: set by whoever no longer wants to wait for a router."""
-        self.endpoint = network.connect or network.listen  # once entered, with its real port
+        # Once entered, the real one, with its port.
+        self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
         self._owner = owner
         self._settings = network

@@ -3,7 +3,10 @@
 Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
 network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
 lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
-that looks for nobody would still wait half a second before it answers.
+that looks for nobody would still wait half a second before it answers; twice the largest message that we
+accept, because a peer could otherwise make us put together one of a gigabyte.
+
+What is listened on must demand credentials where other machines reach it, or somebody said `insecure`.
 """
 
 from __future__ import annotations
@@ -13,12 +16,16 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import zenoh
+
+from caesura_clients.diagnosis import why_not
+from caesura_service.security import exposure
+from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -30,12 +37,26 @@ SETTINGS: Mapping[str, Any] = {
     "scouting/delay": 0,
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": 2000,
+    "transport/link/rx/max_message_size": ROUTER_MAX_BYTES,
     "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
 # One attempt to connect. Waiting inside the library hears no signal and no deadline.
 ATTEMPT_MS = 500
 _FREE_PORT = ":0"
+_PATHS = (
+    "transport/auth/usrpwd/dictionary_file",
+    *(
+        f"transport/link/tls/{name}"
+        for name in (
+            "root_ca_certificate",
+            "listen_certificate",
+            "listen_private_key",
+            "connect_certificate",
+            "connect_private_key",
+        )
+    ),
+)
 
 
 class NetworkError(Exception):
@@ -46,39 +67,108 @@ class NetworkError(Exception):
 class NetworkSettings:
     """Where the service is found.
 
-    listen: endpoint of the embedded router; port 0 takes a free one. connect: a router to be client of
-    instead. config_file: zenoh json5 with certificates, users and access rules.
+    listen: endpoint of the embedded router; port 0 takes a free one; None: what the file says, else
+    DEFAULT_ENDPOINT. connect: a router to be client of instead; None: what a file for a client says.
+    config_file: zenoh json5 with certificates, users and access rules. insecure: listen without
+    credentials where other machines reach it.
     """
 
-    listen: str = DEFAULT_ENDPOINT
+    listen: str | None = None
     connect: str | None = None
     config_file: Path | None = None
     connect_timeout_s: float | None = None  # None: until there is a router
+    insecure: bool = False
 
 
 def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
     """A zenoh session and the endpoint that it is reached by. Raises NetworkError, also once told to stop."""
-    if settings.connect is None:
-        endpoint = _with_port(settings.listen)
-        router = {"mode": "router", "listen/endpoints": [endpoint]}
-        return _open(_config(settings.config_file, router), endpoint), endpoint
-    client = {
+    config = _config(settings.config_file)
+    router = settings.connect or _router_of(config, settings)
+    if router is not None:
+        return _join_as_client(config, router, settings, stop), router
+    endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
+    _check_exposure(endpoints, config, insecure=settings.insecure)
+    _insert(config, {"mode": "router", "listen/endpoints": endpoints})
+    return _open(config, ", ".join(endpoints)), endpoints[0]
+
+
+def _join_as_client(
+    config: zenoh.Config, router: str, settings: NetworkSettings, stop: threading.Event
+) -> zenoh.Session:
+    own = {
         "mode": "client",
-        "connect/endpoints": [settings.connect],
+        "connect/endpoints": [router],
         "connect/timeout_ms": ATTEMPT_MS,
         "connect/exit_on_failure": True,
     }
-    return _connect(_config(settings.config_file, client), settings, stop), settings.connect
+    _insert(config, own)
+    if not exposure.is_local(router) and exposure.shown(router, _reader(config)) == "nothing":
+        logger.warning("%s is another machine, and no certificate or password is shown to it", router)
+    return _connect(config, router, settings, stop)
 
 
-def _config(config_file: Path | None, where: Mapping[str, Any]) -> zenoh.Config:
+def _config(file: Path | None) -> zenoh.Config:
+    """The file with our settings over it. Paths in it that are relative are looked for beside it first."""
     try:
-        config = zenoh.Config.from_file(config_file) if config_file else zenoh.Config()
-        for key, value in {**SETTINGS, **where}.items():
-            config.insert_json5(key, json.dumps(value))
+        config = zenoh.Config.from_file(file) if file else zenoh.Config()
+        _insert(config, {**SETTINGS, **(_beside(file, _reader(config)) if file else {})})
     except zenoh.ZError as error:
-        raise NetworkError(f"zenoh configuration: {error}") from error
+        raise NetworkError(f"zenoh configuration {file or ''}: {error}") from error
     return config
+
+
+def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+
+
+def _reader(config: zenoh.Config) -> exposure.Read:
+    def read(path: str) -> Any:
+        try:
+            return json.loads(config.get_json(path))
+        except zenoh.ZError:
+            return None  # not in this configuration
+
+    return read
+
+
+def _beside(file: Path, read: exposure.Read) -> dict[str, str]:
+    found = {key: Path(read(key) or "") for key in _PATHS}
+    return {
+        key: str(file.parent / path)
+        for key, path in found.items()
+        if path.name and not path.is_absolute() and (file.parent / path).exists()
+    }
+
+
+def _router_of(config: zenoh.Config, settings: NetworkSettings) -> str | None:
+    """The router that a file for a client names, unless told to listen."""
+    read = _reader(config)
+    if settings.listen is not None or read("mode") != "client":
+        return None
+    return next(iter(read("connect/endpoints") or ()), None)
+
+
+def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
+    """What to listen on: as told, else as the file says, else on this machine alone."""
+    if settings.listen is not None:
+        return [settings.listen]
+    said, default = (_reader(one)("listen/endpoints") for one in (config, zenoh.Config()))
+    if said == default:  # no file says anything
+        return [DEFAULT_ENDPOINT]
+    return (said.get("router") if isinstance(said, dict) else said) or [DEFAULT_ENDPOINT]
+
+
+def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure: bool) -> None:
+    """Raises NetworkError for an endpoint that would be open to everybody, unless `insecure`."""
+    read = _reader(config)
+    for endpoint in endpoints:
+        if exposure.is_local(endpoint):
+            continue
+        if exposure.demanded(endpoint, read) == "nothing" and not insecure:
+            raise NetworkError(exposure.refusal(endpoint))
+        for warning in exposure.warnings(endpoint, read):
+            logger.warning("%s", warning)
 
 
 def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
@@ -88,9 +178,11 @@ def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
         raise NetworkError(f"{endpoint}: {error}") from error
 
 
-def _connect(config: zenoh.Config, settings: NetworkSettings, stop: threading.Event) -> zenoh.Session:
+def _connect(
+    config: zenoh.Config, endpoint: str, settings: NetworkSettings, stop: threading.Event
+) -> zenoh.Session:
     """Try until there is a router, the time is over, or somebody says stop."""
-    endpoint, patience_s = str(settings.connect), settings.connect_timeout_s
+    patience_s = settings.connect_timeout_s
     deadline = float("inf") if patience_s is None else time.monotonic() + patience_s
     said = False
     while True:
@@ -100,7 +192,7 @@ def _connect(config: zenoh.Config, settings: NetworkSettings, stop: threading.Ev
             if stop.is_set() or time.monotonic() >= deadline:
                 raise
         if not said:
-            logger.warning("no router at %s yet: trying until there is one", endpoint)
+            logger.warning("%s; trying until there is one", why_not(endpoint, _reader(config)))
             said = True
 
 

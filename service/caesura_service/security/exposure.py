@@ -1,0 +1,122 @@
+"""Who could connect to an endpoint, told before it is listened on.
+
+An endpoint that other machines reach must demand credentials: a certificate (TLS or QUIC with `enable_mtls`
+and an authority of one's own; without one, Zenoh takes every public authority's word) or a password from a
+dictionary. A password does not cross the wire (Zenoh answers a challenge with it), but on a link that is not
+encrypted everything after it does, and the link may be taken over: allowed, with a warning.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
+Resolve = Callable[[str], Sequence[str]]  # addresses of a host
+
+ON_THIS_MACHINE = frozenset({"unixsock-stream", "unixpipe"})
+ENCRYPTED = frozenset({"tls", "quic"})
+_AUTHORITIES = ("root_ca_certificate", "root_ca_certificate_base64", "root_ca_certificate_file")
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """`protocol/address?metadata#settings`, taken apart. Settings win over those of the configuration.
+
+    >>> parse("tls/[::]:7447#enable_mtls=true")
+    Endpoint(protocol='tls', address='[::]:7447', settings={'enable_mtls': 'true'})
+    """
+
+    protocol: str
+    address: str
+    settings: dict[str, str]
+
+    @property
+    def host(self) -> str:
+        """The host, without brackets."""
+        return self.address.rpartition(":")[0].strip("[]")
+
+
+def parse(endpoint: str) -> Endpoint:
+    """Take an endpoint apart."""
+    place, _, settings = endpoint.partition("#")
+    protocol, _, address = place.partition("?")[0].partition("/")
+    pairs = (part.partition("=") for part in settings.split(";") if part)
+    return Endpoint(protocol.lower(), address, {key: value for key, _, value in pairs})
+
+
+def addresses(host: str) -> Sequence[str]:
+    """What a host resolves to; nothing where it does not."""
+    try:
+        return [str(info[4][0]) for info in socket.getaddrinfo(host, None)]
+    except (OSError, UnicodeError):
+        return ()
+
+
+def is_local(endpoint: str, resolve: Resolve = addresses) -> bool:
+    """Does this machine alone reach it? A host counts as local where each of its addresses is a loopback."""
+    parsed = parse(endpoint)
+    if parsed.protocol in ON_THIS_MACHINE:
+        return True
+    found = resolve(parsed.host) if parsed.host else ()
+    return bool(found) and all(map(_is_loopback, found))
+
+
+Credentials = Literal["certificate", "password", "nothing"]
+
+
+def demanded(endpoint: str, read: Read) -> Credentials:
+    """What a listener on the endpoint demands of who connects."""
+    parsed = parse(endpoint)
+    if parsed.protocol in ENCRYPTED and _mutual(parsed, read):
+        return "certificate"
+    return "password" if read("transport/auth/usrpwd/dictionary_file") else "nothing"
+
+
+def shown(endpoint: str, read: Read) -> Credentials:
+    """What a client shows to the endpoint."""
+    tls = parse(endpoint).protocol in ENCRYPTED
+    if tls and any(read(f"transport/link/tls/connect_certificate{end}") for end in ("", "_base64")):
+        return "certificate"
+    return "password" if read("transport/auth/usrpwd/user") else "nothing"
+
+
+def refusal(endpoint: str) -> str:
+    """Why an endpoint that other machines reach is not listened on, and what to do."""
+    return (
+        f"{endpoint} can be reached from other machines, and whoever connects may do anything there: "
+        "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "
+        "listen on 127.0.0.1, or say --insecure"
+    )
+
+
+def warnings(endpoint: str, read: Read) -> Iterator[str]:
+    """What is to be said of an endpoint that is listened on though other machines reach it."""
+    credentials = demanded(endpoint, read)
+    if credentials == "nothing":
+        yield f"{endpoint} is open to everybody who reaches it: --insecure"
+        return
+    if parse(endpoint).protocol not in ENCRYPTED:
+        yield f"{endpoint} is not encrypted: who is on the way reads everything, and may take a link over"
+    if not read("access_control/enabled"):
+        yield f"{endpoint} has no access rules: whoever has any {credentials} may pose as any station"
+
+
+def _mutual(parsed: Endpoint, read: Read) -> bool:
+    def setting(name: str) -> Any:
+        return parsed.settings.get(name) or read(f"transport/link/tls/{name}")
+
+    wanted = setting("enable_mtls")
+    return wanted in {True, "true"} and any(setting(name) for name in _AUTHORITIES)
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        parsed = ipaddress.ip_address(address)
+    except ValueError:
+        return False
+    mapped = getattr(parsed, "ipv4_mapped", None)
+    return bool((mapped or parsed).is_loopback)

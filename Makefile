@@ -1,10 +1,11 @@
-# Four doors: demo, test, check, bench. Each sets up what it needs. `thesis` measures the thesis' results.
+# Four doors: demo, test, check, bench. Each sets up what it needs. `faults` breaks things on purpose,
+# `thesis` measures the thesis' results.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check bench thesis clean
+.PHONY: demo test check bench faults hour thesis clean
 
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
@@ -23,6 +24,12 @@ check: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)
 	$(BIN)/python tests/bench/journal_cost.py
+
+faults: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)
+
+hour: $(STAMP)
+	$(BIN)/python tests/bench/hour.py $(ARGS)
 
 thesis: $(STAMP)
 	$(BIN)/caesura evaluate --suite thesis $(ARGS)

@@ -1,0 +1,185 @@
+"""One session for an hour: does memory stay flat, and does a step cost at the end what it did at first?
+
+An hour of samples goes through registry, journal on disk and the real models as fast as they go, and what is
+said is encoded as it would be for the wire; once while a person works, once while the robot stands still.
+Each runs in a process of its own. A step is one batch, and its time is that of the thread that takes it, so
+that other work on the machine does not count. What comes later is compared with the first minute.
+
+Usage: python tests/bench/hour.py [--minutes 60] [--only varied|still]
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import multiprocessing
+import resource
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.messages import Open
+from caesura_service.journal import SqliteJournal
+from caesura_service.session.limits import Limits
+from caesura_service.session.pipeline import make_pipeline
+from caesura_service.session.ports import Owner, Publish
+from caesura_service.session.registry import Registry
+
+RATE_HZ = 200.0
+BATCH = 20
+COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+STATION, SESSION = "cell-1", "hour"
+MINUTE_S = 60.0
+SHOWN_MINUTES = 10
+MEMORY_LIMIT, STEP_LIMIT = 1.05, 1.2
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Minute:
+    """What one minute of the demonstration cost."""
+
+    resident_mb: float
+    step_ms: float  # mean
+    p99_ms: float
+    segments: int
+
+
+def main() -> None:
+    """Measure both, and print a row for every tenth minute."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--minutes", type=int, default=60)
+    parser.add_argument("--only", choices=sorted(WORK))
+    options = parser.parse_args()
+    for name in [options.only] if options.only else sorted(WORK, reverse=True):
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            show(name, pool.apply(measure, (name, options.minutes)))
+
+
+def show(name: str, minutes: list[Minute]) -> None:
+    """A table, and what it comes to."""
+    table = Table("minute", "resident [MB]", "step [ms]", "p99 [ms]", "segments", title=name)
+    for number, minute in enumerate(minutes, start=1):
+        if number in {1, 2, len(minutes)} or number % SHOWN_MINUTES == 0:
+            table.add_row(
+                str(number),
+                f"{minute.resident_mb:.1f}",
+                f"{minute.step_ms:.2f}",
+                f"{minute.p99_ms:.2f}",
+                str(minute.segments),
+            )
+    console = Console()
+    console.print(table)
+    first, last = minutes[0], minutes[-1]
+    for what, ratio, limit in (
+        (
+            "memory: last minute over the first",
+            last.resident_mb / first.resident_mb,
+            MEMORY_LIMIT,
+        ),
+        ("step: last minute over the first", last.step_ms / first.step_ms, STEP_LIMIT),
+    ):
+        verdict = "holds" if ratio <= limit else "DOES NOT HOLD"
+        console.print(f"{what} {ratio:.3f}, at most {limit:g}: {verdict}")
+
+
+def measure(name: str, minutes: int) -> list[Minute]:
+    """An hour of one kind of work."""
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        SqliteJournal(Path(directory) / "hour.sqlite") as journal,
+    ):
+        registry = Registry(
+            owner=Owner("bench", 1),
+            pipeline_factory=make_pipeline,
+            default_preset="default",
+            journal=journal,
+            limits=Limits(),
+        )
+        opening = Open(session=SESSION, columns=COLUMNS)
+        registry.command(STATION, opening, 0.0)
+        work = batches(WORK[name](np.random.default_rng(0)))
+        return [one_minute(registry, work) for _ in range(minutes)]
+
+
+def one_minute(registry: Registry, work: Iterator[tuple[int, Array]]) -> Minute:
+    """Take the batches of a minute."""
+    spent = []
+    for _ in range(round(MINUTE_S * RATE_HZ / BATCH)):
+        seq, rows = next(work)
+        batch = pack_samples(rows, COLUMNS, session=SESSION, epoch=0, seq=seq)
+        before = time.thread_time()
+        for said in registry.samples(STATION, batch, float(rows[-1, 0])):
+            if isinstance(said, Publish):
+                encode(said.message)
+        spent.append(1e3 * (time.thread_time() - before))
+    gc.collect()
+    (standing,) = registry.board.standings()
+    assert standing.is_open, standing.tally.last_refusal
+    assert not standing.tally.refused, standing.tally.last_refusal
+    return Minute(
+        resident_mb(), float(np.mean(spent)), float(np.quantile(spent, 0.99)), len(standing.view.segments)
+    )
+
+
+def resident_mb() -> float:
+    """Of this process, now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def batches(strokes: Iterator[Array]) -> Iterator[tuple[int, Array]]:
+    """Numbered batches (BATCH, columns) of a stream of rows (n, 6): position, force."""
+    seq, rest = 0, np.empty((0, 6))
+    for stroke in strokes:
+        rest = np.concatenate([rest, stroke])
+        while len(rest) >= BATCH:
+            t = (seq * BATCH + np.arange(BATCH)) / RATE_HZ
+            yield seq, np.column_stack([t, rest[:BATCH]])
+            seq, rest = seq + 1, rest[BATCH:]
+
+
+def varied(rng: np.random.Generator) -> Iterator[Array]:
+    """Reach, press, carry and rest without end, in random order and of random length."""
+    at, push = np.array([0.4, 0.0, 0.4]), 0.0
+    while True:
+        seconds = rng.uniform(0.6, 2.5)
+        target = at if rng.random() < 0.35 else rng.uniform([0.3, -0.3, 0.1], [0.6, 0.3, 0.5])
+        level = rng.choice([0.0, 0.0, 8.0, 14.0, -3.0])
+        s = np.arange(round(seconds * RATE_HZ)) / (seconds * RATE_HZ)
+        bell = (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None]
+        force = np.column_stack([0 * s, 0 * s, push + bell[:, 0] * (level - push)])
+        yield noisy(rng, at + bell * (target - at), force, tremor_m=3e-4)
+        at, push = target, float(level)
+
+
+def still(rng: np.random.Generator) -> Iterator[Array]:
+    """Nothing moves but the sensor's noise."""
+    rows = np.tile([0.4, 0.0, 0.4], (round(RATE_HZ), 1))
+    while True:
+        yield noisy(rng, rows, np.zeros_like(rows), tremor_m=2e-5)
+
+
+def noisy(rng: np.random.Generator, position: Array, force: Array, *, tremor_m: float) -> Array:
+    """(n, 6)."""
+    return np.column_stack(
+        [
+            position + tremor_m * rng.standard_normal(position.shape),
+            force + 0.2 * rng.standard_normal(force.shape),
+        ]
+    )
+
+
+WORK: dict[str, Callable[[np.random.Generator], Iterator[Array]]] = {"varied": varied, "still": still}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,239 @@
+"""Eight live robots that are taught at once, what the service makes of them, and what it should have made.
+
+A live robot does not wait: its samples come at their time, whoever listens. Every station has its own
+demonstration, and its own connection, as it would have on a floor.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.inbox import Delivery, Inbox
+from caesura_clients.query import snapshot
+from caesura_clients.recording import Recording
+from caesura_clients.transport import ZenohTransport
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import session_key
+from caesura_protocol.messages import Ack, Posterior, Snapshot
+from caesura_service.journal import SqliteJournal
+from caesura_service.recordings import recording_of, segment_recording
+from caesura_service.session.view import View
+from harness.demonstrations import taught
+from harness.processes import SESSION, eventually
+
+STATIONS = 8
+PACE = 2.0
+SECONDS = 20.0  # of a demonstration
+CONNECT_S = 10.0
+CLOSE_S = 60.0
+SETTINGS = BridgeSettings(batch_samples=10, close_timeout_s=CLOSE_S)
+
+
+class LiveRobot(FileSource):
+    """Plays a recording at its pace and waits for nobody."""
+
+    can_wait = False
+
+
+@cache
+def demonstration(number: int, seconds: float = SECONDS) -> Recording:
+    """What is taught at a station."""
+    return taught(number, seconds)
+
+
+@cache
+def undisturbed(number: int, seconds: float = SECONDS) -> View:
+    """What comes of it without a network, a service or a journal."""
+    return segment_recording(demonstration(number, seconds))
+
+
+def station_name(number: int) -> str:
+    return f"cell-{number}"
+
+
+@dataclass
+class Station:
+    """One of them."""
+
+    number: int
+    seconds: float
+    bridge: Bridge
+    end: Future[Ack]
+
+    @property
+    def name(self) -> str:
+        return station_name(self.number)
+
+    def has_given(self, share: float) -> bool:
+        """Such a share of its samples, or all that it will."""
+        batches = len(self.recording.t) / self.bridge.settings.batch_samples
+        return self.bridge.sent >= share * batches or self.end.done()
+
+    @property
+    def recording(self) -> Recording:
+        return demonstration(self.number, self.seconds)
+
+    @property
+    def expected(self) -> View:
+        return undisturbed(self.number, self.seconds)
+
+
+@dataclass
+class Watched:
+    """When results came: (monotonic [s], session time [s]) by station."""
+
+    came: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+
+    def newest(self, station: str) -> float:
+        """[s] session time."""
+        return max((t for _, t in self.came.get(station, ())), default=-1.0)
+
+    def recovery_s(self, stations: list[str], since: float) -> float:
+        """From a moment until every station has a result of something new; inf where one never has."""
+        return max(self._recovery_s(station, since) for station in stations)
+
+    def _recovery_s(self, station: str, since: float) -> float:
+        came = self.came.get(station, [])
+        known = max((t for at, t in came if at <= since), default=-1.0)
+        return min((at - since for at, t in came if at > since and t > known), default=float("inf"))
+
+
+@contextmanager
+def watching(endpoint: str) -> Iterator[Watched]:
+    """A reader of every session, with a connection of its own."""
+    watched, inbox, over = Watched(), Inbox(1 << 20), threading.Event()
+
+    def listen() -> None:
+        while not over.is_set():
+            item = inbox.get(0.05)
+            if isinstance(item, Delivery):
+                message = decode(item.payload, item.encoding, Posterior)
+                watched.came.setdefault(message.station, []).append((time.monotonic(), message.t))
+
+    with (
+        ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport,
+        transport.subscribe(session_key("*", "*", "posterior"), inbox),
+    ):
+        thread = threading.Thread(target=listen, daemon=True)
+        thread.start()
+        yield watched
+        over.set()
+        thread.join()
+
+
+@contextmanager
+def teaching(
+    endpoint: str,
+    *,
+    numbers: range = range(STATIONS),
+    seconds: float = SECONDS,
+    pace: float = PACE,
+    settings: BridgeSettings = SETTINGS,
+) -> Iterator[list[Station]]:
+    """The stations, from when every session is open until every bridge is gone."""
+    recordings = [demonstration(number, seconds) for number in numbers]
+    with ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(len(recordings)))
+        stations = []
+        for number, recording in zip(numbers, recordings, strict=True):
+            transport = stack.enter_context(ZenohTransport(endpoint, timeout_s=CONNECT_S))
+            source = LiveRobot(recording, pace=pace)
+            bridge = Bridge(transport, station_name(number), source, session=SESSION, settings=settings)
+            stack.enter_context(bridge)
+            bridge.wait_open(CONNECT_S)
+            stations.append(Station(number, seconds, bridge, pool.submit(bridge.run)))
+        yield stations
+
+
+def reached(stations: list[Station], share: float) -> None:
+    """Wait until every robot has given such a share of its samples."""
+    for station in stations:
+        eventually(partial(station.has_given, share))
+
+
+@dataclass(frozen=True)
+class Found:
+    """A station at its end."""
+
+    station: Station
+    ack: Ack | None
+    snapshot: Snapshot
+    lost_t: tuple[float, ...]  # [s] of the samples that the service does not have
+
+    @property
+    def lost(self) -> int:
+        return len(self.lost_t)
+
+    @property
+    def duplicated(self) -> int:
+        """Samples that were taken twice: what it has beyond what is not lost, and times that repeat."""
+        taken = self.snapshot.status.samples
+        return self.snapshot.status.repeats + max(0, taken + self.lost - len(self.station.recording.t))
+
+    @property
+    def undeclared(self) -> int:
+        """Lost samples that lie in no declared gap."""
+        gaps = self.snapshot.status.gaps
+        return sum(not any(gap.t0 < t < gap.tn for gap in gaps) for t in self.lost_t)
+
+    @property
+    def difference(self) -> str | None:
+        """The first field in which it differs from an undisturbed run."""
+        status, expected, program = self.snapshot.status, self.station.expected, self.snapshot.program
+        pairs = {
+            "state": (status.state, "closed"),
+            "gaps": (status.gaps, ()),
+            "refusals": (status.refused, {}),
+            "observations": (status.observations, expected.observations),
+            "time": (status.t, expected.t),
+            "segments": (self.snapshot.segments.segments, expected.segments),
+            "changepoints": (self.snapshot.changepoints.changepoints, expected.changepoints),
+            "completeness": (program.complete, True),
+            "apps": (program.apps, expected.apps),
+            "notes": (program.notes, expected.notes),
+        }
+        return next((name for name, (is_, should) in pairs.items() if is_ != should), None)
+
+
+def found(endpoint: str, stations: list[Station], journal: Path) -> list[Found]:
+    """Every station at its end. Raises where a bridge could not close its session."""
+    acks = [station.end.result(CLOSE_S + station.seconds) for station in stations]
+    with ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport:
+        return [
+            Found(station, ack, asked(transport, station.name), missing(journal, station))
+            for station, ack in zip(stations, acks, strict=True)
+        ]
+
+
+def asked(transport: ZenohTransport, station: str) -> Snapshot:
+    """A station's snapshot, once somebody has it."""
+    known: list[Snapshot] = []
+
+    def there() -> bool:
+        try:
+            known[:] = [snapshot(transport, station, SESSION)]
+        except (ProtocolError, Exception):
+            return False
+        return True
+
+    eventually(there)
+    return known[0]
+
+
+def missing(journal: Path, station: Station) -> tuple[float, ...]:
+    """[s] times of a station's samples that the journal does not have."""
+    with SqliteJournal(journal / "caesura-1.sqlite", alone=False) as opened:
+        taken = recording_of(opened.replay(station.name, SESSION)).t
+    return tuple(np.setdiff1d(np.round(station.recording.t, 4), np.round(taken, 4)).tolist())

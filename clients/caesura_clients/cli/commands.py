@@ -16,6 +16,7 @@ from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
+from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.options import (
     Config,
     Connect,
@@ -44,7 +45,7 @@ PATIENCE_S = 2.0  # until the command line says what it waits for
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, watch, program):
+    for command in (bridge, watch, program, doctor):
         app.command(command.__name__)(command)
     app.add_typer(sessions)
 

@@ -1,0 +1,68 @@
+"""`caesura doctor`: looks at everything between a robot and its segments, and says what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import Config, Connect, Json, Station, named, reported
+from caesura_clients.doctor import Finding, examine, examine_recording
+from caesura_clients.doctor.examination import LISTEN_S
+from caesura_clients.doctor.findings import MARKS
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.recording import load_recording
+
+STYLES = {"ok": typer.colors.GREEN, "warn": typer.colors.YELLOW, "bad": typer.colors.RED}
+WIDTH = 12  # of a check's name
+
+
+def doctor(
+    station: Station = None,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=600.0, help="How long it listens to the stations.")
+    ] = LISTEN_S,
+    file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
+    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Check connection, clock, credentials, journal, samples and wrench, and say what to do.
+
+    The exit code is 1 where something is ✗.
+    """
+    with reported():
+        if file is not None:
+            found = list(examine_recording(load_recording(file, wrench_source=wrench_source)))
+        else:
+            found = _shown(examine(endpoint, config, station=named(station) or "*", seconds=seconds), as_json)
+    if as_json:
+        typer.echo(json.dumps([asdict(one) for one in found], indent=2, ensure_ascii=False))
+    elif file is not None:
+        _shown(found, quiet=False)
+    if any(one.grade == "bad" for one in found):
+        raise typer.Exit(1)
+
+
+def _shown(findings: Iterable[Finding], quiet: bool) -> list[Finding]:
+    """All of them; unless quiet, each is said as soon as it is known."""
+    seen: list[Finding] = []
+    for one in findings:
+        if not quiet:
+            if one.station is not None and one.station not in {before.station for before in seen}:
+                typer.echo(one.station)
+            _say(one)
+        seen.append(one)
+    return seen
+
+
+def _say(one: Finding) -> None:
+    mark = typer.style(MARKS[one.grade], fg=STYLES[one.grade])
+    typer.echo(f"{mark} {one.check:<{WIDTH}} {one.found}")
+    if one.remedy:
+        typer.echo(f"  {'':<{WIDTH}} → {one.remedy}")

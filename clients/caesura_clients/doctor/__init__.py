@@ -1,0 +1,10 @@
+"""Is everything well between a robot and its segments, and if not, what is to be done?
+
+`reach` looks at the endpoint, `facts` asks and listens for a few seconds; everything else only judges what
+they brought and is pure: `instances` the service, `stations` each station, `signal` the samples themselves.
+"""
+
+from caesura_clients.doctor.examination import examine, examine_recording
+from caesura_clients.doctor.findings import Finding, Grade
+
+__all__ = ["Finding", "Grade", "examine", "examine_recording"]

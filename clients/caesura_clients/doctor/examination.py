@@ -1,0 +1,85 @@
+"""The whole examination, in order: what is said first explains what comes after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients.doctor import instances, signal, stations
+from caesura_clients.doctor.facts import Facts, gather
+from caesura_clients.doctor.findings import Finding, bad, ok
+from caesura_clients.doctor.reach import look_at, no_session
+from caesura_clients.errors import CaesuraError, Unreachable
+from caesura_clients.network import Transport
+from caesura_clients.recording import Recording
+from caesura_clients.transport import ZenohTransport
+
+CONNECT_S = 3.0
+LISTEN_S = 3.0
+TARE_S = 0.4  # at the start of a demonstration, in which the service takes the bias
+
+
+def examine(
+    endpoint: str, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
+) -> Iterator[Finding]:
+    """Look at everything that can be reached; ends where there is nothing behind."""
+    found = look_at(endpoint)
+    yield found
+    if found.grade == "bad":
+        return
+    try:
+        transport = ZenohTransport(endpoint, config_file=config_file, timeout_s=CONNECT_S)
+    except CaesuraError as error:
+        yield no_session(endpoint, error)
+        return
+    with transport:
+        yield from examine_network(transport, station, seconds=seconds)
+
+
+def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[Finding]:
+    """What there is behind a router."""
+    try:
+        facts = gather(transport, station, seconds=seconds)
+    except Unreachable as error:
+        yield bad("session", str(error), "the router went away while it was looked at: see its log")
+        return
+    yield from judge(facts, station)
+
+
+def judge(facts: Facts, station: str = "*") -> Iterator[Finding]:
+    """Every check on what was seen."""
+    yield from instances.check_services(facts, our_version())
+    for check in instances.CHECKS:
+        yield from check(facts)
+    for reported in facts.reported:
+        yield from instances.check_instance(reported)
+    known = stations.stations_of(facts)
+    for one in known:
+        yield from stations.check_station(one)
+    if station != "*" and not known:
+        remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
+        yield bad("bridge", "neither a bridge nor a session", remedy, station=station)
+    elif not known and facts.alive:
+        yield ok("stations", "none yet: no bridge is connected and no session known")
+
+
+def examine_recording(recording: Recording) -> Iterator[Finding]:
+    """The same checks on a recording, in the order of its samples."""
+    samples = signal.Samples(recording.t, recording.signals, recording.wrench_source, recording.length_unit)
+    yield from signal.check_rate(samples)
+    yield from signal.check_signals(samples)
+    yield from signal.check_noise(samples)
+    force = recording.signals.get("force")
+    start = recording.t <= recording.t[0] + TARE_S
+    yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
+
+
+def our_version() -> str:
+    """Of this installation."""
+    try:
+        return version("caesura")
+    except PackageNotFoundError:
+        return "0+unknown"

@@ -1,0 +1,145 @@
+"""The service: who is there, may I ask, do clocks and versions agree, are journal and queue well?"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+
+from caesura_clients.doctor.facts import Facts, Reported
+from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_protocol.keys import ROOT
+from caesura_protocol.messages import ServiceStatus, SessionStatus
+
+CLOCK_LIMIT_S = 0.05
+QUEUE_SHARE = 0.5  # of its capacity; a queue that is half full is behind
+JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
+MB = 10**6
+
+
+def check_services(facts: Facts, version: str) -> Iterator[Finding]:
+    """Which instances live, and whether they are what we are. version: ours."""
+    for key in facts.other_versions:
+        major = "/".join(key.split("/")[:2])
+        yield bad("service", f"{key} speaks {major}, we speak {ROOT}", "install the same release on both")
+    if not facts.alive:
+        remedy = "start `caesura serve`, with --connect where the router is another process"
+        yield bad("service", "none is alive behind this router", remedy)
+        return
+    versions = {one.status.instance: one.status.version for one in facts.reported}
+    for instance in facts.alive:
+        if instance not in versions:
+            yield _silent(facts, instance)
+        elif versions[instance] != version:
+            found = f"{instance} is version {versions[instance]}, this is {version}"
+            yield warn("service", found, f"both speak {ROOT}; install the same release on both")
+        else:
+            yield ok("service", f"{instance} is alive: version {version} as ours, {ROOT}")
+
+
+def check_credentials(facts: Facts) -> Iterator[Finding]:
+    """May I ask? Nothing at all comes back from a question that is forbidden."""
+    if not facts.alive:
+        return
+    known = sum(one.status.sessions_open + one.status.sessions_closed for one in facts.reported)
+    if not facts.reported:
+        remedy = "use the certificate or password of a dashboard (`caesura certs DIR --dashboard NAME`)"
+        yield warn("credentials", "the service's status is not for these credentials", remedy)
+    elif known and not facts.snapshots:
+        remedy = "use the certificate or password of a dashboard; with --station, check its name"
+        yield warn("credentials", f"{known} sessions are known and none was shown", remedy)
+    else:
+        yield ok("credentials", "status and snapshots may be asked for")
+    for code, times in _counted(facts).items():
+        yield warn("credentials", f"{times} questions refused: {code}", "see the service's log")
+
+
+def check_instance(reported: Reported) -> Iterator[Finding]:
+    """Clock, journal and queue of one instance."""
+    yield _clock(reported)
+    for check in (_journal, _queue):
+        yield check(reported.status)
+
+
+def check_owners(facts: Facts) -> Iterator[Finding]:
+    """Which instance has which station; two that answer for one open session."""
+    owners: dict[tuple[str, str], dict[str, SessionStatus]] = defaultdict(dict)
+    for one in facts.snapshots:
+        if one.status.state == "open":
+            owners[one.status.station, one.status.session][one.status.instance] = one.status
+    for (station, session), found in owners.items():
+        if len(found) > 1:
+            said = f"{' and '.join(sorted(found))} both have {session}"
+            remedy = "readers take the higher epoch; if it stays so, the network between them is cut"
+            yield warn("owner", said, remedy, station=station)
+    if len(facts.alive) > 1:
+        held: dict[str, set[str]] = {instance: set() for instance in facts.alive}
+        for (station, _), found in owners.items():
+            newest = max(found.values(), key=lambda status: status.epoch)
+            held.setdefault(newest.instance, set()).add(station)
+        shares = (f"{name}: {', '.join(sorted(mine)) or 'none'}" for name, mine in sorted(held.items()))
+        yield ok("owner", f"stations with an open session: {'; '.join(shares)}")
+
+
+def _silent(facts: Facts, instance: str) -> Finding:
+    """Alive, and its status did not come."""
+    if facts.reported:  # others answered, so it is not forbidden
+        return bad("service", f"{instance} is alive and does not answer", "see its log; restart it")
+    return ok("service", f"{instance} is alive")
+
+
+def _clock(reported: Reported) -> Finding:
+    """A status is from between question and answer, which is how sure its time can be."""
+    status = reported.status
+    if status.time is None:
+        return warn("clock", f"{status.instance} does not tell its time", "install the same release on both")
+    half_s = (reported.answered - reported.asked) / 2
+    ahead_s = status.time - (reported.asked + reported.answered) / 2
+    way = "ahead of" if ahead_s > 0 else "behind"
+    said = f"{status.instance} is {_duration(abs(ahead_s))} {way} this machine (± {_duration(half_s)})"
+    if abs(ahead_s) - half_s > CLOCK_LIMIT_S:
+        remedy = (
+            "set both by NTP; segments are not touched, they run on the robot's own clock, but the times "
+            "in logs and in the journal are"
+        )
+        return warn("clock", said, remedy)
+    return ok("clock", said)
+
+
+def _journal(status: ServiceStatus) -> Finding:
+    journal, name = status.journal, status.instance
+    if journal is None:
+        return warn("journal", f"{name} does not tell", "install the same release on both")
+    if journal.trouble is not None:
+        remedy = "make room or repair the disk: samples are refused meanwhile, and asked for again after"
+        return bad("journal", f"{name}: {journal.trouble}", remedy)
+    if journal.kind == "memory":
+        remedy = "start it with --journal DIR, or a restart knows nothing of earlier sessions"
+        return warn("journal", f"{name} keeps sessions in memory", remedy)
+    said = f"{name}: {journal.size / MB:.1f} of {journal.size_limit / MB:.0f} MB"
+    if journal.size > JOURNAL_SHARE * journal.size_limit:
+        return warn("journal", said, "closed sessions go, oldest first: export them, or raise --journal-gb")
+    return ok("journal", f"{said}, written every {journal.commit_s:g} s")
+
+
+def _queue(status: ServiceStatus) -> Finding:
+    said = f"{status.instance}: {status.queue} of {status.queue_capacity} wait, {status.dropped} dropped"
+    remedy = "it is behind: more instances (`--instances N`), or fewer stations on this one"
+    if status.overloaded or status.queue > QUEUE_SHARE * status.queue_capacity:
+        return bad("queue", said, remedy)
+    if status.dropped:
+        return warn("queue", said, f"{remedy}; what was dropped was asked for again")
+    return ok("queue", said)
+
+
+def _counted(facts: Facts) -> dict[str, int]:
+    counts: dict[str, int] = defaultdict(int)
+    for error in facts.refusals:
+        counts[str(error)] += 1
+    return dict(counts)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds >= 1 else f"{1000 * seconds:.1f} ms"
+
+
+CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (check_credentials, check_owners)

@@ -1,0 +1,54 @@
+"""Does anything listen at the endpoint? Tells a wrong address from a wrong certificate."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+from caesura_clients.doctor.findings import Finding, bad, ok
+from caesura_clients.network import DEFAULT_ENDPOINT
+
+TIMEOUT_S = 2.0
+CHECK = "endpoint"
+_SOCKETS = ("tcp", "tls")  # what a plain connection can look at
+
+
+def look_at(endpoint: str) -> Finding:
+    """Connect to the endpoint's port, and leave."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
+    if not protocol or not host or not port.isdecimal():
+        remedy = f"write it as {DEFAULT_ENDPOINT} or tls/HOST:PORT"
+        return bad(CHECK, f"{endpoint!r} is no endpoint", remedy)
+    if protocol not in _SOCKETS:
+        return ok(CHECK, f"{endpoint}: {protocol} is not looked at by itself")
+    began = time.monotonic()
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), TIMEOUT_S):
+            took_ms = 1000 * (time.monotonic() - began)
+    except (OSError, OverflowError) as error:
+        return bad(CHECK, f"{endpoint}: {_said(error)}", _remedy(error))
+    return ok(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
+
+
+def no_session(endpoint: str, error: Exception) -> Finding:
+    """Something listens, and Zenoh gets no session."""
+    remedy = (
+        "tls/ where the router demands TLS and tcp/ where it does not; --zenoh-config with a certificate of "
+        "the router's own authority, or its user and password; and a host that its certificate names"
+    )
+    return bad("session", f"something listens at {endpoint}, but: {error}", remedy)
+
+
+def _said(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
+
+
+def _remedy(error: Exception) -> str:
+    if isinstance(error, socket.gaierror):
+        return "no such host here: check the name, or use its address"
+    if isinstance(error, ConnectionRefusedError):
+        return "nothing listens there: start `caesura serve` or the router, or check the port"
+    if isinstance(error, TimeoutError):
+        return "no answer: check the address, the cable and the firewall between"
+    return "check the address and the network between"

@@ -1,0 +1,152 @@
+"""The samples themselves, live or of a recording: rate, regularity, what is missing, the force at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_clients.doctor.findings import Finding, ok, warn
+from caesura_protocol.messages import WrenchSource
+
+Array = NDArray[np.float64]
+
+FEWEST_HZ, MOST_HZ = 50.0, 1050.0  # the grid has 100 Hz; half of it is still interpolated well
+PAUSE_LIMIT_S = 0.25  # a longer one is a gap in the results (conditioning)
+UNEVEN = 0.5  # of the median interval; an interval off by more is irregular
+UNEVEN_SHARE = 0.02
+REST_M_PER_S, REST_RAD_PER_S = 0.005, 0.02
+CELL_S = 0.1  # a movement is between means over cells: a tremor is none
+REST_CELLS = 3  # the fewest that say something of noise
+BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that nobody took off
+NOISE_LIMIT_N = 1.0
+METRES: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+WHAT_FOR: Mapping[str, str] = {
+    "force": "contact and load cannot be told",
+    "quat": "apps have no orientation",
+    "gripper": "grasps are not seen",
+}
+
+
+@dataclass(frozen=True)
+class Samples:
+    """t: (n,) [s] as they came; signals: name → (n, width)."""
+
+    t: Array
+    signals: Mapping[str, Array]
+    wrench_source: WrenchSource
+    length_unit: str = "m"
+
+
+def check_rate(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+    """Rate, regularity, pauses, times that do not advance."""
+    steps = np.diff(samples.t)
+    advancing = steps[steps > 0]
+    if advancing.size == 0:
+        yield warn(
+            "rate", "time does not advance", "check the robot's clock: `t` in seconds", station=station
+        )
+        return
+    middle = float(np.median(advancing))
+    rate, said = 1.0 / middle, f"{1.0 / middle:.0f} Hz"
+    if not FEWEST_HZ <= rate <= MOST_HZ:
+        remedy = f"expected {FEWEST_HZ:.0f} to 1000 Hz: is `t` in seconds?"
+        yield warn("rate", said, remedy, station=station)
+    else:
+        yield ok("rate", said, station=station)
+    yield _regularity(advancing, middle, station)
+    if advancing.size < steps.size:
+        found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
+        yield warn(
+            "repeats", found, "the source sends samples twice, or its clock steps back", station=station
+        )
+
+
+def _regularity(advancing: Array, middle: float, station: str | None) -> Finding:
+    pause = float(advancing.max())
+    uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
+    said = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
+    if pause > PAUSE_LIMIT_S:
+        remedy = f"a pause over {1000 * PAUSE_LIMIT_S:.0f} ms is a gap in the results: look at the source"
+        return warn("regularity", said, remedy, station=station)
+    if uneven > UNEVEN_SHARE:
+        remedy = "give samples the time at which they were measured, not at which they were sent"
+        return warn("regularity", said, remedy, station=station)
+    return ok("regularity", said, station=station)
+
+
+def check_signals(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+    """What is there, and what its absence means."""
+    there = ", ".join(samples.signals)
+    if "pos" not in samples.signals and "q" not in samples.signals:
+        yield warn(
+            "signals", f"{there or 'none'}", "neither pos nor q: there is nothing to divide", station=station
+        )
+        return
+    missing = [name for name in WHAT_FOR if not _has(samples, name)]
+    if not missing:
+        yield ok("signals", there, station=station)
+        return
+    meaning = "; ".join(f"without {name} {WHAT_FOR[name]}" for name in missing)
+    yield warn("signals", there, f"{meaning}: send them if the robot has them", station=station)
+
+
+def _has(samples: Samples, name: str) -> bool:
+    if name == "quat" and "q" in samples.signals:
+        return True  # joints tell it
+    if name == "force" and "tau" in samples.signals:
+        return True  # an estimate of it
+    return name in samples.signals
+
+
+def check_noise(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+    """The force's scatter while the robot rests."""
+    force = samples.signals.get("force")
+    rest = [] if force is None else cells_at_rest(samples)
+    if force is None or len(rest) < REST_CELLS:
+        return
+    noise = float(np.median([force[cell].std(axis=0).max() for cell in rest]))
+    said = f"{noise:.2f} N on the worst axis at rest, median of {len(rest)} tenths of a second"
+    if noise > NOISE_LIMIT_N:
+        remedy = (
+            f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (say flange_sensor_with_hand), a loose cable, "
+            "or no filter in the sensor"
+        )
+        yield warn("wrench noise", said, remedy, station=station)
+    else:
+        yield ok("wrench noise", said, station=station)
+
+
+def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Finding]:
+    """bias: (3,) [N] what the sensor says while nothing touches it; None where nobody could tell."""
+    if bias is None:
+        return
+    x, y, z = bias.tolist()
+    size = float(np.linalg.norm(bias))
+    said = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
+    if size > BIAS_LIMIT_N:
+        remedy = (
+            f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot take off the weight of hand and "
+            "tool: it turns with the flange, and what is taken off once does not follow"
+        )
+        yield warn("wrench bias", said, remedy, station=station)
+    else:
+        yield ok("wrench bias", said, station=station)
+
+
+def cells_at_rest(samples: Samples) -> list[slice]:
+    """Cells of CELL_S in which the robot stayed where it was in the cell before."""
+    name, limit = ("pos", REST_M_PER_S) if "pos" in samples.signals else ("q", REST_RAD_PER_S)
+    if name not in samples.signals or not len(samples.t):
+        return []
+    scale = METRES[samples.length_unit] if name == "pos" else 1.0
+    ends = np.searchsorted(samples.t, np.arange(samples.t[0] + CELL_S, samples.t[-1], CELL_S))
+    ends = np.unique(ends[ends > 0])
+    if len(ends) < 2:
+        return []
+    starts = np.concatenate([[0], ends[:-1]])
+    means = np.add.reduceat(samples.signals[name][: ends[-1]], starts) / (ends - starts)[:, None]
+    speeds = scale * np.linalg.norm(np.diff(means, axis=0), axis=1) / CELL_S
+    return [slice(int(starts[i + 1]), int(ends[i + 1])) for i in np.flatnonzero(speeds <= limit)]

@@ -1,0 +1,230 @@
+"""A station: is its bridge there, do its samples come, what was lost, what is its wrench worth?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_clients.doctor.facts import Facts, Heard
+from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_clients.doctor.signal import Samples, check_bias, check_noise, check_rate, check_signals
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, SampleBatch, SessionStatus
+
+FEWEST_SAMPLES = 100  # that say something of a rate
+STILL_S = 1.0  # how long no sample may come while a session is open
+
+
+@dataclass(frozen=True)
+class Station:
+    """One station, as the facts have it. heard: of its current session, in order; may be empty."""
+
+    name: str
+    connected: bool
+    heard: Sequence[Heard]
+    batches: Sequence[SampleBatch]
+    listened_s: float
+
+    @property
+    def status(self) -> SessionStatus | None:
+        """The last word on its current session."""
+        return self.heard[-1].status if self.heard else None
+
+
+def stations_of(facts: Facts) -> list[Station]:
+    """Every station that has a bridge or a session, by name."""
+    names = {*facts.bridges, *(station for station, _ in (*facts.statuses, *facts.batches))}
+    return [_station(facts, name) for name in sorted(names)]
+
+
+def check_station(station: Station) -> Iterator[Finding]:
+    """Everything about one station."""
+    status = station.status
+    if status is None or status.state == "closed":
+        yield from _between_sessions(station)
+    else:
+        yield _bridge(station, status)
+        yield from _flow(station, status)
+    if status is not None:
+        for check in CHECKS:
+            yield from check(station, status)
+    for session, count in _strangers(station):
+        remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
+        yield warn("bridge", f"{count} batches of {session}, which is not open", remedy, station=station.name)
+
+
+def _station(facts: Facts, name: str) -> Station:
+    own = [heard for (station, _), heard in facts.statuses.items() if station == name and heard]
+    current = max(own, key=lambda heard: _rank(heard[-1].status), default=[])
+    batches = [one for (station, _), some in facts.batches.items() if station == name for one in some]
+    return Station(name, name in facts.bridges, current, batches, facts.listened_s)
+
+
+def _rank(status: SessionStatus) -> tuple[bool, str]:
+    """An open session before a closed one, then the last by name, which begins with its time."""
+    return status.state == "open", status.session
+
+
+def _between_sessions(station: Station) -> Iterator[Finding]:
+    status = station.status
+    last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
+    if station.connected and station.batches:
+        remedy = "the service refused it or has not answered: see the bridge's terminal and the service's log"
+        yield bad("bridge", f"samples come, and {last}", remedy, station=station.name)
+    elif station.connected:
+        remedy = "it is just beginning; if it stays so, see its terminal"
+        yield warn("bridge", f"connected, and {last}", remedy, station=station.name)
+    else:
+        yield ok("bridge", f"not connected, and {last}", station=station.name)
+
+
+def _bridge(station: Station, status: SessionStatus) -> Finding:
+    if station.connected:
+        return ok("bridge", f"connected, session {status.session} on {status.instance}", station=station.name)
+    remedy = (
+        f"start it again with --station {station.name} --session {status.session} --epoch N, N above the "
+        "last one (0 at first); or leave it open: it takes no samples and harms nothing"
+    )
+    return bad(
+        "bridge", f"session {status.session} is open and no bridge is connected", remedy, station=station.name
+    )
+
+
+def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
+    """Do samples come, how many, and how evenly?"""
+    first, last = station.heard[0], station.heard[-1]
+    took_s = last.at - first.at
+    batches = last.status.batches - first.status.batches
+    if took_s < STILL_S:
+        if not station.connected:
+            return
+        yield bad("samples", f"none in {station.listened_s:.1f} s", _NO_SAMPLES, station=station.name)
+        return
+    if batches == 0 and not station.batches:
+        yield bad("samples", f"none in {took_s:.1f} s", _NO_SAMPLES, station=station.name)
+        return
+    if batches == 0:
+        found = f"{len(station.batches)} batches sent and none processed in {took_s:.1f} s"
+        why = "a batch before them is missing, the queue is long or they are refused: see below and the log"
+        yield bad("samples", found, why, station=station.name)
+        return
+    count, passed_s = last.status.samples - first.status.samples, last.status.t - first.status.t
+    found = f"{batches / took_s:.1f} batches/s, {count / took_s:.0f} samples/s"
+    if passed_s > 0:
+        found += f", {passed_s / took_s:.2f} s of the demonstration a second"
+    yield ok("samples", found, station=station.name)
+    samples = _samples(station, status)
+    if samples is None:
+        yield _even(station)
+        return
+    for check in (check_rate, check_signals, check_noise):
+        yield from check(samples, station=station.name)
+
+
+def _even(station: Station) -> Finding:
+    """From the service's counts, where the samples themselves are not for these credentials."""
+    steps = [
+        (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
+        for before, after in zip(station.heard, station.heard[1:], strict=False)
+        if after.status.t - before.status.t >= STILL_S / 2
+    ]
+    if not steps:
+        remedy = "listen for longer with --seconds"
+        return warn("rate", "too few statuses in this time to tell", remedy, station=station.name)
+    said = f"about {np.median(steps):.0f} Hz, as the service counts"
+    return ok("rate", said, station=station.name)
+
+
+_NO_SAMPLES = (
+    "the bridge hangs, or its source gives nothing: look at the robot's controller and the bridge's "
+    "terminal; restart the bridge with --session and a higher --epoch"
+)
+
+
+def _samples(station: Station, status: SessionStatus) -> Samples | None:
+    """The batches that were heard, in order and once; None where they are too few to say anything."""
+    own = {one.seq: one for one in station.batches if one.session == status.session}
+    columns = {one.columns for one in own.values()}
+    if len(columns) != 1:
+        return None
+    try:
+        matrix = np.concatenate([unpack_samples(own[seq]) for seq in _unbroken(sorted(own))])
+    except ProtocolError:
+        return None  # the service refuses them, and says so
+    if len(matrix) < FEWEST_SAMPLES:
+        return None
+    place = {name: index for index, name in enumerate(columns.pop())}
+    signals = {
+        signal: matrix[:, [place[name] for name in names]]
+        for signal, names in COLUMNS_OF_SIGNAL.items()
+        if set(names) <= set(place)
+    }
+    return Samples(matrix[:, 0], signals, status.wrench.source)
+
+
+def _unbroken(numbers: Sequence[int]) -> Sequence[int]:
+    """The longest run without a hole: across one, there is no interval to judge."""
+    runs = np.split(np.array(numbers), np.flatnonzero(np.diff(numbers) != 1) + 1)
+    return [int(number) for number in max(runs, key=len)]
+
+
+def _losses(station: Station, status: SessionStatus) -> Iterator[Finding]:
+    if status.gaps:
+        lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
+        reasons = sorted({gap.reason for gap in status.gaps})
+        remedy = (
+            "evicted: the service was away for longer than the bridge's ring; source: the robot's samples "
+            "paused. The program is less sure there: teach it again"
+        )
+        found = f"{len(status.gaps)} of {lost_s:.2f} s in all ({', '.join(reasons)})"
+        yield warn("gaps", found, remedy, station=station.name)
+    else:
+        yield ok("gaps", "none", station=station.name)
+    if status.waiting_for is not None and status.state == "open":
+        remedy = "it is asked for again and again; if it stays so, look whether the bridge answers"
+        yield warn("gaps", f"batch {status.waiting_for} is missing", remedy, station=station.name)
+    if status.duplicates:
+        found = f"{status.duplicates} of {status.batches + status.duplicates} batches came again"
+        yield ok("duplicates", f"{found} and were ignored", station=station.name)
+
+
+def _refusals(station: Station, status: SessionStatus) -> Iterator[Finding]:
+    if status.refused:
+        said = ", ".join(f"{count} {code}" for code, count in status.refused.items())
+        last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
+        remedy = "the bridge sends what the service cannot take: see docs/operations.md"
+        yield warn("refused", f"{said}{last}", remedy, station=station.name)
+
+
+def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
+    wrench = status.wrench
+    can = [
+        name
+        for name, there in (("contact", wrench.contact_models), ("load", wrench.transport_models))
+        if there
+    ]
+    said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be told. {wrench.note}"
+    if not can:
+        remedy = "with a sensor below the hand, say --wrench-source flange_sensor; else there are only moves"
+        yield warn("wrench", said, remedy, station=station.name)
+    elif wrench.tare is None and status.observations:
+        yield warn("wrench", said, "start in free space and at rest for 0.4 s", station=station.name)
+    else:
+        yield ok("wrench", said, station=station.name)
+    yield from check_bias(None if wrench.tare is None else np.array(wrench.tare), station=station.name)
+
+
+def _strangers(station: Station) -> Iterator[tuple[str, int]]:
+    """Batches of sessions other than the current one."""
+    status = station.status
+    own = status.session if status is not None and status.state == "open" else None
+    others = [one.session for one in station.batches if one.session != own]
+    if own is not None:
+        for session in sorted(set(others)):
+            yield session, others.count(session)
+
+
+CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[Finding]], ...] = (_losses, _refusals, _wrench)

@@ -1,0 +1,411 @@
+"""`caesura doctor`: every judgement, real services, wrong endpoints, a bridge that hangs, an empty network."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_clients import connect
+from caesura_clients.bridge import Bridge
+from caesura_clients.cli.commands import register
+from caesura_clients.doctor.examination import examine_network, examine_recording, judge, our_version
+from caesura_clients.doctor.facts import Facts, Heard, Reported, gather
+from caesura_clients.doctor.findings import Finding, Grade
+from caesura_clients.memory import MemoryNetwork
+from caesura_clients.recording import Recording
+from caesura_protocol.codec import Encoded, encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key
+from caesura_protocol.messages import Gap, ServiceStatus, SessionStatus, WrenchReport
+from clients.answering import Answering
+from clients.conftest import free_port
+from clients.examples import LiveSource, example, recording, samples, snapshot
+from clients.fake_service import eventually
+from clients.test_bridge import QUICK
+
+NOW = 1000.0
+
+
+def grades(found: list[Finding], check: str) -> list[Grade]:
+    return [one.grade for one in found if one.check == check]
+
+
+def said(found: list[Finding], check: str) -> str:
+    return "\n".join(f"{one.found} → {one.remedy}" for one in found if one.check == check)
+
+
+# --- judgements, without a network ----------------------------------------------------------------------
+
+
+def service(**changes: object) -> Reported:
+    well = {"version": our_version(), "time": NOW + 0.001, "overloaded": False}
+    status = example(ServiceStatus).model_copy(update={**well, **changes})
+    return Reported(status, NOW, NOW + 0.002)
+
+
+def status(**changes: object) -> SessionStatus:
+    well = {"gaps": (), "refused": {}, "last_refusal": None, "waiting_for": None, "state": "open"}
+    wrench = WrenchReport(
+        source="flange_sensor", contact_models=True, transport_models=True, tare=(0.5, 0.0, 1.0), note=""
+    )
+    return example(SessionStatus).model_copy(update={**well, "wrench": wrench, **changes})
+
+
+def well(**changes: object) -> Facts:
+    """One service, one station that is taught at 1 kHz."""
+    first, last = (status(batches=50 * i, samples=1000 * i, t=float(i), seq=i) for i in range(1, 3))
+    one = snapshot(3, "motion").model_copy(update={"status": last})
+    facts = Facts(
+        alive=[example(ServiceStatus).instance],
+        reported=[service()],
+        bridges=[last.station],
+        snapshots=[one],
+        statuses={(last.station, last.session): [Heard(0.0, first), Heard(1.0, last)]},
+        listened_s=1.0,
+    )
+    for name, value in changes.items():
+        assert hasattr(facts, name)
+        setattr(facts, name, value)
+    return facts
+
+
+def heard(facts: Facts, **changes: object) -> Facts:
+    """The same, with the station's last status changed."""
+    ((key, (first, last)),) = facts.statuses.items()
+    changed = Heard(last.at, last.status.model_copy(update=changes))
+    facts.statuses = {key: [first, changed]}
+    return facts
+
+
+def test_where_all_is_well_nothing_is_to_be_done():
+    found = list(judge(well()))
+    assert {one.grade for one in found} == {"ok"}
+    assert {one.remedy for one in found} == {""}
+    assert "50.0 batches/s, 1000 samples/s" in said(found, "samples")
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "grade", "words"),
+    [
+        ({"version": "9.9"}, "service", "warn", "is version 9.9"),
+        ({"time": NOW + 0.2}, "clock", "warn", "ahead of this machine"),
+        ({"time": NOW - 7.0}, "clock", "warn", "7.0 s behind"),
+        ({"time": NOW + 0.04}, "clock", "ok", "39.0 ms ahead"),
+        ({"time": None}, "clock", "warn", "does not tell its time"),
+        ({"queue": 3000, "queue_capacity": 4096}, "queue", "bad", "3000 of 4096"),
+        ({"overloaded": True}, "queue", "bad", "it is behind"),
+        ({"dropped": 3}, "queue", "warn", "3 dropped"),
+        ({"journal": None}, "journal", "warn", "does not tell"),
+    ],
+)
+def test_what_a_service_tells_is_judged(changes, check, grade, words):
+    found = list(judge(well(reported=[service(**changes)])))
+    assert grades(found, check) == [grade]
+    assert words in said(found, check)
+
+
+def test_a_journal_in_trouble_in_memory_or_full_is_said():
+    whole = service().status.journal
+    for update, grade, words in (
+        ({"trouble": "no space left on /var"}, "bad", "no space left on /var"),
+        ({"kind": "memory"}, "warn", "--journal DIR"),
+        ({"size": 95, "size_limit": 100}, "warn", "--journal-gb"),
+    ):
+        found = list(judge(well(reported=[service(journal=whole.model_copy(update=update))])))
+        assert grades(found, "journal") == [grade]
+        assert words in said(found, "journal")
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "grade", "words"),
+    [
+        ({"gaps": (Gap(t0=1.0, tn=1.5, reason="evicted"),)}, "gaps", "warn", "1 of 0.50 s in all (evicted)"),
+        ({"waiting_for": 7}, "gaps", "warn", "batch 7 is missing"),
+        ({"duplicates": 3}, "duplicates", "ok", "came again"),
+        ({"refused": {"malformed": 2}}, "refused", "warn", "2 malformed"),
+    ],
+)
+def test_what_a_session_tells_is_judged(changes, check, grade, words):
+    found = list(judge(heard(well(), **changes)))
+    assert grade in grades(found, check)
+    assert words in said(found, check)
+
+
+@pytest.mark.parametrize(
+    ("changes", "check", "words"),
+    [
+        ({"tare": (0.0, 0.0, -9.0)}, "wrench bias", "9.0 N in all"),
+        ({"tare": None}, "wrench", "start in free space"),
+        ({"contact_models": False, "transport_models": False}, "wrench", "neither contact nor load"),
+    ],
+)
+def test_a_wrench_that_says_little_is_warned_of(changes, check, words):
+    wrench = status().wrench.model_copy(update=changes)
+    found = list(judge(heard(well(), wrench=wrench)))
+    assert grades(found, check) == ["warn"]
+    assert words in said(found, check)
+
+
+def test_a_service_that_says_nothing_to_us_is_a_matter_of_credentials():
+    found = list(judge(well(reported=[], snapshots=[], statuses={}, bridges=[])))
+    assert grades(found, "credentials") == ["warn"]
+    assert "certificate or password of a dashboard" in said(found, "credentials")
+    found = list(judge(well(snapshots=[])))
+    assert "sessions are known and none was shown" in said(found, "credentials")
+
+
+def test_a_peer_of_another_protocol_is_named():
+    found = list(judge(well(other_versions=["caesura/v2/service/new/alive"])))
+    assert grades(found, "service") == ["bad", "ok"]
+    assert "speaks caesura/v2, we speak caesura/v1" in said(found, "service")
+
+
+def test_two_owners_of_one_session_and_who_has_what_are_told():
+    one = well().snapshots[0]
+    other = one.model_copy(
+        update={"status": one.status.model_copy(update={"instance": "other", "epoch": 99})}
+    )
+    found = list(judge(well(alive=[one.status.instance, "other"], snapshots=[one, other])))
+    assert grades(found, "owner") == ["warn", "ok"]
+    assert "both have" in said(found, "owner")
+    assert f"{one.status.instance}: none" in said(found, "owner")
+    assert f"other: {one.status.station}" in said(found, "owner")
+    assert "other is alive and does not answer" in said(found, "service")
+
+
+def test_an_open_session_whose_bridge_is_gone_is_bad():
+    found = list(judge(well(bridges=[])))
+    assert grades(found, "bridge") == ["bad"]
+    assert "--epoch N" in said(found, "bridge")
+
+
+def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
+    found = list(judge(heard(well(), batches=50, samples=1000, t=1.0)))
+    assert grades(found, "samples") == ["bad"]
+    assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
+
+
+def test_a_refusal_of_our_questions_is_told():
+    found = list(judge(well(refusals=[ProtocolError("overloaded", "too many questions are waiting")] * 2)))
+    assert "2 questions refused: overloaded: too many questions are waiting" in said(found, "credentials")
+
+
+# --- samples --------------------------------------------------------------------------------------------
+
+
+def hand(t: np.ndarray, **changes: object) -> Recording:
+    """Rests for a second, then moves along x."""
+    x = np.clip(t - t[0] - 1.0, 0.0, None) * 0.2
+    pos = np.column_stack([x, 0 * x, 0 * x + 0.3])
+    force = 0.1 * np.random.default_rng(0).standard_normal((len(t), 3))
+    return Recording(t, {"pos": pos, "force": force, "gripper": 0 * x[:, None], **changes})
+
+
+EVEN = np.arange(2000) / 1000.0
+
+
+@pytest.mark.parametrize(
+    ("taught", "check", "grade", "words"),
+    [
+        (hand(EVEN), "rate", "ok", "1000 Hz"),
+        (hand(EVEN), "regularity", "ok", "0.0 %"),
+        (hand(EVEN), "wrench noise", "ok", "0.10 N"),
+        (hand(EVEN[::50]), "rate", "warn", "20 Hz"),
+        (hand(EVEN * 1e3), "rate", "warn", "is `t` in seconds"),
+        (hand(np.delete(EVEN, slice(500, 900))), "regularity", "warn", "longest 401 ms"),
+        (hand(EVEN + np.tile([0, 9e-4], 1000)), "regularity", "warn", "off by more than half"),
+        (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 samples"),
+        (hand(np.zeros(10)), "rate", "warn", "time does not advance"),
+        (hand(EVEN), "signals", "warn", "without quat apps have no orientation"),
+        (hand(EVEN, force=np.tile([0.0, 3.0, 6.0], (2000, 1))), "wrench bias", "warn", "6.7 N in all"),
+        (
+            hand(EVEN, force=5 * np.random.default_rng(1).standard_normal((2000, 3))),
+            "wrench noise",
+            "warn",
+            "loose cable",
+        ),
+    ],
+)
+def test_samples_are_judged(taught, check, grade, words):
+    found = list(examine_recording(taught))
+    assert grades(found, check) == [grade]
+    assert words in said(found, check)
+
+
+def test_a_robot_that_never_rests_says_nothing_of_noise():
+    moving = hand(EVEN, pos=np.column_stack([EVEN, EVEN, EVEN]))
+    assert grades(list(examine_recording(moving)), "wrench noise") == []
+
+
+def test_the_unit_of_length_is_heeded():
+    metres = hand(EVEN)
+    millimetres = Recording(
+        metres.t, {**metres.signals, "pos": 1000 * metres.signals["pos"]}, length_unit="mm"
+    )
+    assert list(examine_recording(millimetres)) == list(examine_recording(metres))
+
+
+# --- networks -------------------------------------------------------------------------------------------
+
+
+def test_an_empty_network_has_no_service():
+    found = list(examine_network(MemoryNetwork().transport(), seconds=0.05))
+    assert [(one.check, one.grade) for one in found] == [("service", "bad")]
+    assert "start `caesura serve`" in said(found, "service")
+
+
+def test_a_station_that_nobody_knows_is_named():
+    memory = MemoryNetwork()
+    with Answering(memory.transport()) as service:
+        reported = example(ServiceStatus).model_copy(update={"instance": "fake-1", "version": our_version()})
+        service.answers[service_key("fake-1", "status")] = encode(reported)
+        found = list(examine_network(memory.transport(), "cell-9", seconds=0.05))
+    assert [(one.station, one.grade) for one in found if one.check == "bridge"] == [("cell-9", "bad")]
+
+
+def test_rubbish_that_somebody_publishes_is_told_and_not_fatal():
+    memory = MemoryNetwork()
+    over = threading.Event()
+
+    def shout() -> None:
+        while not over.wait(0.005):
+            memory.transport().put("caesura/v1/station/cell-1/samples", Encoded(b"rubbish", "text/plain"))
+
+    shouting = threading.Thread(target=shout, daemon=True)
+    shouting.start()
+    facts = gather(memory.transport(), seconds=0.1)
+    over.set()
+    shouting.join()
+    assert facts.refusals
+    assert facts.batches == {}
+
+
+@pytest.fixture
+def served() -> Iterator[str]:
+    """A real service on a free port, with the fake pipeline."""
+    pytest.importorskip("caesura_service.app")
+    from caesura_service.app import Service  # noqa: PLC0415
+    from caesura_service.config import ServiceConfig  # noqa: PLC0415
+    from caesura_service.session.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
+
+    config = ServiceConfig(instance="west", listen="tcp/127.0.0.1:0", preset="fake")
+    with Service(config, pipeline_factory=make_fake_pipeline) as service:
+        yield service.endpoint
+
+
+def run(*options: str) -> tuple[int, str]:
+    app = typer.Typer()
+    register(app)
+    result = CliRunner().invoke(app, ["doctor", *options])
+    return result.exit_code, result.stdout
+
+
+def test_a_real_service_without_stations(served):
+    code, text = run("--connect", served, "--seconds", "1")
+    assert code == 0
+    assert "✓ service      west is alive" in text
+    assert "✓ clock        west is " in text
+    assert "✓ stations     none yet" in text
+
+
+def test_a_bridge_that_teaches_and_one_that_hangs(served):
+    with ExitStack() as stack:
+        caesura = stack.enter_context(connect(served))
+        hanging = stack.enter_context(Bridge(caesura.transport, "cell-2", LiveSource(), settings=QUICK))
+        teaching = stack.enter_context(Bridge(caesura.transport, "cell-1", LiveSource(), settings=QUICK))
+        for bridge in (hanging, teaching):
+            bridge.wait_open(5.0)
+        over = threading.Event()
+        stack.callback(over.set)
+
+        def teach() -> None:
+            for number in range(2000):
+                teaching.send(samples(50, t0=number * 0.05))
+                if over.wait(0.05):
+                    return
+
+        stack.enter_context(_thread(teach))
+        stack.callback(over.set)
+        eventually(lambda: {"cell-1", "cell-2"} <= set(caesura.stations()))
+        code, text = run("--connect", served, "--seconds", "1.5", "--json")
+    found = {(one["station"], one["check"]): one for one in json.loads(text)}
+    assert code == 1
+    assert found["cell-1", "rate"]["found"] == "1000 Hz"
+    assert found["cell-1", "regularity"]["grade"] == "ok"
+    assert found["cell-1", "samples"]["grade"] == "ok"
+    assert found["cell-1", "signals"]["grade"] == "warn"
+    assert found["cell-2", "bridge"]["grade"] == "ok"
+    assert found["cell-2", "samples"]["grade"] == "bad"
+    assert "the bridge hangs" in found["cell-2", "samples"]["remedy"]
+
+
+def test_only_the_station_that_is_named_is_looked_at(served):
+    with connect(served) as caesura, ExitStack() as stack:
+        for station in ("cell-1", "cell-2"):
+            bridge = Bridge(caesura.transport, station, LiveSource(), settings=QUICK)
+            stack.enter_context(bridge).wait_open(5.0)
+        _, text = run("--connect", served, "--seconds", "1", "--station", "cell-2", "--json")
+    assert {one["station"] for one in json.loads(text)} == {None, "cell-2"}
+
+
+class _thread:  # noqa: N801 - used as a function
+    """A thread that ends before what it uses does."""
+
+    def __init__(self, target) -> None:
+        self._thread = threading.Thread(target=target, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._thread.join(10.0)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/127.0.0.1:{closed}", "Connection refused"),
+        ("tcp/no-such-host.invalid:7447", "no such host"),
+        ("localhost", "is no endpoint"),
+        ("tcp/localhost:http", "is no endpoint"),
+    ],
+)
+def test_a_wrong_endpoint_ends_the_examination(endpoint, words):
+    code, text = run("--connect", endpoint.format(closed=free_port()))
+    assert code == 1
+    assert words in text
+    assert text.count("✗") == 1
+
+
+def test_something_that_is_no_router_is_told_from_nothing():
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        code, text = run("--connect", f"tcp/127.0.0.1:{mute.getsockname()[1]}")
+    assert code == 1
+    assert "✓ endpoint" in text
+    assert "✗ session      something listens at" in text
+
+
+def test_a_recording_is_looked_at_without_a_network(tmp_path):
+    recording(3000).save(tmp_path / "demo.npz")
+    code, text = run("--file", str(tmp_path / "demo.npz"))
+    assert code == 0
+    assert "✓ rate         1000 Hz" in text
+    code, _ = run("--file", str(tmp_path / "none.npz"))
+    assert code == 1
+
+
+def test_it_is_a_command_of_caesura():
+    command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "doctor", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0
+    assert "--seconds" in done.stdout

@@ -10,7 +10,7 @@ import typer
 
 from caesura_service.security.certificates import SecurityError
 from caesura_service.security.directory import Directory, Wanted, identities
-from caesura_service.security.roles import Identity, Role, identity
+from caesura_service.security.roles import Identity, Role
 
 _Names = list[str] | None
 
@@ -36,7 +36,8 @@ def certs(
         bool, typer.Option("--passwords", help="A user and a random password for everybody as well.")
     ] = False,
     renew: Annotated[
-        _Names, typer.Option(metavar="ROLE.NAME", help="Replace a certificate and its password.")
+        _Names,
+        typer.Option(metavar="ROLE.NAME", help="Replace a certificate and password; also router."),
     ] = None,
     revoke: Annotated[
         _Names, typer.Option(metavar="ROLE.NAME", help="Take a certificate and its password out of use.")
@@ -54,10 +55,9 @@ def certs(
     }
     kept = Directory(directory)
     try:
-        for label in (*(renew or ()), *(revoke or ())):
+        for label in revoke or ():
             kept.revoke(label)
-        holders = [*_holders(asked), *(identity(label) for label in renew or ())]
-        kept.issue(Wanted(holders, host or (), listen, days, passwords))
+        kept.issue(Wanted(list(_holders(asked)), renew or (), host or (), listen, days, passwords))
     except (SecurityError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error

@@ -43,6 +43,7 @@ class Wanted:
     """What there shall be. hosts: by which clients reach the router, the first of them in their files."""
 
     holders: Sequence[Identity] = ()
+    renew: Sequence[str] = ()  # labels, or `router`
     hosts: Sequence[str] = ()
     listen: str | None = None  # endpoint of the router
     days: int = 730
@@ -64,7 +65,7 @@ class Directory:
         server = self._router(authority, wanted)
         listen = self._listen(wanted)
         self.endpoint = f"tls/{_bracketed(self._hosts(wanted)[0])}:{listen.rpartition(':')[2]}"
-        for holder in wanted.holders:
+        for holder in self._renewed(wanted.renew) + list(wanted.holders):
             self._client(authority, holder, wanted.days)
         if wanted.passwords or self._users_file.exists():
             self._users(authority.certificate)
@@ -86,6 +87,13 @@ class Directory:
             left = {user: word for user, word in self._passwords().items() if user != holder.label}
             self._put_users(left)
 
+    def _renewed(self, labels: Iterable[str]) -> list[Identity]:
+        """Take out of use what these have, so that they get something new."""
+        holders = [_identity(label) for label in labels if label != ROUTER]
+        for holder in holders:
+            self.revoke(holder.label)
+        return holders
+
     def holders(self) -> list[Identity]:
         """Everybody who has a certificate."""
         stems = sorted(file.stem for file in self.path.glob("*.crt"))
@@ -99,13 +107,13 @@ class Directory:
         return self._kept(AUTHORITY) or self._store(AUTHORITY, new_authority(AUTHORITY_DAYS))
 
     def _router(self, authority: Issued, wanted: Wanted) -> Issued:
-        """The router's certificate; another one where it does not have all hosts."""
+        """The router's certificate; another one where it does not have all hosts, or is to be renewed."""
         kept, hosts = self._kept(ROUTER), self._hosts(wanted)
-        if kept is not None and set(hosts) <= set(hosts_of(kept.certificate)):
+        complete = kept is not None and set(hosts) <= set(hosts_of(kept.certificate))
+        if kept is not None and complete and ROUTER not in wanted.renew:
             return kept
-        if kept is not None:  # nobody holds a right by it, so it may be replaced
-            for suffix in ("crt", "key"):
-                self._file(ROUTER, suffix).unlink()
+        for suffix in ("crt", "key"):  # nobody holds a right by it
+            self._file(ROUTER, suffix).unlink(missing_ok=True)
         return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
 
     def _hosts(self, wanted: Wanted) -> list[str]:
@@ -145,6 +153,8 @@ class Directory:
     def _users(self, authority: bytes) -> None:
         """A password for everybody who has none."""
         known = self._passwords()
+        if not known:  # Zenoh lets everybody in by an empty dictionary: nobody is given this password
+            known[ROUTER] = secrets.token_urlsafe(PASSWORD_BYTES)
         new = [holder for holder in self.holders() if holder.label not in known]
         for holder in new:
             known[holder.label] = secrets.token_urlsafe(PASSWORD_BYTES)
@@ -152,8 +162,7 @@ class Directory:
                 authority, holder.label, known[holder.label], self.endpoint
             )
             self._create(self._file(holder.label, "password.json5"), text.encode(), secret=True)
-        if new:
-            self._put_users(known)
+        self._put_users(known)
 
     def _passwords(self) -> dict[str, str]:
         if not self._users_file.exists():
@@ -162,7 +171,10 @@ class Directory:
         return dict(line.split(":", 1) for line in lines if ":" in line)
 
     def _put_users(self, known: dict[str, str]) -> None:
-        self._derive(self._users_file, "".join(f"{user}:{word}\n" for user, word in sorted(known.items())))
+        text = "".join(f"{user}:{word}\n" for user, word in sorted(known.items()))
+        if self._users_file.exists() and self._users_file.read_text() != text:
+            self._users_file.unlink()  # a password that was taken out of use is not kept anywhere
+        self._derive(self._users_file, text)
 
     @property
     def _users_file(self) -> Path:

@@ -12,6 +12,7 @@ import ipaddress
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
@@ -73,7 +74,7 @@ def demanded(endpoint: str, read: Read) -> Credentials:
     parsed = parse(endpoint)
     if parsed.protocol in ENCRYPTED and _mutual(parsed, read):
         return "certificate"
-    return "password" if read("transport/auth/usrpwd/dictionary_file") else "nothing"
+    return "password" if _has_users(read("transport/auth/usrpwd/dictionary_file")) else "nothing"
 
 
 def shown(endpoint: str, read: Read) -> Credentials:
@@ -111,6 +112,14 @@ def _mutual(parsed: Endpoint, read: Read) -> bool:
 
     wanted = setting("enable_mtls")
     return wanted in {True, "true"} and any(setting(name) for name in _AUTHORITIES)
+
+
+def _has_users(dictionary: str | None) -> bool:
+    """Zenoh lets everybody in by a dictionary without a line."""
+    try:
+        return bool(dictionary and Path(dictionary).read_text().strip())
+    except (OSError, ValueError):
+        return False
 
 
 def _is_loopback(address: str) -> bool:

@@ -55,7 +55,7 @@ def certificates(directory: Path) -> Directory:
         *identities("dashboard", ["wall", STRANGER]),
         *identities("operator", ["boss"]),
     ]
-    kept.issue(Wanted(holders, ["127.0.0.1"], passwords=True))
+    kept.issue(Wanted(holders, hosts=["127.0.0.1"], passwords=True))
     for suffix in ("json5", "password.json5"):
         (directory / f"dashboard.{STRANGER}.{suffix}").rename(directory / f"{STRANGER}.{suffix}")
     users = (directory / "users.txt").read_text()

@@ -56,11 +56,15 @@ class Heard:
                 sample = self.queue.get(timeout=max(0.0, deadline - time.monotonic()))
             except Empty:
                 raise AssertionError(f"no such {kind.__name__} among {self.all}") from None
-            model = STREAMS[str(sample.key_expr).rpartition("/")[2]]
+            model = _model_of(str(sample.key_expr))
             message = decode(sample.payload.to_bytes(), str(sample.encoding), model)
             self.all.append(message)
             if isinstance(message, kind) and wanted(message):
                 return message
+
+
+def _model_of(key: str) -> type[Message]:
+    return ServiceStatus if "/service/" in key else STREAMS[key.rpartition("/")[2]]
 
 
 class Peer:

@@ -3,25 +3,30 @@
 They come from immutable standings in a thread of its own, so that asking never delays the work and a busy
 worker never delays an answer. One reply for each session or station that the query's key matches; none
 where there is nothing. Questions wait in a bounded queue; past it they are refused as `overloaded`.
+
+While a station, or the service, is overloaded its commands pass through here: what would begin a new session
+is refused at once, without waiting behind what is too much already; everything else goes its way.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self
 
 import zenoh
 
-from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import service_key, session_key, station_key
-from caesura_protocol.messages import ServiceStatus
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
+from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
+from caesura_service.edge.arrivals import Arrival, Command, Content, content_of_query, sources_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
-from caesura_service.edge.outgoing import answer, refuse
+from caesura_service.edge.outgoing import answer, as_pressed, refuse
 from caesura_service.session.registry import Registry
-from caesura_service.session.standing import snapshot_of
+from caesura_service.session.standing import Standing, snapshot_of
 
 logger = logging.getLogger(__name__)
 
@@ -33,8 +38,11 @@ JOIN_S = 2.0
 class Answers:
     """Answers queries in a thread of its own while the context lasts."""
 
-    def __init__(self, registry: Registry, status: Callable[[], ServiceStatus]) -> None:
+    def __init__(self, registry: Registry, work: Inbox[Arrival], status: Callable[[], ServiceStatus]) -> None:
+        """work: the worker's inbox."""
+        self.turned_away = 0  # openings that were refused because of an overload
         self._registry = registry
+        self._work = work
         self._status = status
         self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
             QueueSettings(capacity=QUESTIONS, shares=1)
@@ -65,6 +73,19 @@ class Answers:
         """Enqueue a question for the service's status."""
         self._enqueue(self._answer_status, query)
 
+    def with_refusals(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
+        """Those of the registry and our own."""
+        own: dict[ErrorCode, int] = {"overloaded": self.turned_away} if self.turned_away else {}
+        return {code: refused.get(code, 0) + own.get(code, 0) for code in {**refused, **own}}
+
+    def command(self, query: zenoh.Query) -> None:
+        """Enqueue a command for the worker; under pressure look at it first."""
+        station = str(query.key_expr).split("/")[3]
+        if self._work.is_pressed(*sources_of(station)):
+            self._enqueue(self._admit, query)
+        else:
+            self._pass_on(Command(content_of_query(query), query))
+
     def _enqueue(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
         if not self._inbox.offer((how, query), "queries"):
             with query:
@@ -77,25 +98,60 @@ class Answers:
                 continue
             how, query = question
             try:
-                with query:
-                    how(query)
+                how(query)
             except Exception:
                 logger.exception("a question was not answered")
+                query.drop()  # type: ignore[no-untyped-call]
+
+    def _admit(self, query: zenoh.Query) -> None:
+        command = Command(content_of_query(query), query)
+        if not self._begins(command.content):
+            self._pass_on(command)
+            return
+        self.turned_away += 1
+        why = "more arrives than can be done: no new sessions until that is over, try again"
+        with query:
+            fill = round(self._work.fill(), 2)
+            refuse(query, ProtocolError("overloaded", why, value=fill, limit=self._work.overloaded_at))
+
+    def _begins(self, content: Content) -> bool:
+        """Would the command open a session that is not known? One that cannot be read is the worker's."""
+        try:
+            content.check_size()
+            station = parse_station_key(content.key)[0]
+            command = decode(content.payload, content.encoding, Control).command
+        except ProtocolError:
+            return False
+        known = {session.name for session in self._registry.board.sessions.get(station, ())}
+        return isinstance(command, Open) and command.session not in known
+
+    def _pass_on(self, command: Command) -> None:
+        if not self._work.insist(command):
+            with command.query as query:
+                limit = 2 * self._work.capacity
+                refuse(query, ProtocolError("overloaded", "too much is waiting", limit=limit))
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
-        asked = query.key_expr
-        for standing in self._registry.board.standings():
-            key = session_key(standing.station, standing.session, "snapshot")
-            if asked.intersects(key):
-                answer(query, key, snapshot_of(standing))
+        with query:
+            asked = query.key_expr
+            for standing in self._registry.board.standings():
+                key = session_key(standing.station, standing.session, "snapshot")
+                if asked.intersects(key):
+                    answer(query, key, self._snapshot(standing))
+
+    def _snapshot(self, standing: Standing) -> Snapshot:
+        snapshot = snapshot_of(standing)
+        return snapshot.model_copy(update={"status": as_pressed(snapshot.status, self._work)})
 
     def _answer_program(self, query: zenoh.Query) -> None:
-        asked = query.key_expr
-        for standing in self._registry.board.current():
-            key = station_key(standing.station, "program")
-            if asked.intersects(key):
-                answer(query, key, standing.program)
+        with query:
+            asked = query.key_expr
+            for standing in self._registry.board.current():
+                key = station_key(standing.station, "program")
+                if asked.intersects(key):
+                    answer(query, key, standing.program)
 
     def _answer_status(self, query: zenoh.Query) -> None:
-        status = self._status()
-        answer(query, service_key(status.instance, "status"), status)
+        with query:
+            status = self._status()
+            answer(query, service_key(status.instance, "status"), status)

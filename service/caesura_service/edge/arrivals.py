@@ -8,6 +8,7 @@ import zenoh
 
 from caesura_protocol.codec import decode_error
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.session.ports import AskReplay, ReplayEnded
 
@@ -93,6 +94,20 @@ class Ended:
 
 
 Arrival = Samples | Command | Replayed | Ended
+
+
+def sources_of(station: str) -> tuple[str, str]:
+    """What the inbox knows a station by: live samples by their key, replayed ones by the station's name."""
+    return station_key(station, "samples"), station
+
+
+def station_of(source: str) -> str:
+    """The station of a source.
+
+    >>> [station_of(source) for source in sources_of("cell-1")]
+    ['cell-1', 'cell-1']
+    """
+    return parse_station_key(source)[0] if "/" in source else source
 
 
 def content_of(message: zenoh.Sample) -> Content:

@@ -18,14 +18,14 @@ from typing import Any, Self
 
 import zenoh
 
-from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
+from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Command, Samples, content_of, content_of_query
+from caesura_service.edge.arrivals import Arrival, Samples, content_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
-from caesura_service.edge.outgoing import Outgoing, refuse
+from caesura_service.edge.outgoing import Outgoing, put
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner
 from caesura_service.session.registry import Registry
@@ -54,8 +54,9 @@ class Edge:
         self._version = version
         self._clock = clock
         self._stop = stop or threading.Event()
-        self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings())
+        self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
+        self._answers = Answers(registry, self._inbox, self.status)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -65,8 +66,10 @@ class Edge:
             outgoing = Outgoing(network, self._inbox)
             self._worker = Worker(self._registry, self._inbox, outgoing, self._clock)
             stack.enter_context(self._worker)
-            answers = stack.enter_context(Answers(self._registry, self.status))
-            self._declare(stack, network, answers)
+            stack.enter_context(self._answers)
+            key = service_key(self._owner.instance, "status")
+            stack.enter_context(Announcer(self._inbox, lambda: put(network, key, self.status())))
+            self._declare(stack, network, self._answers)
             self._stack = stack.pop_all()
         return self
 
@@ -87,20 +90,21 @@ class Edge:
             sessions_open=opened,
             sessions_closed=len(standings) - opened,
             messages=self._worker.messages if self._worker else 0,
-            refused=dict(tally.refused),
+            refused=self._answers.with_refusals(tally.refused),
             last_refusal=tally.last_refusal,
             queue=len(self._inbox),
             queue_capacity=self._inbox.capacity,
             dropped=self._inbox.dropped,
             journal=self._registry.journal_report(),
             time=time.time(),
+            overloaded=bool(self._inbox.pressed),
         )
 
     def _declare(self, stack: ExitStack, network: zenoh.Session, answers: Answers) -> None:
         samples = network.declare_subscriber(station_key("*", "samples"), _direct(self._take_samples))
         declared: list[Any] = [samples]
         for key, callback in (
-            (station_key("*", "control"), self._take_command),
+            (station_key("*", "control"), answers.command),
             (station_key("*", "program"), answers.program),
             (session_key("*", "*", "snapshot"), answers.snapshot),
             (service_key(self._owner.instance, "status"), answers.status),
@@ -114,12 +118,6 @@ class Edge:
     def _take_samples(self, sample: zenoh.Sample) -> None:
         content = content_of(sample)
         self._inbox.offer(Samples(content), content.key, len(content.payload))
-
-    def _take_command(self, query: zenoh.Query) -> None:
-        if not self._inbox.insist(Command(content_of_query(query), query)):
-            with query:
-                limit = 2 * self._inbox.capacity
-                refuse(query, ProtocolError("overloaded", "too much is waiting", limit=limit))
 
 
 def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:

@@ -4,25 +4,40 @@ Capacity and what is dropped: samples are dropped, newest first, when the queue 
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
 the hole by its number and asks again. Commands are never dropped: there is room for as many again, and past
 that the caller is told, so that it can refuse them.
+
+Overload is known before anything is dropped: from `overloaded_at` of the capacity, or of a source's share,
+the queue or that source is pressed, until it has fallen to `relieved_at`. Where somebody announces it,
+nothing is dropped until that is done; meanwhile there is room for as much again.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Generic, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
+WHOLE = ""  # among what is pressed: the queue itself
+DROPPING_SOURCES = 1024  # told apart between two looks at what was dropped; further ones count in the total
+
 
 @dataclass(frozen=True)
 class QueueSettings:
-    """How much may wait."""
+    """How much may wait. Raises ValueError for marks that are no shares in order."""
 
     capacity: int = 4096  # items; commands have as much again
     capacity_bytes: int = 1 << 28
     shares: int = 4  # one source may take one part in so many
+    overloaded_at: float = 0.625  # more than the answers to all questions under way, which are no overload
+    relieved_at: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.relieved_at < self.overloaded_at <= 1.0:
+            marks = f"relieved_at {self.relieved_at:g}, overloaded_at {self.overloaded_at:g}"
+            raise ValueError(f"{marks}: expected 0 ≤ relieved_at < overloaded_at ≤ 1")
 
 
 class _Load(NamedTuple):
@@ -36,23 +51,34 @@ class _Entry(NamedTuple, Generic[T]):
     size: int  # [bytes]
 
 
+_NOTHING = _Load(0, 0)
+
+
 class Inbox(Generic[T]):
     """Bounded, first in first out; nothing but `get` ever waits."""
 
-    def __init__(self, settings: QueueSettings) -> None:
+    def __init__(self, settings: QueueSettings, *, announced: bool = False) -> None:
+        """announced: does somebody watch `changed` and call `has_announced`?"""
         self.capacity = settings.capacity
+        self.overloaded_at = settings.overloaded_at
         self.dropped = 0
+        self.pressed: frozenset[str] = frozenset()  # sources, and WHOLE; replaced, never changed
+        self.changed = threading.Event()  # what is pressed has changed
+        self.news = 0  # counts changes of what is pressed, and drops
         self._settings = settings
         self._queue: SimpleQueue[_Entry[T] | None] = SimpleQueue()
-        self._total = _Load(0, 0)
+        self._total = _NOTHING
         self._of_source: dict[str, _Load] = {}
+        self._drops: dict[str, int] = {}
+        self._announced = announced
+        self._is_told = not announced
         self._lock = threading.Lock()
 
     def offer(self, item: T, source: str, size: int = 0) -> bool:
         """Enqueue an item that may be dropped. False where it was, which is counted."""
         with self._lock:
             if not self._has_room(source, size):
-                self.dropped += 1
+                self._drop(source)
                 return False
             self._account(source, 1, size)
             self._queue.put(_Entry(item, source, size))
@@ -89,18 +115,74 @@ class Inbox(Generic[T]):
     def __len__(self) -> int:
         return self._queue.qsize()
 
+    # --- overload ---------------------------------------------------------------------------------------
+
+    def is_pressed(self, *sources: str) -> bool:
+        """Is one of the sources, or the queue as a whole, overloaded?"""
+        return not self.pressed.isdisjoint((WHOLE, *sources))
+
+    def has_announced(self) -> None:
+        """Whoever listens has been told of the overload: from here on, what is too much is dropped."""
+        self._is_told = True
+
+    def fill(self) -> float:
+        """How full the queue is, or the share that is fullest: 1 and more is full."""
+        with self._lock:
+            shares = [self._settings.shares * self._filling(load) for load in self._of_source.values()]
+            return max([self._filling(self._all), *shares])
+
+    def take_drops(self) -> Mapping[str, int]:
+        """What was dropped of each source since the last call."""
+        with self._lock:
+            drops, self._drops = self._drops, {}
+        return drops
+
+    # --- under the lock ---------------------------------------------------------------------------------
+
+    @property
+    def _all(self) -> _Load:
+        return _Load(self._queue.qsize(), self._total.size)
+
+    def _filling(self, load: _Load) -> float:
+        return max(load.items / self._settings.capacity, load.size / self._settings.capacity_bytes)
+
     def _has_room(self, source: str, size: int) -> bool:
-        limits, mine = self._settings, self._of_source.get(source, _Load(0, 0))
-        return (
-            self._queue.qsize() < limits.capacity
-            and mine.items < limits.capacity / limits.shares
-            and self._total.size + size <= limits.capacity_bytes
-            and mine.size + size <= limits.capacity_bytes / limits.shares
+        room, mine = 1.0 if self._is_told else 2.0, self._of_source.get(source, _NOTHING)
+        share = room / self._settings.shares
+        loads = ((self._all, room), (mine, share))
+        return all(
+            load.items < part * self._settings.capacity
+            and load.size + size <= part * self._settings.capacity_bytes
+            for load, part in loads
         )
 
+    def _drop(self, source: str) -> None:
+        self.dropped += 1
+        self.news += 1
+        if source in self._drops or len(self._drops) < DROPPING_SOURCES:
+            self._drops[source] = self._drops.get(source, 0) + 1
+
     def _account(self, source: str, items: int, size: int) -> None:
-        mine = self._of_source.get(source, _Load(0, 0))
+        mine = self._of_source.get(source, _NOTHING)
+        mine = _Load(mine.items + items, mine.size + size)
         self._total = _Load(self._total.items + items, self._total.size + size)
-        self._of_source[source] = _Load(mine.items + items, mine.size + size)
-        if not self._of_source[source].items:
+        self._of_source[source] = mine
+        if not mine.items:
             del self._of_source[source]
+        whole = _Load(self._queue.qsize() + max(items, 0), self._total.size)
+        self._press(WHOLE, self._filling(whole))
+        self._press(source, self._settings.shares * self._filling(mine))
+
+    def _press(self, source: str, filling: float) -> None:
+        """Note where the mark is passed, and where what was pressed is relieved."""
+        if source in self.pressed:
+            changes = filling <= self._settings.relieved_at
+        else:
+            changes = filling >= self._settings.overloaded_at
+        if not changes:
+            return
+        if not self.pressed:
+            self._is_told = not self._announced
+        self.pressed ^= {source}
+        self.news += 1
+        self.changed.set()

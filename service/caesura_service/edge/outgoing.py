@@ -23,7 +23,15 @@ from caesura_protocol.messages import (
     Segments,
     SessionStatus,
 )
-from caesura_service.edge.arrivals import Arrival, Asked, Ended, Replayed, content_of, content_of_error
+from caesura_service.edge.arrivals import (
+    Arrival,
+    Asked,
+    Ended,
+    Replayed,
+    content_of,
+    content_of_error,
+    sources_of,
+)
 from caesura_service.edge.inbox import Inbox
 from caesura_service.edge.network import QUERY_TIMEOUT_S
 from caesura_service.session.ports import AskReplay, Publish
@@ -54,16 +62,10 @@ class Outgoing:
     def publish(self, publish: Publish) -> None:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
         message = publish.message
-        low = isinstance(message, Posterior)
+        if isinstance(message, SessionStatus):
+            message = as_pressed(message, self._inbox)
         try:
-            encoded = encode(message)
-            self._network.put(
-                key_of(message),
-                encoded.payload,
-                encoding=encoded.encoding,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
-            )
+            put(self._network, key_of(message), message)
         except (ProtocolError, zenoh.ZError):
             logger.exception("%s was not published", type(message).__name__)
 
@@ -114,6 +116,25 @@ class Outgoing:
 
     def _end(self, asked: Asked) -> None:
         self._inbox.deliver(Ended(asked))
+
+
+def put(network: zenoh.Session, key: str, message: Message) -> None:
+    """Put a message without ever waiting. Raises ProtocolError for one that is too large, or ZError."""
+    encoded = encode(message)
+    low = isinstance(message, Posterior)
+    network.put(
+        key,
+        encoded.payload,
+        encoding=encoded.encoding,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
+    )
+
+
+def as_pressed(status: SessionStatus, inbox: Inbox[Arrival]) -> SessionStatus:
+    """The status with what the queue knows: is there more for the station than can be done?"""
+    pressed = inbox.is_pressed(*sources_of(status.station))
+    return status.model_copy(update={"overloaded": True}) if pressed else status
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:

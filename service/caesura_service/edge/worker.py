@@ -17,8 +17,8 @@ from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBatch
-from caesura_service.edge.arrivals import Arrival, Command, Content, Ended, Replayed, Samples
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.arrivals import Arrival, Command, Content, Ended, Replayed, Samples, station_of
+from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
 from caesura_service.session.ports import Answer, AskReplay, Failed, Forgotten, Output, Publish, Refused
 from caesura_service.session.registry import Registry
@@ -36,6 +36,7 @@ class Worker:
         self, registry: Registry, inbox: Inbox[Arrival], outgoing: Outgoing, clock: Callable[[], float]
     ) -> None:
         self.messages = 0  # taken from the inbox so far
+        self._news, self._pressed = 0, frozenset[str]()  # of the inbox, as far as sessions have told of it
         self._registry = registry
         self._inbox = inbox
         self._outgoing = outgoing
@@ -61,9 +62,20 @@ class Worker:
             if arrival is not None:
                 self.messages += 1
                 self._guarded(lambda taken=arrival: self._take(taken))  # type: ignore[misc]
+            if self._inbox.news != self._news:
+                self._guarded(self._tell_of_overload)
             if (now := self._clock()) >= due:
                 due = now + TICK_S
                 self._guarded(lambda: self._say(self._registry.tick(self._clock())))
+
+    def _tell_of_overload(self) -> None:
+        """Charge what was dropped to its sessions, and let those say so that are pressed, or no longer."""
+        self._news = self._inbox.news
+        before, self._pressed = self._pressed, self._inbox.pressed
+        for source, messages in self._inbox.take_drops().items():
+            self._say(self._registry.dropped(station_of(source), messages))
+        for source in before ^ self._pressed:
+            self._say(self._registry.restate(None if source == WHOLE else station_of(source)))
 
     def _guarded(self, step: Callable[[], None]) -> None:
         try:

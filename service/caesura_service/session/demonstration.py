@@ -85,10 +85,11 @@ class Demonstration:
         self.standing = replace(self.standing, tally=self.standing.tally.with_refusal(error))
         return self._occasion()
 
-    def drop(self, batches: int) -> None:
-        """Count batches that came, and for which there was no room."""
+    def drop(self, messages: int) -> list[Output]:
+        """Count what came and found no room, and show it."""
         tally = self.standing.tally
-        self.standing = replace(self.standing, tally=replace(tally, dropped=tally.dropped + batches))
+        self.standing = replace(self.standing, tally=replace(tally, dropped=tally.dropped + messages))
+        return self._occasion()
 
     def tick(self, now: float) -> list[Output]:
         """Say what could not be said at once; `is_hushed` tells whether to call it again."""

@@ -120,6 +120,22 @@ class Registry:
         """A message that could not be read, from a station where the key told which."""
         return self._charge(station, None, error)
 
+    def dropped(self, station: str, messages: int) -> list[Output]:
+        """There was no room for so many messages of a station: its current session counts and shows them."""
+        sessions = tuple(self._stations.get(station, {}).values())
+        return self._minded(sessions[-1], sessions[-1].drop(messages)) if sessions else []
+
+    def restate(self, station: str | None) -> list[Output]:
+        """The open sessions of a station, or of all, say how they are: something beside them has changed."""
+        told = [
+            session
+            for name, sessions in self._stations.items()
+            if station in {None, name}
+            for session in sessions.values()
+            if session.is_open
+        ]
+        return [said for session in told for said in self._minded(session, session.drop(0))]
+
     def tick(self, now: float) -> list[Output]:
         """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
         said = [said for session in self._all() if session.is_open for said in session.tick(now)]

@@ -134,10 +134,9 @@ class Session:
         asked = self._ask(now)
         return [*asked, self._demonstration.status()] if asked else []
 
-    def drop(self, batches: int) -> list[Output]:
-        """Count batches for which the service had no room, and show it."""
-        self._demonstration.drop(batches)
-        return [self._demonstration.status()]
+    def drop(self, messages: int) -> list[Output]:
+        """Count what of it the service had no room for, and show it."""
+        return self._demonstration.drop(messages)
 
     @property
     def is_hushed(self) -> bool:

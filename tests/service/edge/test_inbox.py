@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from caesura_service.edge.inbox import Inbox, QueueSettings
+import pytest
+
+from caesura_service.edge.inbox import DROPPING_SOURCES, WHOLE, Inbox, QueueSettings
 
 
 def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) -> Inbox[int]:
@@ -54,10 +56,99 @@ def test_what_was_taken_out_leaves_nothing_behind():
         inbox.offer(1, source, 10)
     while inbox.get(0.0):
         pass
-    assert (inbox._of_source, inbox._total) == ({}, (0, 0))
+    assert (inbox._of_source, inbox._total, inbox.pressed) == ({}, (0, 0), frozenset())
 
 
 def test_a_waiting_reader_can_be_woken():
     inbox = inbox_of()
     inbox.wake()
     assert inbox.get(60.0) is None
+
+
+# --- overload -------------------------------------------------------------------------------------------
+
+
+def pressed_inbox(*, announced: bool = False) -> Inbox[int]:
+    """Room for 16 items, 8 of a source; pressed at 10 and 5, relieved at 4 and 2."""
+    return Inbox(QueueSettings(16, 1600, 2, overloaded_at=0.625, relieved_at=0.25), announced=announced)
+
+
+def test_a_source_that_fills_its_share_is_pressed_until_most_of_it_is_gone():
+    inbox = pressed_inbox()
+    for item in range(4):
+        inbox.offer(item, "a")
+    assert not inbox.pressed
+    assert not inbox.changed.is_set()
+    inbox.offer(4, "a")
+    assert inbox.is_pressed("a", "a/samples")
+    assert not inbox.is_pressed("b")
+    assert inbox.changed.is_set()
+    for left in (4, 3):
+        inbox.get(0.0)
+        assert inbox.is_pressed("a"), left
+    inbox.get(0.0)
+    assert not inbox.pressed
+    assert inbox.news == 2
+
+
+def test_bytes_press_like_items():
+    inbox = pressed_inbox()
+    inbox.offer(1, "a", 499)
+    assert not inbox.pressed
+    inbox.offer(2, "a", 1)
+    assert inbox.pressed == {"a"}
+    assert inbox.fill() == pytest.approx(500 / 800)
+
+
+def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
+    inbox = pressed_inbox()
+    for source in ("a", "b", "c"):
+        for item in range(3):
+            inbox.offer(item, source)
+    assert not inbox.is_pressed("a")
+    inbox.offer(9, "d")
+    assert inbox.pressed == {WHOLE}
+    assert inbox.is_pressed("z")
+
+
+def test_nothing_is_dropped_before_the_overload_is_announced_and_then_what_is_too_much():
+    inbox = pressed_inbox(announced=True)
+    assert all(inbox.offer(item, "a") for item in range(8))
+    assert all(inbox.offer(item, "a") for item in range(8))  # as much again, while nobody has been told
+    assert not inbox.offer(99, "a")  # but no more than that
+    for _ in range(8):
+        inbox.get(0.0)
+    inbox.has_announced()
+    assert not inbox.offer(99, "a")
+    assert inbox.offer(0, "b")
+    assert inbox.dropped == 2
+
+
+def test_every_overload_is_announced_anew():
+    inbox = pressed_inbox(announced=True)
+    for _ in range(2):
+        assert all(inbox.offer(item, "a") for item in range(9))
+        inbox.has_announced()
+        assert not inbox.offer(9, "a")
+        while inbox.get(0.0) is not None:
+            pass
+    assert inbox.dropped == 2
+
+
+def test_what_was_dropped_is_told_by_source_once_and_bounded():
+    inbox = pressed_inbox()
+    for item in range(11):
+        inbox.offer(item, "a")
+    for index in range(2 * DROPPING_SOURCES):
+        inbox.offer(1, f"big-{index}", 10_000)
+    drops = inbox.take_drops()
+    assert drops["a"] == 3
+    assert len(drops) == DROPPING_SOURCES
+    assert inbox.dropped == 3 + 2 * DROPPING_SOURCES
+    assert inbox.take_drops() == {}
+
+
+@pytest.mark.parametrize("marks", [(0.5, 0.5), (0.2, 0.4), (1.1, 0.5), (0.5, -0.1)])
+def test_marks_that_are_out_of_order_are_refused(marks):
+    with pytest.raises(ValueError, match="expected 0 ≤ relieved_at < overloaded_at ≤ 1"):
+        QueueSettings(overloaded_at=marks[0], relieved_at=marks[1])

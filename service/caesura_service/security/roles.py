@@ -38,7 +38,7 @@ STATIONS_ALIVE = station_key("*", "alive")
 def _service(instance: str) -> Access:
     """One instance, where the router is another process. Any instance may come to own any station."""
     return Access(
-        put=(*RESULTS, PROGRAMS),
+        put=(*RESULTS, PROGRAMS, service_key(instance, "status")),
         subscribe=(station_key("*", "samples"),),
         query=(station_key("*", "replay"),),
         answer=(station_key("*", "control"), PROGRAMS, SNAPSHOTS, service_key(instance, "status")),
@@ -61,7 +61,7 @@ def _bridge(station: str) -> Access:
 def _dashboard(_name: str) -> Access:
     """Whoever reads results, of every station, and changes nothing."""
     return Access(
-        subscribe=(*RESULTS, PROGRAMS),
+        subscribe=(*RESULTS, PROGRAMS, service_key("*", "status")),
         query=(SNAPSHOTS, PROGRAMS, service_key("*", "status")),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
     )

@@ -23,7 +23,7 @@ STATUSES = {"caesura/v1/service/west/status", "caesura/v1/service/east/status"}
 
 ALLOWED: dict[str, dict[str, set[str]]] = {
     "service.west": {
-        "put": RESULTS | PROGRAMS,
+        "put": RESULTS | PROGRAMS | {"caesura/v1/service/west/status"},
         "subscribe": {"caesura/v1/station/cell-1/samples", "caesura/v1/station/cell-2/samples"},
         "query": {"caesura/v1/station/cell-1/replay", "caesura/v1/station/cell-2/replay"},
         "answer": CONTROLS | PROGRAMS | SNAPSHOTS | {"caesura/v1/service/west/status"},
@@ -40,7 +40,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     },
     "dashboard.wall": {
         "put": set(),
-        "subscribe": RESULTS | PROGRAMS,
+        "subscribe": RESULTS | PROGRAMS | STATUSES,
         "query": SNAPSHOTS | PROGRAMS | STATUSES,
         "answer": set(),
         "hold": set(),
@@ -48,7 +48,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     },
     "operator.boss": {
         "put": set(),
-        "subscribe": RESULTS | PROGRAMS,
+        "subscribe": RESULTS | PROGRAMS | STATUSES,
         "query": SNAPSHOTS | PROGRAMS | STATUSES | CONTROLS,
         "answer": set(),
         "hold": set(),

@@ -268,13 +268,13 @@ class Session:
         return [*self._demonstration.gap(given_up), *self._drain()]
 
     def _resume(self, again: Open, now: float) -> list[Output]:
-        """A restarted bridge cannot send what its predecessor kept: give up every hole."""
+        """A restarted bridge cannot send what its predecessor kept: give up every hole, and what nobody knows."""
         self._record(again, now)
         self._opening = again
         said: list[Output] = []
         while self._ordering.hole() is not None:
             said += self._give_up(self._ordering.nearest(None))
-        return [*said, self._demonstration.status()]
+        return [*said, *self._demonstration.gap(0), self._demonstration.status()]
 
     def _not_yet(self, close: Close, now: float) -> list[Output]:
         """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""

@@ -274,6 +274,15 @@ def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers(
     assert session.next_seq == 5
 
 
+def test_what_a_bridge_took_with_it_is_a_gap_though_nobody_knew_of_it():
+    session, _ = open_session()
+    session.receive(batch(0), 0.0)
+    session.receive(opening(epoch=1), 0.0)
+    session.receive(batch(1, epoch=1), 0.0)
+    (gap,) = session.standing.view.gaps
+    assert gap.reason == "evicted"
+
+
 @pytest.mark.parametrize("message", [batch(1, epoch=1), heartbeat(1, epoch=1), opening(epoch=1)])
 def test_an_older_epoch_is_a_conflict(message):
     session, _ = open_session(epoch=2)

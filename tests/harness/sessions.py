@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Answer, AskReplay, Output, Owner, Publish, ReplayEnded
 from caesura_service.session.registry import Registry
 from caesura_service.session.session import Session
+from caesura_service.session.standing import Standing
 
 STATION = "cell-1"
 NAME = "s1"
@@ -85,6 +86,12 @@ def new_registry(journal: Journal | None = None, limits: Limits | None = None) -
         journal=journal if journal is not None else MemoryJournal(),
         limits=limits or Limits(),
     )
+
+
+def unowned(standing: Standing) -> Standing:
+    """Whoever speaks, and under whatever epoch."""
+    program = standing.program.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
+    return replace(standing, owner=OWNER, program=program)
 
 
 def published(outputs: Iterable[Output], kind: type[M]) -> list[M]:

@@ -104,6 +104,11 @@ class Demonstration:
         tally = self.standing.tally
         self.standing = replace(self.standing, tally=replace(tally, duplicates=tally.duplicates + 1))
 
+    def hand_to(self, owner: Owner) -> None:
+        """Speak as this owner from here on."""
+        program = self.standing.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
+        self.standing = replace(self.standing, owner=owner, program=program)
+
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
         if seq != self.standing.waiting_for:

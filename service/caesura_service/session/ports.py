@@ -95,4 +95,23 @@ class Forgotten:
     why: str
 
 
-Output = Publish | AskReplay | Answer | Refused | Failed | Forgotten
+@dataclass(frozen=True)
+class NotTaken:
+    """A session of a station was not taken up, or not as far as it is known to have come. For the log."""
+
+    station: str
+    session: str
+    error: Exception
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The station is ours. For the log."""
+
+    station: str
+    epoch: int
+    sessions: int
+    open: int
+
+
+Output = Publish | AskReplay | Answer | Refused | Failed | Forgotten | NotTaken | Taken

@@ -4,36 +4,42 @@ A refusal is charged to the session that it names, else to the station's current
 station is known, and always to the service. A station reaches only its own sessions. What the journal
 cannot take is refused as `overloaded` with the journal's reason: the bridge still has it, and is asked
 again. A closed session stays in the journal longer than it can be asked for here, and its name stays taken
-for so long. Other threads read the `board`, which is replaced when a session comes or goes and holds each
-one's immutable standing.
+for so long.
+
+Stations may be shared with other instances: what is not served here is another's, and a bridge whose station
+is just being taken is told to come again.
+
+Other threads read the `board`, which is replaced when a session comes or goes and holds each one's immutable
+standing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Heartbeat, JournalReport, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError, Key
-from caesura_service.session.concluded import Concluded, standing_of
-from caesura_service.session.content import check_columns
+from caesura_service.journal import Journal, JournalError, Siblings
+from caesura_service.session.journals import Copies, Journals
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
     Answer,
-    Failed,
     Forgotten,
+    NotTaken,
     Output,
     Owner,
     PipelineFactory,
+    Publish,
     Refused,
     ReplayEnded,
+    Taken,
 )
 from caesura_service.session.session import Session
-from caesura_service.session.standing import Standing, Tally
-from caesura_service.session.view import Pipeline
+from caesura_service.session.standing import Standing, Tally, status_of
+from caesura_service.session.takeover import Builder, Takeover, is_behind
 
 
 @dataclass(frozen=True)
@@ -62,36 +68,105 @@ class Registry:
         default_preset: str,
         journal: Journal,
         limits: Limits,
+        siblings: Siblings | None = None,
     ) -> None:
+        """owner: who this instance is; the epoch of a station is that in which it was taken, and no lower."""
         self._owner = owner
-        self._pipeline_factory = pipeline_factory
         self._default_preset = default_preset
         self._journal = journal
         self._limits = limits
+        self._journals = Journals(journal, siblings or Siblings(None))
+        self._builder = Builder(pipeline_factory, default_preset, journal, limits)
+        self._takeover = Takeover(self._builder, self._journals, journal)
         self._stations: dict[str, dict[str, Session]] = {}
+        self._owners: dict[str, Owner] = {}  # ourselves, by station
+        self._barred: set[str] = set()  # stations that are being taken
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = float("-inf")  # [s]
+        self.served: Set[str] | None = None  # stations that are ours; None: all
         self.board = Board({})
         self.tally = Tally()
 
-    def restore(self) -> list[Failed]:
-        """Rebuild every open session of the journal, and the closed ones that may be asked for.
+    # --- whose stations are whose -----------------------------------------------------------------------
 
-        Those that cannot be rebuilt are left out and named.
+    def restore(self, now: float = 0.0) -> list[NotTaken]:
+        """Take every station that is known; returns the sessions that were left out."""
+        taken = (said for station in sorted(self.known()) for said in self.take(station, now))
+        return [output for said in taken for output in said if isinstance(output, NotTaken)]
+
+    def known(self) -> Set[str]:
+        """Stations with a session, in memory or in a journal. Raises JournalError."""
+        return self._journals.stations() | self._stations.keys()
+
+    def held(self) -> Set[str]:
+        """Stations with a session in memory."""
+        return frozenset(self._stations)
+
+    def bar(self, station: str) -> None:
+        """The station is about to be taken: until then its bridge is told to come again."""
+        self._barred.add(station)
+
+    def take(self, station: str, now: float, *, renew: bool = True) -> Generator[list[Output], None, None]:
+        """Bring the station's sessions to where the furthest journal is; gives way after every record.
+
+        From then on we speak under a new epoch, higher than any before. renew: also where nothing was behind,
+        as after somebody else may have had the station.
         """
-        failed = []
-        for station, name in self._held():
-            try:
-                session = self._taken_up(station, name) or self._rebuild(station, name)
-            except Exception as error:
-                failed.append(Failed(station, name, error))
-            else:
-                self._stations.setdefault(station, {})[name] = session
-        self._show()
-        return failed
+        known, held = self._journals.of(station), self._stations.get(station, {})
+        wanted = self._to_hold(known)
+        if not renew and not any(_lacks(held.get(name), known[name]) for name in wanted):
+            return
+        self.bar(station)
+        try:
+            owner = self._acquire(station, now)
+            taken = {name: session for name, session in held.items() if name not in wanted}
+            for name in wanted:
+                session = yield from self._takeover.session(known[name], held.get(name), owner)
+                if session is not None:
+                    taken[name] = session
+            if taken:
+                self._stations[station] = taken
+                self._show()
+            opened = sum(session.is_open for session in taken.values())
+            said: list[Output] = [Taken(station, owner.epoch, len(taken), opened)]
+            for name, session in taken.items():
+                session.hand_to(owner)
+                if session.is_open or name in held:  # whoever follows it learns from whom
+                    said.append(Publish(status_of(session.standing)))
+        finally:
+            self._barred.discard(station)
+        yield said
+
+    def leave(self, station: str) -> None:
+        """The station is another's: let go of its sessions, which stay in the journal."""
+        self._barred.discard(station)
+        self._owners.pop(station, None)
+        with suppress(JournalError):  # which the journal has said already
+            self._journal.commit()
+        if self._stations.pop(station, None) is not None:
+            self._show()
+
+    def _acquire(self, station: str, now: float) -> Owner:
+        before = self._owners.get(station, self._owner).epoch
+        last = max(before if station in self._owners else before - 1, self._journals.epoch_of(station))
+        owner = Owner(self._owner.instance, max(int(now * 1000), last + 1))
+        self._owners[station] = owner
+        with suppress(JournalError):  # which the journal has said already
+            self._journal.keep_epoch(station, owner.epoch)
+        return owner
+
+    def _to_hold(self, known: Mapping[str, Copies]) -> list[str]:
+        """Which of a station's sessions are held here: those that are open, and the last closed ones."""
+        closed = [name for name, copies in known.items() if copies.best.closed]
+        gone = set(closed[: max(0, len(closed) - self._limits.closed_sessions)])
+        return [name for name in known if name not in gone]
+
+    # --- what comes -------------------------------------------------------------------------------------
 
     def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
+        if (elsewhere := self._elsewhere(station)) is not None:
+            return [Answer(ProtocolError("overloaded", elsewhere, value=station))]
         try:
             if isinstance(command, Open) and self._find(station, command.session) is None:
                 return self._open(station, command, now)
@@ -105,6 +180,8 @@ class Registry:
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """Take what a bridge sent, or the end of an answer to a replay."""
+        if self._elsewhere(station) is not None:
+            return []  # the bridge still has it
         try:
             session = self._session(station, message.session)
             with _recording():
@@ -138,7 +215,7 @@ class Registry:
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
-        said = [said for session in self._all() if session.is_open for said in session.tick(now)]
+        said = [said for session in self._awake() if session.is_open for said in session.tick(now)]
         said += [said for session in self._hushed for said in session.unhush(now)]
         self._hushed = {session for session in self._hushed if session.is_hushed}
         if now >= self._tidy_at:
@@ -154,59 +231,17 @@ class Registry:
         if station not in self._stations and len(self._stations) >= self._limits.stations:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
-        session = self._build(station, opening)
+        session = self._builder.new(
+            station, opening, self._owners.get(station) or self._acquire(station, now)
+        )
         with _recording("conflict"):
-            if (station, command.session) in self._journal.sessions():
+            if self._journals.has(station, command.session):
                 why = "the journal has such a session, which is over or cannot be read: give it another name"
                 raise ProtocolError("conflict", why, value=command.session)
             said = [*self._make_room(station, now), *session.begin(now)]
         self._stations.setdefault(station, {})[command.session] = session
         self._show()
         return said
-
-    def _build(self, station: str, opening: Open) -> Session:
-        check_columns(opening)
-        try:
-            pipeline = self._pipeline_factory(opening, self._default_preset)
-        except ProtocolError:
-            raise
-        except Exception as error:
-            why = f"the session could not be opened: {type(error).__name__}: {error}"
-            raise ProtocolError("conflict", why) from error
-        return self._session_of(station, opening, pipeline)
-
-    def _session_of(self, station: str, opening: Open, pipeline: Pipeline) -> Session:
-        return Session(
-            station, opening, pipeline, owner=self._owner, journal=self._journal, limits=self._limits
-        )
-
-    def _held(self) -> list[Key]:
-        """Which sessions of the journal are held here: those that are open, and the last closed ones."""
-        known, closed = self._journal.sessions(), self._journal.closed()
-        over: dict[str, list[Key]] = {}
-        for key in known:
-            if key in closed:
-                over.setdefault(key[0], []).append(key)
-        keep = {key for keys in over.values() for key in keys[-self._limits.closed_sessions :]}
-        return [key for key in known if key not in closed or key in keep]
-
-    def _taken_up(self, station: str, name: str) -> Session | None:
-        """A closed session whose outcome the journal has."""
-        outcome = self._journal.outcome(station, name)
-        if outcome is None:
-            return None
-        session = self._session_of(station, outcome.opening, Concluded(outcome.snapshot))
-        session.take_up(outcome, standing_of(outcome.snapshot, self._owner))
-        return session
-
-    def _rebuild(self, station: str, name: str) -> Session:
-        records = self._journal.replay(station, name)
-        opening = next(records).message
-        if not isinstance(opening, Open):
-            raise TypeError(f"the journal begins with {type(opening).__name__}, expected Open")
-        session = self._build(station, opening)
-        session.restore(records)
-        return session
 
     def _make_room(self, station: str, now: float) -> list[Output]:
         """Close the oldest open and let go of the oldest closed session of a station that has its fill."""
@@ -269,12 +304,23 @@ class Registry:
             expected=list(self._stations.get(station, {})),
         )
 
-    def _all(self) -> Iterable[Session]:
-        return (session for sessions in self._stations.values() for session in sessions.values())
+    def _elsewhere(self, station: str) -> str | None:
+        """Why the station is not served here and now; None where it is."""
+        if self.served is not None and station not in self.served:
+            return "another instance serves this station: try again"
+        return "the station is being taken over: try again" if station in self._barred else None
+
+    def _awake(self) -> Iterable[Session]:
+        stations = (sessions for name, sessions in self._stations.items() if name not in self._barred)
+        return (session for sessions in stations for session in sessions.values())
 
     def _show(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
         self.board = Board(shown)
+
+
+def _lacks(session: Session | None, copies: Copies) -> bool:
+    return session is None or is_behind(session, copies)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -88,8 +88,8 @@ class Session:
         self._record(self._opening, now)
         return [*self._demonstration.begin(), self._ack()]
 
-    def restore(self, records: Iterable[Record]) -> None:
-        """Fold the records behind the opening, saying and recording nothing."""
+    def restoring(self, records: Iterable[Record]) -> Iterator[None]:
+        """Fold the records behind the opening, saying and recording nothing; gives way after each."""
         journal, self._journal = self._journal, None
         self._demonstration.begin()
         for record in records:
@@ -98,9 +98,27 @@ class Session:
                     self._give_up(target)
                 case Open() | SampleBatch() | Close() as message:
                     self.receive(message, record.at)
+            yield
         self._asking.forgive()
         self._journal = journal
         self._conclude()
+
+    def following(self, records: Iterable[Record]) -> Iterator[None]:
+        """Take what another instance has recorded of this session, as if it came now; gives way after each.
+
+        Says nothing. Raises as `receive`.
+        """
+        try:
+            for record in records:
+                if self.is_open:
+                    self._follow(record)
+                yield
+        finally:
+            self._asking.forgive()
+
+    def hand_to(self, owner: Owner) -> None:
+        """Speak as this owner from here on."""
+        self._demonstration.hand_to(owner)
 
     def take_up(self, outcome: Outcome, standing: Standing) -> None:
         """Be the closed session of an outcome: as `restore`, without folding anything."""
@@ -223,6 +241,18 @@ class Session:
             return self._not_yet(close, now)
         self._record(close, now)
         return self._finish()
+
+    def _follow(self, record: Record) -> None:
+        match record.message:
+            case SampleBatch() as batch if not self._ordering.is_duplicate(batch.seq):
+                self.receive(batch, record.at)
+            case Error(limit=int() as target) if target > self.next_seq:
+                self._record(record.message, record.at)
+                self._give_up(target)
+            case Open() as again if again.epoch >= self._opening.epoch and again != self._opening:
+                self.receive(again, record.at)
+            case Close() as close:
+                self.receive(close, record.at)
 
     # --- steps ------------------------------------------------------------------------------------------
 

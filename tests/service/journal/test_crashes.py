@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from caesura_service.journal import JournalSettings, MemoryJournal, SqliteJournal
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
-from harness.sessions import NAME, STATION, Ring, batches, closing, new_registry, opening
+from harness.sessions import NAME, STATION, Ring, batches, closing, new_registry, opening, unowned
 
 COUNT = 16
 BATCHES = batches(COUNT)
@@ -57,7 +57,7 @@ def of(registry: Registry) -> tuple[object, ...]:
 
 
 def told(standing: Standing) -> tuple[object, ...]:
-    snapshot = snapshot_of(standing)
+    snapshot = snapshot_of(unowned(standing))
     return snapshot.segments, snapshot.changepoints, snapshot.posterior, snapshot.program, standing.view
 
 

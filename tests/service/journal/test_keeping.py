@@ -14,7 +14,7 @@ from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Forgotten
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of
-from harness.sessions import STATION, answer, batches, closing, heartbeat, new_registry, opening
+from harness.sessions import STATION, answer, batches, closing, heartbeat, new_registry, opening, unowned
 
 DAY_S = 86400.0
 COUNT = 6
@@ -59,12 +59,12 @@ def test_a_closed_session_is_there_after_a_restart_as_it_was_without_being_repla
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
         taught(registry, "s1")
-        before = snapshot_of(registry.board.standings()[0])
+        before = snapshot_of(unowned(registry.board.standings()[0]))
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
-        registry._pipeline_factory = unpreparable
+        registry._builder._pipeline_factory = unpreparable
         assert registry.restore() == []
-        assert snapshot_of(registry.board.standings()[0]) == before
+        assert snapshot_of(unowned(registry.board.standings()[0])) == before
 
 
 def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
@@ -73,7 +73,8 @@ def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
         kept = restarted(journal)
         journal._database.execute("DELETE FROM outcomes")
         replayed = restarted(journal)
-        assert snapshot_of(kept.board.standings()[0]) == snapshot_of(replayed.board.standings()[0])
+        first, second = (unowned(each.board.standings()[0]) for each in (kept, replayed))
+        assert snapshot_of(first) == snapshot_of(second)
         assert journal.outcome(STATION, "s1") is not None  # for the next time
 
 

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import pytest
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.journal import sqlite as module
 from caesura_service.journal.schema import SCHEMA_VERSION
-from caesura_service.session.standing import snapshot_of
+from caesura_service.session.standing import snapshot_of, status_of
 from harness.sessions import (
     NAME,
     STATION,
@@ -27,7 +27,6 @@ from harness.sessions import (
     heartbeat,
     new_registry,
     opening,
-    published,
 )
 
 NEVER = JournalSettings(commit_s=3600.0)  # but when told to
@@ -301,8 +300,9 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
         journal.commit()
         grow_no_more(journal)
         journal._trouble = JournalError("journal is full")  # as the thread finds it
-        said = [out for seq in range(1, 10) for out in registry.samples(STATION, batch(seq), 0.0)]
-        status = published(said, SessionStatus)[-1]
+        for seq in range(1, 10):
+            registry.samples(STATION, batch(seq), 0.0)
+        status = status_of(registry.board.standings()[0])
         assert status.refused == {"overloaded": 9}
         assert status.last_refusal is not None
         assert "journal is full" in status.last_refusal.message

@@ -30,13 +30,15 @@ class Clock:
         return self.now
 
 
-def watched(watch: Callable[[], float] | None = None, **limits: Any) -> WatchedRegistry:
+def watched(
+    watch: Callable[[], float] | None = None, journal: MemoryJournal | None = None, **limits: Any
+) -> WatchedRegistry:
     return WatchedRegistry(
         watch=watch or Clock(),
         owner=OWNER,
         pipeline_factory=make_fake_pipeline,
         default_preset="fake",
-        journal=MemoryJournal(),
+        journal=journal or MemoryJournal(),
         limits=Limits(**limits),
     )
 
@@ -144,11 +146,8 @@ def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
 
 def test_what_a_restart_replays_is_not_counted_again():
     journal = MemoryJournal()
-    before = watched()
-    before._journal = journal
-    taught(before, 5)
-    after = watched()
-    after._journal = journal
+    taught(watched(journal=journal), 5)
+    after = watched(journal=journal)
     assert after.restore() == []
     assert after.counting.of_station == {}
     after.samples(STATION, batch(5), 0.0)

@@ -62,7 +62,7 @@ def test_an_opening_that_cannot_be_served_is_refused_and_leaves_nothing(fields, 
 
 def test_a_pipeline_that_cannot_be_made_refuses_the_opening_only():
     registry = new_registry()
-    registry._pipeline_factory = lambda *_: 1 / 0
+    registry._builder._pipeline_factory = lambda *_: 1 / 0
     refusal = answer(registry.command(STATION, opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert "ZeroDivisionError" in refusal.message

@@ -1,0 +1,76 @@
+"""The own journal and those beside it as one: which copy of a session is furthest along."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from caesura_service.journal import Copy, Found, Journal, Outcome, Record, Siblings
+
+
+class Copies(NamedTuple):
+    """What there is of one session; at least one of the two."""
+
+    own: Copy | None
+    furthest: Found | None  # among the siblings
+
+    @property
+    def best(self) -> Copy:
+        """The furthest of all; one's own where it is as far."""
+        sibling = self.furthest.copy if self.furthest else None
+        if self.own is None or (sibling is not None and sibling.progress > self.own.progress):
+            assert sibling is not None
+            return sibling
+        return self.own
+
+    @property
+    def opened(self) -> float:
+        """[s]"""
+        return min(copy.opened for copy in (self.own, self.furthest and self.furthest.copy) if copy)
+
+
+class Journals:
+    """Reads all, writes to the own one alone."""
+
+    def __init__(self, own: Journal, siblings: Siblings) -> None:
+        self._own = own
+        self._siblings = siblings
+
+    def stations(self) -> frozenset[str]:
+        """Those with a session."""
+        known = [*self._own.copies(), *(found.copy for found in self._siblings.copies())]
+        return frozenset(copy.station for copy in known)
+
+    def has(self, station: str, session: str) -> bool:
+        """Is the name taken?"""
+        return session in self.of(station)
+
+    def of(self, station: str) -> Mapping[str, Copies]:
+        """Every session of a station, in the order in which they were opened."""
+        known = {copy.session: Copies(copy, None) for copy in self._own.copies(station)}
+        siblings = self._siblings.copies(station)
+        for found in siblings:
+            own, furthest = known.get(found.copy.session, Copies(None, None))
+            if furthest is None or found.copy.progress > furthest.copy.progress:
+                known[found.copy.session] = Copies(own, found)
+        if not siblings:
+            return known  # in order, whatever the clock did
+        return dict(sorted(known.items(), key=lambda item: item[1].opened))
+
+    def epoch_of(self, station: str) -> int:
+        """The highest epoch under which anybody had the station; -1 if nobody had."""
+        return max(self._own.epoch_of(station), self._siblings.epoch_of(station))
+
+    def outcome(self, copies: Copies) -> Outcome | None:
+        """How the session ended, where the best copy has kept that."""
+        if copies.furthest is not None and copies.best is copies.furthest.copy:
+            return self._siblings.outcome(copies.furthest)
+        return self._own.outcome(*copies.best.key)
+
+    def own_records(self, copy: Copy) -> Iterator[Record]:
+        """All that the own journal has of a session. Raises JournalError or ProtocolError on the way."""
+        return self._own.replay(*copy.key)
+
+    def siblings_records(self, found: Found, first_seq: int) -> Iterator[Record]:
+        """What a sibling has of a session but batches before `first_seq`, as far as it can be read."""
+        return self._siblings.records(found, first_seq)

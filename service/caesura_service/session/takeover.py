@@ -1,0 +1,135 @@
+"""A session made ours: from how it ended, from one's own records, and what another instance has beyond them.
+
+What another instance has recorded is taken like something that a bridge sends: it passes the same checks, is
+recorded here, and what is known already is passed over. So it does not matter how far anybody had come, and
+whatever cannot be read is asked of the bridge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import suppress
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Open
+from caesura_service.journal import Copy, Journal, JournalError, Outcome
+from caesura_service.session.concluded import Concluded, standing_of
+from caesura_service.session.content import check_columns
+from caesura_service.session.journals import Copies, Journals
+from caesura_service.session.limits import Limits
+from caesura_service.session.ports import NotTaken, Output, Owner, PipelineFactory
+from caesura_service.session.session import Session
+from caesura_service.session.view import Pipeline
+
+Steps = Generator[list[Output], None, Session | None]  # gives way after every record; what there is to say
+
+
+class Builder:
+    """Sessions on one journal."""
+
+    def __init__(
+        self, pipeline_factory: PipelineFactory, default_preset: str, journal: Journal, limits: Limits
+    ) -> None:
+        self._pipeline_factory = pipeline_factory
+        self._default_preset = default_preset
+        self._journal = journal
+        self._limits = limits
+
+    def new(self, station: str, opening: Open, owner: Owner) -> Session:
+        """One that has taken nothing. Raises ProtocolError `malformed` or `conflict`."""
+        check_columns(opening)
+        try:
+            pipeline = self._pipeline_factory(opening, self._default_preset)
+        except ProtocolError:
+            raise
+        except Exception as error:
+            why = f"the session could not be opened: {type(error).__name__}: {error}"
+            raise ProtocolError("conflict", why) from error
+        return self._session(station, opening, pipeline, owner)
+
+    def concluded(self, station: str, outcome: Outcome, owner: Owner) -> Session:
+        """One that has ended."""
+        session = self._session(station, outcome.opening, Concluded(outcome.snapshot), owner)
+        session.take_up(outcome, standing_of(outcome.snapshot, owner))
+        return session
+
+    def _session(self, station: str, opening: Open, pipeline: Pipeline, owner: Owner) -> Session:
+        return Session(station, opening, pipeline, owner=owner, journal=self._journal, limits=self._limits)
+
+
+class Takeover:
+    """Brings sessions of one journal and its siblings up to where the furthest copy is."""
+
+    def __init__(self, builder: Builder, journals: Journals, own: Journal) -> None:
+        self._builder = builder
+        self._journals = journals
+        self._own = own
+
+    def session(self, copies: Copies, held: Session | None, owner: Owner) -> Steps:
+        """The session, None where it cannot be had. held: what is in memory of it."""
+        if copies.best.closed and (held is None or held.is_open):
+            ended = self._ended(copies, owner)
+            if ended is not None:
+                return ended
+        session = held or (yield from self._rebuilt(copies, owner))
+        if session is not None and is_behind(session, copies):
+            yield from self._followed(session, copies)
+        return session
+
+    def _ended(self, copies: Copies, owner: Owner) -> Session | None:
+        """From how it ended, where the best copy says so; a copy of one's own that does not is of no use."""
+        station, name = copies.best.key
+        outcome = self._journals.outcome(copies)
+        if outcome is None:
+            return None
+        if copies.own is not None and copies.best is not copies.own:
+            with suppress(JournalError):
+                self._own.forget(station, name)
+        return self._builder.concluded(station, outcome, owner)
+
+    def _rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+        try:
+            if copies.own is not None:
+                return (yield from self._restored(copies.own, owner))
+            return self._begun(copies, owner)
+        except Exception as error:
+            yield [NotTaken(*copies.best.key, error)]
+            return None
+
+    def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
+        records = self._journals.own_records(copy)
+        session = self._builder.new(copy.station, _opening(next(records).message), owner)
+        for _ in session.restoring(records):
+            yield []
+        return session
+
+    def _begun(self, copies: Copies, owner: Owner) -> Session:
+        """As another instance has opened it, and recorded here."""
+        assert copies.furthest is not None
+        first = next(self._journals.siblings_records(copies.furthest, 0), None)
+        if first is None:
+            raise JournalError(f"{copies.furthest.path} cannot be read")
+        session = self._builder.new(copies.best.station, _opening(first.message), owner)
+        session.begin(first.at)
+        return session
+
+    def _followed(self, session: Session, copies: Copies) -> Generator[list[Output], None, None]:
+        assert copies.furthest is not None
+        try:
+            for _ in session.following(self._journals.siblings_records(copies.furthest, session.next_seq)):
+                yield []
+        except Exception as error:
+            yield [NotTaken(*copies.best.key, error)]
+
+
+def is_behind(session: Session, copies: Copies) -> bool:
+    """Has another instance gone further than what is in memory here?"""
+    if copies.furthest is None or not session.is_open:
+        return False
+    return copies.furthest.copy.closed or copies.furthest.copy.last_seq >= session.next_seq
+
+
+def _opening(message: object) -> Open:
+    if not isinstance(message, Open):
+        raise TypeError(f"the journal begins with {type(message).__name__}, expected Open")
+    return message

@@ -24,6 +24,7 @@ class Access:
     subscribe: tuple[str, ...] = ()
     query: tuple[str, ...] = ()
     answer: tuple[str, ...] = ()  # queries of others
+    asked: tuple[str, ...] = ()  # wider expressions that others ask with, and `answer` answers a part of
     hold: tuple[str, ...] = ()  # a liveliness token
     watch: tuple[str, ...] = ()  # liveliness tokens of others, by subscription or query
 
@@ -42,6 +43,7 @@ def _service(instance: str) -> Access:
         subscribe=(station_key("*", "samples"),),
         query=(station_key("*", "replay"),),
         answer=(station_key("*", "control"), PROGRAMS, SNAPSHOTS, service_key(instance, "status")),
+        asked=(service_key("*", "status"),),
         hold=(service_key(instance, "alive"),),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
     )

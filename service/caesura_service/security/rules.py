@@ -22,6 +22,9 @@ MESSAGES: Mapping[str, Mapping[Flow, tuple[str, ...]]] = {
     "subscribe": {"ingress": ("declare_subscriber",), "egress": ("put",)},
     "query": {"ingress": ("query",), "egress": ("reply",)},
     "answer": {"ingress": ("declare_queryable", "reply"), "egress": ("query",)},
+    # Without "reply": who may reply to the wide expression may reply in everybody's name. A refusal, which
+    # bears the expression that was asked, is lost thereby, and reads as no answer.
+    "asked": {"egress": ("query",)},
     "hold": {"ingress": ("liveliness_token",)},
     "watch": {
         "ingress": ("liveliness_query", "declare_liveliness_subscriber"),

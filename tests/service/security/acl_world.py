@@ -195,6 +195,32 @@ class Somebody:
         assert asked == heard
         return heard
 
+    def answer_to(self, wide: str, router: zenoh.Session) -> tuple[set[str], bool]:
+        """The keys on which queryables of this role answer a wide question, and whether a refusal arrives."""
+        refuse = False
+
+        def reply(query: zenoh.Query, key: str) -> None:
+            with query:
+                if refuse:
+                    query.reply_err(b"no")
+                else:
+                    query.reply(key, b"x")
+
+        def ask() -> list[zenoh.Reply]:
+            none = zenoh.ConsolidationMode.NONE
+            return list(
+                router.get(wide, timeout=DEADLINE_S, consolidation=none, target=zenoh.QueryTarget.ALL)
+            )
+
+        with ExitStack() as stack:
+            for key in KEYS:
+                callback = direct(lambda query, key=key: reply(query, key))
+                stack.enter_context(_declared(self.session.declare_queryable(key, callback)))
+            self.barrier()
+            answered = {str(one.ok.key_expr) for one in ask() if one.ok}
+            refuse = True
+            return answered, any(one.err and one.err.payload.to_bytes() == b"no" for one in ask())
+
     def hold(self, router: zenoh.Session) -> set[str]:
         """The keys whose token is seen."""
         with ExitStack() as stack:

@@ -105,6 +105,36 @@ def test_the_questions_that_clients_ask_of_everybody_are_answered(world):
     assert world.somebody("dashboard.wall").query(world.router, asked) == set(asked)
 
 
+@pytest.mark.parametrize(
+    ("role", "wide", "answered"),
+    [
+        ("service.west", "caesura/v1/service/*/status", {"caesura/v1/service/west/status"}),
+        ("service.west", "caesura/v1/station/*/program", PROGRAMS),
+        ("service.west", "caesura/v1/session/*/*/snapshot", SNAPSHOTS),
+        ("service.west", "caesura/v1/session/cell-1/*/snapshot", SNAPSHOTS - {max(SNAPSHOTS)}),
+        ("service.west", "caesura/v1/station/*/replay", set()),
+        ("bridge.cell-1", "caesura/v1/station/*/replay", set()),
+        ("bridge.cell-1", "caesura/v1/session/*/*/snapshot", set()),
+        ("dashboard.wall", "caesura/v1/service/*/status", set()),
+        ("operator.boss", "caesura/v1/station/*/control", set()),
+    ],
+)
+def test_wide_questions_are_answered_by_those_who_may_and_nobody_else(world, role, wide, answered):
+    assert world.somebody(role).answer_to(wide, world.router)[0] == answered
+
+
+@pytest.mark.parametrize(
+    ("wide", "heard"),
+    [
+        ("caesura/v1/station/*/program", True),
+        ("caesura/v1/session/*/*/snapshot", True),
+        ("caesura/v1/service/*/status", False),  # or one instance could answer for another
+    ],
+)
+def test_a_refusal_is_heard_where_all_that_was_asked_may_be_answered(world, wide, heard):
+    assert world.somebody("service.west").answer_to(wide, world.router)[1] == heard
+
+
 def test_this_suite_would_see_what_gets_through(directory):
     with World(directory, "certificates", rules=False) as unruled:
         for verb in VERBS:

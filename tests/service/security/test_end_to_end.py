@@ -1,0 +1,167 @@
+"""The service behind generated files, its clients with theirs, and those who try more than they may."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+
+from caesura_clients import Caesura, connect
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.control import ControlLine
+from caesura_clients.errors import NotLetIn
+from caesura_protocol.codec import encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, station_key
+from caesura_protocol.messages import Ack, Close
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.session.fake_pipeline import make_fake_pipeline
+from clients.conftest import free_port
+from clients.examples import LiveSource, samples
+from clients.fake_service import eventually
+from clients.test_bridge import QUICK
+from harness.sessions import batch, opening
+from service.security.acl_world import certificates, opened
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    path = tmp_path_factory.mktemp("certs")
+    certificates(path)
+    return path
+
+
+@contextmanager
+def with_its_own_router(directory) -> Iterator[str]:
+    config = ServiceConfig(
+        instance="west",
+        listen="tls/127.0.0.1:0",
+        zenoh_config=directory / "router.json5",
+        preset="fake",
+    )
+    with Service(config, pipeline_factory=make_fake_pipeline) as service:
+        yield service.endpoint
+
+
+@contextmanager
+def behind_another_router(directory) -> Iterator[str]:
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    file = directory / "service.west.json5"
+    config = ServiceConfig(instance="west", connect=endpoint, zenoh_config=file, preset="fake")
+    with (
+        opened(directory / "router.json5", **{"listen/endpoints": [endpoint]}),
+        Service(config, pipeline_factory=make_fake_pipeline),
+    ):
+        yield endpoint
+
+
+@pytest.fixture(scope="module", params=[with_its_own_router, behind_another_router])
+def network(request, directory) -> Iterator[Network]:
+    with request.param(directory) as endpoint, Network(directory, endpoint) as opened_network:
+        yield opened_network
+
+
+class Network:
+    def __init__(self, directory, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self._directory = directory
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Network:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def as_(self, label: str, **options) -> Caesura:
+        file = self._directory / f"{label}.json5"
+        return self._stack.enter_context(connect(self.endpoint, config_file=file, **options))
+
+
+def test_a_bridge_teaches_and_a_dashboard_reads(network):
+    robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
+    with Bridge(robot.transport, "cell-1", LiveSource(), session="taught", settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        for start in range(10):
+            bridge.send(samples(100, t0=start / 10))
+        assert wall.stations() == ["cell-1"]
+        assert bridge.finish().state == "closed"
+    snapshot = wall.snapshot("cell-1", "taught")
+    assert (snapshot.status.samples, snapshot.status.state) == (1000, "closed")
+    assert [one.session for one in wall.sessions("cell-1")] == ["taught"]
+    assert wall.program("cell-1").session == "taught"
+    assert [status.instance for status in wall.services()] == ["west"]
+
+
+def test_a_dashboard_follows_what_is_taught(network):
+    robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
+    followed = wall.results("cell-1", "followed", silence_s=5.0)
+    with Bridge(robot.transport, "cell-1", LiveSource(), session="followed", settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        bridge.send(samples(1000, t0=0.0))
+        bridge.finish()
+        assert any(update.closed and update.status.samples == 1000 for update in followed)
+
+
+def test_samples_that_got_lost_are_asked_for_through_the_rules(network):
+    robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
+    with Bridge(robot.transport, "cell-1", LiveSource(), session="holes", settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        really, dropped = robot.transport.put, []
+
+        def lossy(key, content, **options):
+            dropped.append(key)
+            if len(dropped) % 3:
+                really(key, content, **options)
+
+        robot.transport.put = lossy
+        bridge.send(samples(1000, t0=0.0))
+        eventually(lambda: wall.snapshot("cell-1", "holes").status.samples == 1000)
+        bridge.finish()
+    assert wall.snapshot("cell-1", "holes").status.gaps == ()
+    assert len(dropped) > 3
+
+
+@pytest.mark.parametrize(("label", "may"), [("dashboard.wall", False), ("operator.boss", True)])
+def test_an_operator_may_send_commands_and_a_dashboard_may_not(network, label, may):
+    robot, wall = network.as_("bridge.cell-2"), network.as_("dashboard.wall")
+    name = f"left-alone-by-{label.partition('.')[0]}"
+    assert isinstance(ControlLine(robot.transport, "cell-2").ask(opening(name)), Ack)
+    asked = ControlLine(network.as_(label).transport, "cell-2").ask(Close(session=name, last_seq=-1))
+    assert (asked is not None) == may
+    assert (wall.snapshot("cell-2", name).status.state == "closed") == may
+
+
+def test_a_bridge_can_neither_send_for_another_station_nor_command_it(network):
+    thief, owner = network.as_("bridge.cell-1"), network.as_("bridge.cell-2")
+    line = ControlLine(owner.transport, "cell-2")
+    line.ask(opening("theirs"))
+    assert ControlLine(thief.transport, "cell-2").ask(Close(session="theirs", last_seq=-1)) is None
+    rubbish = encode(batch(0, "theirs"))._replace(payload=b"rubbish")
+    for content in (*(encode(batch(number, "theirs")) for number in range(5)), rubbish):
+        thief.transport.put(station_key("cell-2", "samples"), content)
+    with pytest.raises(ProtocolError, match="unknown_session"):  # behind all that, on the same link
+        ControlLine(thief.transport, "cell-1").ask(Close(session="none", last_seq=-1))
+    ack = line.ask(opening("theirs"))
+    assert (ack.state, ack.next_seq) == ("open", 0)
+    status = network.as_("dashboard.wall").snapshot("cell-2", "theirs").status
+    assert (status.samples, status.refused) == (0, {})
+
+
+def test_a_bridge_reads_no_other_station_and_poses_as_no_service(network):
+    thief, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
+    ControlLine(network.as_("bridge.cell-2").transport, "cell-2").ask(opening("private"))
+    assert not thief.transport.query("caesura/v1/session/cell-2/private/snapshot").replies
+    assert not thief.transport.query(station_key("*", "program")).replies
+    with thief.transport.token(service_key("fake", "alive")):
+        assert not thief.transport.query("caesura/v1/session/cell-1/none/snapshot").replies
+        assert wall.transport.alive(service_key("*", "alive")) == (service_key("west", "alive"),)
+
+
+def test_nobody_gets_in_without_a_certificate(network, directory):
+    with pytest.raises(NotLetIn, match="it demands a certificate"):
+        connect(network.endpoint, config_file=directory / "bridge.cell-1.password.json5", timeout_s=0.0)
+    with pytest.raises(NotLetIn):
+        connect(network.endpoint, timeout_s=0.0)

@@ -20,6 +20,7 @@ check: $(STAMP)
 	$(BIN)/lint-imports
 	$(BIN)/python scripts/write_schema.py --check
 	$(BIN)/python scripts/write_vectors.py --check
+	scripts/lint_deploy.sh $(BIN)
 
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)

@@ -1,4 +1,4 @@
-"""`caesura doctor`: every judgement, real services, wrong endpoints, a bridge that hangs, an empty network."""
+"""`caesura doctor`: every judgement, real services, wrong endpoints, a bridge that hangs, an empty net."""
 
 from __future__ import annotations
 

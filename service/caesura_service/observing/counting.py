@@ -29,6 +29,8 @@ class Counted:
     repeats: int = 0
     gaps: int = 0
     gap_s: float = 0.0
+    lost: int = 0  # batches
+    dropped: int = 0  # batches
     replays: int = 0
     heard: float | None = None
 
@@ -38,7 +40,7 @@ class Counted:
         if before is None or after is None:
             return self
         old, new = before.view, after.view
-        lost = new.gaps[len(old.gaps) :] if new.gaps is not old.gaps else ()
+        gaps = new.gaps[len(old.gaps) :] if new.gaps is not old.gaps else ()
         return replace(
             self,
             batches=self.batches + _grown(before.tally.batches, after.tally.batches),
@@ -46,8 +48,10 @@ class Counted:
             observations=self.observations + _grown(old.observations, new.observations),
             duplicates=self.duplicates + _grown(before.tally.duplicates, after.tally.duplicates),
             repeats=self.repeats + _grown(old.repeats, new.repeats),
-            gaps=self.gaps + len(lost),
-            gap_s=self.gap_s + _seconds(lost),
+            gaps=self.gaps + len(gaps),
+            gap_s=self.gap_s + _seconds(gaps),
+            lost=self.lost + _grown(before.tally.lost, after.tally.lost),
+            dropped=self.dropped + _grown(before.tally.dropped, after.tally.dropped),
         )
 
 

@@ -49,6 +49,12 @@ OF_STATION: tuple[tuple[str, str, Callable[[Counted], float]], ...] = (
     ("caesura_repeats", "Samples ignored because their time did not advance.", lambda one: one.repeats),
     ("caesura_gaps", "Gaps declared in results.", lambda one: one.gaps),
     ("caesura_gap_seconds", "Session time that lies in gaps.", lambda one: one.gap_s),
+    ("caesura_lost", "Batches given up or refused; each lies in a gap.", lambda one: one.lost),
+    (
+        "caesura_station_dropped",
+        "Batches for which the queue had no room; they are asked for again.",
+        lambda one: one.dropped,
+    ),
     ("caesura_replays", "Questions to the bridge for batches that were missing.", lambda one: one.replays),
 )
 
@@ -71,6 +77,12 @@ OF_INSTANCE: tuple[tuple[type[Family], str, str, Callable[[ServiceStatus], float
         "caesura_dropped",
         "Batches for which the queue had no room; they are asked for again.",
         lambda one: one.dropped,
+    ),
+    (
+        GaugeMetricFamily,
+        "caesura_overloaded",
+        "1 while more arrives than it can do; said before anything is dropped.",
+        lambda one: one.overloaded,
     ),
     (GaugeMetricFamily, "caesura_queue_messages", "Messages that wait.", lambda one: one.queue),
     (

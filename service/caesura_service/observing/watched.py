@@ -40,6 +40,10 @@ class WatchedRegistry(Registry):
         """Charge a message that could not be read."""
         return self._watched(station, None, partial(super().refuse, station, error))
 
+    def dropped(self, station: str, messages: int) -> list[Output]:
+        """There was no room for so many messages of a station."""
+        return self._watched(station, None, partial(super().dropped, station, messages))
+
     def tick(self, now: float) -> list[Output]:
         """Time has passed."""
         return self._watched(None, None, partial(super().tick, now))
@@ -64,14 +68,10 @@ class WatchedRegistry(Registry):
         return said
 
     def _standings(self, station: str | None, message: Incoming | None) -> dict[str, Standing]:
-        """Of the sessions that a message can change: a command any of its station, samples only their own."""
+        """Of the sessions that may change: a command any of its station, samples only their own."""
         sessions = self.board.sessions.get(station or "", ())
-        whole = isinstance(message, Open | Close)
-        return {
-            session.name: session.standing
-            for session in sessions
-            if message is not None and (whole or session.name == message.session)
-        }
+        own = None if message is None or isinstance(message, Open | Close) else message.session
+        return {session.name: session.standing for session in sessions if own in {None, session.name}}
 
 
 def _refusals(tally: Tally) -> int:

@@ -127,6 +127,20 @@ def test_a_bridge_that_does_not_answer_is_told_of(caplog):
     assert lines(caplog)[-1] == "cell-1/s1 its bridge did not answer for batches from 3 on"
 
 
+def test_what_the_queue_had_no_room_for_is_counted():
+    registry = taught(watched(), 1)
+    registry.dropped(STATION, 7)
+    assert registry.counting.of_station[STATION].dropped == 7
+
+
+def test_a_batch_whose_content_is_refused_is_lost():
+    registry = taught(watched(), 1)
+    registry.samples(STATION, batch(1, n=7), 0.0)
+    registry.samples(STATION, batch(2), 0.0)
+    counted = registry.counting.of_station[STATION]
+    assert (counted.batches, counted.lost) == (2, 1)
+
+
 def test_names_that_nobody_knows_take_no_room():
     registry = taught(watched(), 1)
     for number in range(1000):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import socket
+import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -16,10 +18,12 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.edge import NetworkError
 from caesura_service.observing.health import STUCK_S, alive
 from caesura_service.observing.metrics import Observed, ServiceCollector
 from caesura_service.observing.web import CONNECTIONS, Health, Web, WebError, parse_address
 from caesura_service.session.fake_pipeline import make_fake_pipeline
+from clients.conftest import free_port
 from harness.peer import Peer
 from harness.sessions import batch, closing, opening
 
@@ -86,19 +90,26 @@ def test_probes_tell_what_is(service):
     assert (status, body) == (404, "known: /metrics, /healthz, /readyz\n")
 
 
-def test_it_is_alive_and_not_ready_before_it_has_joined_and_after_it_left():
-    seen = []
-    config = ServiceConfig(listen="tcp/127.0.0.1:0", preset="fake", metrics="127.0.0.1:0")
+def test_it_is_alive_and_not_ready_while_it_waits_for_a_router_and_gone_once_it_left():
+    url, stop = f"http://127.0.0.1:{free_port()}", threading.Event()
+    config = ServiceConfig(
+        connect=f"tcp/127.0.0.1:{free_port()}", preset="fake", metrics=url.removeprefix("http://")
+    )
 
-    class Watched(Service):
-        def _restore(self) -> None:
-            seen.append((get(f"{self.web.url}/healthz")[0], get(f"{self.web.url}/readyz")[0]))
-            super()._restore()
+    def wait_for_a_router() -> None:
+        service = Service(config, pipeline_factory=make_fake_pipeline, stop=stop)
+        with suppress(NetworkError), service:
+            pass
 
-    with Watched(config, pipeline_factory=make_fake_pipeline) as service:
-        url = service.web.url
-    assert seen == [(200, 503)]
-    assert not service.ready
+    waiting = threading.Thread(target=wait_for_a_router)
+    waiting.start()
+    try:
+        assert eventually_well(url)
+        assert get(f"{url}/readyz")[0] == 503
+        assert get(f"{url}/metrics")[0] == 200
+    finally:
+        stop.set()
+        waiting.join(DEADLINE_S)
     with pytest.raises(urllib.error.URLError):
         get(f"{url}/healthz")
 
@@ -143,15 +154,16 @@ def test_who_sits_on_every_connection_gives_way_once_it_leaves(service):
             stack.enter_context(socket.create_connection((host, int(port))))
         with pytest.raises((urllib.error.URLError, ConnectionError)):
             get(f"{service.web.url}/healthz")
-    assert eventually_well(service)
+    assert eventually_well(service.web.url)
 
 
-def eventually_well(service: Service) -> bool:
-    for _ in range(100):
+def eventually_well(url: str) -> bool:
+    deadline = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline:
         try:
-            return get(f"{service.web.url}/healthz")[0] == 200
+            return get(f"{url}/healthz")[0] == 200
         except (urllib.error.URLError, ConnectionError):
-            continue
+            time.sleep(0.01)
     return False
 
 

@@ -62,6 +62,7 @@ class Service:
             self.config.network,
             version=_version(),
             queue=self.config.queue,
+            rates=self.config.rates,
             clock=steady_clock(),
             stop=stop,
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 from caesura_protocol.keys import check_name
 from caesura_service.edge.inbox import QueueSettings
 from caesura_service.edge.network import NetworkSettings
+from caesura_service.edge.rates import RateSettings
 from caesura_service.journal import JournalSettings
 from caesura_service.session.limits import Limits
 
@@ -47,6 +48,7 @@ class ServiceConfig:
     epoch: int | None = None
     limits: Limits = field(default_factory=Limits)
     queue: QueueSettings = field(default_factory=QueueSettings)
+    rates: RateSettings = field(default_factory=RateSettings)
     journal: Path | None = None
     journal_settings: JournalSettings = field(default_factory=JournalSettings)
     metrics: str | None = None  # host:port of the page for Prometheus and probes; port 0: a free one

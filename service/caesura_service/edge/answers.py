@@ -25,6 +25,7 @@ from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.edge.arrivals import Arrival, Command, Content, content_of_query, sources_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
+from caesura_service.edge.rates import RateLimit, RateSettings
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
 
@@ -38,8 +39,17 @@ JOIN_S = 2.0
 class Answers:
     """Answers queries in a thread of its own while the context lasts."""
 
-    def __init__(self, registry: Registry, work: Inbox[Arrival], status: Callable[[], ServiceStatus]) -> None:
+    def __init__(
+        self,
+        registry: Registry,
+        work: Inbox[Arrival],
+        status: Callable[[], ServiceStatus],
+        *,
+        rates: RateSettings | None = None,
+    ) -> None:
         """work: the worker's inbox."""
+        rates = rates or RateSettings()
+        self._questions, self._commands = RateLimit(rates.questions), RateLimit(rates.commands)
         self.turned_away = 0  # openings that were refused because of an overload
         self._registry = registry
         self._work = work
@@ -63,15 +73,15 @@ class Answers:
 
     def snapshot(self, query: zenoh.Query) -> None:
         """Enqueue a question for sessions."""
-        self._enqueue(self._answer_snapshot, query)
+        self._ask(self._answer_snapshot, query)
 
     def program(self, query: zenoh.Query) -> None:
         """Enqueue a question for stations' programs."""
-        self._enqueue(self._answer_program, query)
+        self._ask(self._answer_program, query)
 
     def status(self, query: zenoh.Query) -> None:
         """Enqueue a question for the service's status."""
-        self._enqueue(self._answer_status, query)
+        self._ask(self._answer_status, query)
 
     def with_refusals(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
         """Those of the registry and our own."""
@@ -81,16 +91,22 @@ class Answers:
     def command(self, query: zenoh.Query) -> None:
         """Enqueue a command for the worker; under pressure look at it first."""
         station = str(query.key_expr).split("/")[3]
-        if self._work.is_pressed(*sources_of(station)):
+        if not self._commands.allows(station):
+            _refuse_overload(query, "too many commands a second", self._commands.rate.per_s)
+        elif self._work.is_pressed(*sources_of(station)):
             self._enqueue(self._admit, query)
         else:
             self._pass_on(Command(content_of_query(query), query))
 
+    def _ask(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
+        if self._questions.allows("everybody"):  # a query does not say who asks
+            self._enqueue(how, query)
+        else:
+            _refuse_overload(query, "too many questions a second", self._questions.rate.per_s)
+
     def _enqueue(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
         if not self._inbox.offer((how, query), "queries"):
-            with query:
-                limit = self._inbox.capacity
-                refuse(query, ProtocolError("overloaded", "too many questions are waiting", limit=limit))
+            _refuse_overload(query, "too many questions are waiting", self._inbox.capacity)
 
     def _run(self) -> None:
         while not self._stopped.is_set():
@@ -127,9 +143,7 @@ class Answers:
 
     def _pass_on(self, command: Command) -> None:
         if not self._work.insist(command):
-            with command.query as query:
-                limit = 2 * self._work.capacity
-                refuse(query, ProtocolError("overloaded", "too much is waiting", limit=limit))
+            _refuse_overload(command.query, "too much is waiting", 2 * self._work.capacity)
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:
@@ -155,3 +169,8 @@ class Answers:
         with query:
             status = self._status()
             answer(query, service_key(status.instance, "status"), status)
+
+
+def _refuse_overload(query: zenoh.Query, why: str, limit: float) -> None:
+    with query:
+        refuse(query, ProtocolError("overloaded", why, limit=limit))

@@ -9,6 +9,7 @@ interpreter.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -26,9 +27,12 @@ from caesura_service.edge.arrivals import Arrival, Samples, content_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, put
+from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner
 from caesura_service.session.registry import Registry
+
+logger = logging.getLogger(__name__)
 
 
 class Edge:
@@ -42,6 +46,7 @@ class Edge:
         *,
         version: str,
         queue: QueueSettings | None = None,
+        rates: RateSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
     ) -> None:
@@ -56,7 +61,9 @@ class Edge:
         self._stop = stop or threading.Event()
         self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
-        self._answers = Answers(registry, self._inbox, self.status)
+        rates = rates or RateSettings()
+        self._rate, self._complaints = RateLimit(rates.samples), RateLimit(COMPLAINTS)
+        self._answers = Answers(registry, self._inbox, self.status, rates=rates)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -116,8 +123,18 @@ class Edge:
             stack.callback(entity.undeclare)
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
+        if not self._rate.allows(key := str(sample.key_expr)):
+            self._turn_away(key)
+            return
         content = content_of(sample)
         self._inbox.offer(Samples(content), content.key, len(content.payload))
+
+    def _turn_away(self, key: str) -> None:
+        """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
+        self._inbox.turn_away(key)
+        if self._complaints.allows(key):
+            limit = self._rate.rate.per_s
+            logger.warning("%s: more than %g messages a second, what is above is dropped", key, limit)
 
 
 def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:

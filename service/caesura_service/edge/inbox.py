@@ -84,6 +84,11 @@ class Inbox(Generic[T]):
             self._queue.put(_Entry(item, source, size))
         return True
 
+    def turn_away(self, source: str) -> None:
+        """Count an item that was dropped on its way here."""
+        with self._lock:
+            self._drop(source)
+
     def insist(self, item: T) -> bool:
         """Enqueue an item that is not dropped. False only where even its own room is used up."""
         if self._queue.qsize() >= 2 * self.capacity:

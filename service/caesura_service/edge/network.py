@@ -68,9 +68,8 @@ class NetworkSettings:
     """Where the service is found.
 
     listen: endpoint of the embedded router; port 0 takes a free one; None: what the file says, else
-    DEFAULT_ENDPOINT. connect: a router to be client of instead; None: what a file for a client says.
-    config_file: zenoh json5 with certificates, users and access rules. insecure: listen without
-    credentials where other machines reach it.
+    DEFAULT_ENDPOINT. connect: a router to be client of instead. config_file: zenoh json5 with certificates,
+    users and access rules. insecure: listen without credentials where other machines reach it.
     """
 
     listen: str | None = None
@@ -83,9 +82,9 @@ class NetworkSettings:
 def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
     """A zenoh session and the endpoint that it is reached by. Raises NetworkError, also once told to stop."""
     config = _config(settings.config_file)
-    router = settings.connect or _router_of(config, settings)
-    if router is not None:
-        return _join_as_client(config, router, settings, stop), router
+    if settings.connect is not None:
+        return _join_as_client(config, settings.connect, settings, stop), settings.connect
+    _check_is_for_a_router(config, settings.config_file)
     endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
     _insert(config, {"mode": "router", "listen/endpoints": endpoints})
@@ -141,12 +140,12 @@ def _beside(file: Path, read: exposure.Read) -> dict[str, str]:
     }
 
 
-def _router_of(config: zenoh.Config, settings: NetworkSettings) -> str | None:
-    """The router that a file for a client names, unless told to listen."""
+def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
+    """Raises NetworkError for the file of a client, which says nothing of who may connect."""
     read = _reader(config)
-    if settings.listen is not None or read("mode") != "client":
-        return None
-    return next(iter(read("connect/endpoints") or ()), None)
+    if read("mode") == "client":
+        router = next(iter(read("connect/endpoints") or ()), "ENDPOINT")
+        raise NetworkError(f"{file} is for a client: add --connect {router}, or take a router's file")
 
 
 def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkError, NetworkSettings, join
 from caesura_service.security import exposure
-from caesura_service.security.directory import Directory, Wanted
+from caesura_service.security.directory import Directory, Wanted, identities
 from clients.conftest import free_port
 
 HOSTS = {
@@ -180,3 +180,9 @@ def test_a_client_that_shows_nothing_to_another_machine_is_warned(caplog):
     with pytest.raises(NetworkError):
         join(NetworkSettings(connect="tcp/nowhere.invalid:7447"), stop)
     assert "no certificate or password is shown" in caplog.text
+
+
+def test_the_file_of_a_client_is_not_served_with(tmp_path):
+    Directory(tmp_path).issue(Wanted(identities("service", ["west"]), hosts=["10.0.0.1"]))
+    with pytest.raises(NetworkError, match=r"add --connect tls/10\.0\.0\.1:7447"):
+        joined(config_file=tmp_path / "service.west.json5")

@@ -1,0 +1,83 @@
+"""How often one sender may come: token buckets, asked in the network's threads before anything is queued.
+
+Sizes and queues bound what a sender may hold; this bounds the work that it may cause. The numbers lie well
+above what honest clients do, so that who meets them is broken or hostile. Samples: a robot of 1 kHz that
+sends each sample by itself sends 1000 messages a second, a bridge as fast as flow control lets it about 1500
+(measured); replays, which the service asks for, do not count. Commands: a bridge that is held up asks 50
+times a second. Questions: 1000 readers who ask for everything twice a second.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+SENDERS = 1024  # told apart; one more waits until one of them has been quiet for a full burst
+
+
+class Rate(NamedTuple):
+    """So many a second, and so many at once."""
+
+    per_s: float
+    burst: float
+
+
+SAMPLES = Rate(5000.0, 10_000.0)  # messages of a station
+COMMANDS = Rate(500.0, 1000.0)  # of a station
+QUESTIONS = Rate(2000.0, 4000.0)  # to the instance
+COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station
+
+
+@dataclass(frozen=True)
+class RateSettings:
+    """What may come how often."""
+
+    samples: Rate = SAMPLES
+    commands: Rate = COMMANDS
+    questions: Rate = QUESTIONS
+
+
+class _Bucket(NamedTuple):
+    tokens: float
+    at: float  # [s]
+
+
+class RateLimit:
+    """A token bucket for each sender; any thread may ask."""
+
+    def __init__(
+        self, rate: Rate, *, senders: int = SENDERS, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.rate = rate
+        self._senders = senders
+        self._clock = clock
+        self._buckets: dict[str, _Bucket] = {}  # whoever came last stands last
+        self._lock = threading.Lock()
+
+    def allows(self, sender: str) -> bool:
+        """Take one token, if the sender has one."""
+        with self._lock:
+            now = self._clock()
+            bucket = self._buckets.pop(sender, None)
+            if bucket is None and not self._has_room(now):
+                return False
+            tokens = self.rate.burst if bucket is None else self._filled(bucket, now)
+            allowed = tokens >= 1.0
+            self._buckets[sender] = _Bucket(tokens - allowed, now)
+        return allowed
+
+    def _filled(self, bucket: _Bucket, now: float) -> float:
+        return min(self.rate.burst, bucket.tokens + (now - bucket.at) * self.rate.per_s)
+
+    def _has_room(self, now: float) -> bool:
+        """Room for one more sender; a bucket that is full again need not be remembered."""
+        if len(self._buckets) < self._senders:
+            return True
+        oldest = next(iter(self._buckets))
+        if self._filled(self._buckets[oldest], now) < self.rate.burst:
+            return False
+        del self._buckets[oldest]
+        return True

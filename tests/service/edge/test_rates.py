@@ -1,0 +1,129 @@
+"""Token buckets, and what a sender meets that comes too often."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from caesura_protocol.codec import encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import session_key, station_key
+from caesura_protocol.messages import Heartbeat, Program, SessionStatus
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.edge.rates import Rate, RateLimit, RateSettings
+from caesura_service.session.fake_pipeline import make_fake_pipeline
+from harness.peer import Peer
+from harness.sessions import batches, closing, opening
+
+FEW = Rate(0.001, 20.0)
+TIGHT = RateSettings(samples=FEW, commands=FEW)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def limited(rate: Rate, senders: int = 8) -> tuple[RateLimit, Clock]:
+    clock = Clock()
+    return RateLimit(rate, senders=senders, clock=clock), clock
+
+
+def test_a_burst_is_let_through_and_then_as_much_as_flows_in():
+    limit, clock = limited(Rate(10.0, 5.0))
+    assert [limit.allows("a") for _ in range(7)] == [True] * 5 + [False] * 2
+    clock.now = 0.25
+    assert [limit.allows("a") for _ in range(3)] == [True, True, False]
+    clock.now = 1000.0
+    assert sum(limit.allows("a") for _ in range(100)) == 5
+
+
+def test_one_sender_takes_nothing_from_another():
+    limit, _ = limited(Rate(10.0, 5.0))
+    while limit.allows("loud"):
+        pass
+    assert limit.allows("quiet")
+
+
+@given(st.lists(st.floats(0.0, 0.5), min_size=1, max_size=200))
+def test_never_more_than_the_burst_and_what_flows_in(steps):
+    limit, clock = limited(Rate(10.0, 5.0))
+    allowed = 0
+    for step in steps:
+        clock.now += step
+        allowed += limit.allows("a")
+    assert allowed <= 5.0 + 10.0 * clock.now + 1e-6
+
+
+def test_new_names_do_not_fill_the_memory_nor_give_new_bursts():
+    limit, clock = limited(Rate(10.0, 5.0), senders=3)
+    assert [limit.allows(name) for name in "abcd"] == [True, True, True, False]
+    clock.now = 0.05  # nobody's bucket is full again
+    assert not limit.allows("d")
+    clock.now = 0.2  # all are
+    assert limit.allows("d")
+    assert len(limit._buckets) == 3
+
+
+@contextmanager
+def serving(rates: RateSettings) -> Iterator[Peer]:
+    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", rates=rates)
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        yield peer
+
+
+@pytest.fixture
+def tight() -> Iterator[Peer]:
+    with serving(TIGHT) as peer:
+        yield peer
+
+
+def test_samples_above_the_rate_are_dropped_counted_and_asked_for_again(tight, caplog):
+    sent = batches(60)
+    tight.command(opening("s1"))
+    tight.command(opening("s2"), "cell-2")
+    status_of_s1 = session_key("cell-1", "s1", "status")
+    with tight.replaying(sent), tight.listening(status_of_s1) as heard:
+        for message in sent:
+            tight.send(message)
+        tight.send(batches(1, "s2")[0], "cell-2")
+        heard.until(SessionStatus, lambda status: status.dropped > 0)
+        assert tight.until_service(lambda status: status.dropped == 40).refused == {}
+        tight.command(closing(59))
+        heard.until(SessionStatus, lambda status: status.state == "closed" and not status.gaps)
+    assert tight.snapshot().status.samples == sum(message.n for message in sent)
+    assert tight.snapshot("s2", "cell-2").status.dropped == 0
+    (line,) = (record.getMessage() for record in caplog.records if "messages a second" in record.message)
+    assert "cell-1" in line
+
+
+def test_commands_above_the_rate_are_refused_to_the_station_that_sends_them(tight):
+    for _ in range(20):
+        tight.command(opening("s1"))
+    with pytest.raises(ProtocolError, match="too many commands a second") as refused:
+        tight.command(opening("s1"))
+    assert refused.value.limit == TIGHT.commands.per_s
+    assert tight.command(opening("s2"), "cell-2").state == "open"
+
+
+def test_questions_above_the_rate_are_refused():
+    with serving(RateSettings(questions=FEW)) as peer:
+        for _ in range(20):
+            peer.ask(station_key("*", "program"), Program)
+        (reply,) = peer.network.get(station_key("*", "program"))
+    assert b"too many questions a second" in reply.err.payload.to_bytes()
+
+
+def test_a_heartbeat_counts_as_a_message(tight):
+    tight.command(opening("s1"))
+    beat = encode(Heartbeat(session="s1", epoch=0, seq=-1))
+    for _ in range(25):
+        tight.put(station_key("cell-1", "samples"), *beat)
+    assert tight.until_service(lambda status: status.dropped == 5).dropped == 5

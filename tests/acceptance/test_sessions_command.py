@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
@@ -61,6 +62,24 @@ def test_an_exported_session_is_the_recording_that_was_taught(directory):
     assert segment_recording(exported).segments == segment_recording(guided()).segments
 
 
+def test_a_session_is_exported_as_mcap_while_the_service_runs(directory):
+    out = directory / "s2.mcap"
+    with running(directory):
+        done = caesura("export", "s2", "-o", out, "--journal", directory)
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == f"{out}: {len(guided().t)} samples, {guided().t[-1]:.2f} s\n"
+    with out.open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
+    assert topics == {"/state", "/wrench", "/segments", "/changepoints", "/program", "/tf", "/path"}
+
+
+def test_mcap_without_its_extra_is_one_line_that_names_it(directory, monkeypatch):
+    monkeypatch.setattr("caesura_service.commands.sessions.find_spec", lambda name: None)
+    done = caesura("export", "s2", "-o", directory / "s2.mcap", "--journal", directory)
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert done.stderr == "error: writing .mcap needs pip install 'caesura[mcap]'\n"
+
+
 def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_cannot(directory):
     with running(directory):
         assert caesura("delete", "s2", "--journal", directory).stdout == "cell-1/s2 deleted\n"
@@ -96,7 +115,11 @@ def test_a_session_that_is_not_meant_clearly_is_one_line(directory, command, arg
 
 @pytest.mark.parametrize(
     ("out", "words"),
-    [("out.txt", "expected the suffix .npz"), ("nowhere/out.npz", "No such file or directory")],
+    [
+        ("out.txt", "expected the suffix .npz or .mcap"),
+        ("nowhere/out.npz", "No such file or directory"),
+        ("nowhere/out.mcap", "No such file or directory"),
+    ],
 )
 def test_a_file_that_cannot_be_written_is_one_line(directory, out, words):
     done = caesura("export", "s2", "-o", directory / out, "--journal", directory)

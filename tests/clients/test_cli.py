@@ -12,6 +12,7 @@ from caesura_clients.attendance import attending
 from caesura_clients.cli import build
 from caesura_clients.cli.commands import _teller, register
 from caesura_clients.cli.options import reported
+from caesura_clients.cli.sessions import stand_in
 from caesura_clients.recording import RecordingError
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -376,3 +377,20 @@ def test_an_own_module_that_is_missing_is_no_extra(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ModuleNotFoundError, match="a_module_that_is_not_there"):
         build([entry("broken:register")])
+
+
+@pytest.mark.parametrize("name", ["export", "delete"])
+def test_what_needs_the_journal_says_where_it_runs(name: str):
+    group = typer.Typer()
+    group.command("list")(lambda: None)
+    group.command("show")(lambda: None)
+    stand_in(group)
+    result = CliRunner().invoke(group, [name, "s1", "--station", "cell-1", "-o", "x.npz"])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
+        "it comes with pip install 'caesura[service]'\n"
+    )
+    before = len(group.registered_commands)
+    stand_in(group)
+    assert len(group.registered_commands) == before

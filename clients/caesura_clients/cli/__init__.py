@@ -10,6 +10,8 @@ from importlib.metadata import EntryPoint, entry_points
 
 import typer
 
+from caesura_clients.cli.sessions import sessions, stand_in
+
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
     "service": ("serve", "certs", "segment", "demo", "evaluate", "report"),
@@ -37,6 +39,7 @@ def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
     for extra, names in COMMANDS_OF_EXTRA.items():
         for name in sorted(set(names) - _names(app)):
             _stand_in(app, name, extra)
+    stand_in(sessions)
     return app
 
 

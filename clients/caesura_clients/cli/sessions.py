@@ -16,6 +16,7 @@ from caesura_clients.cli.show import outcome_line, program_view, segments_view, 
 from caesura_clients.network import DEFAULT_ENDPOINT
 
 sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
+OF_THE_SERVICE = ("export", "delete")  # they look into its journal
 
 
 @sessions.callback(invoke_without_command=True)
@@ -71,3 +72,23 @@ def show(
     lost = outcome_line(found.status)
     views = [segments_view(found.status, found.segments.segments), program_view(found.program)]
     Console().print(Group(*views, *([lost] if lost else [])))
+
+
+def stand_in(group: typer.Typer) -> None:
+    """Where the service is not installed, its commands take anything and say where they run."""
+    there = {info.name for info in group.registered_commands}
+    for name in sorted(set(OF_THE_SERVICE) - there):
+        _elsewhere(group, name)
+
+
+def _elsewhere(group: typer.Typer, name: str) -> None:
+    anything = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+    @group.command(name, hidden=True, context_settings=anything)
+    def _missing() -> None:
+        typer.echo(
+            f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
+            "it comes with pip install 'caesura[service]'",
+            err=True,
+        )
+        raise typer.Exit(2)

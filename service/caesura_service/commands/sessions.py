@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +14,9 @@ import typer
 from caesura_clients.cli.options import Station, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.errors import Absent, CaesuraError
+from caesura_clients.recording import Recording
 from caesura_service.config import DEFAULT_INSTANCE, journal_directory, journal_path
-from caesura_service.journal import JournalBusyError, JournalError, Key, SqliteJournal
+from caesura_service.journal import Journal, JournalBusyError, JournalError, Key, SqliteJournal
 from caesura_service.recordings import recording_of
 
 Session = Annotated[str, typer.Argument(help="Name of the session.")]
@@ -27,24 +30,24 @@ Directory = Annotated[
 @sessions.command("export")
 def export(
     session: Session,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz or .mcap.")],
     station: Station = None,
     journal: Directory = None,
     instance: Instance = DEFAULT_INSTANCE,
 ) -> None:
-    """Write the samples of a session as a recording, which `caesura segment` and a bridge can read.
+    """Write a session: .npz, a recording that `caesura segment` and a bridge can read; or .mcap, samples and
+    results for Foxglove and Rerun.
 
     The service may be running.
     """
     with reported():
-        if out.suffix != ".npz":
-            raise CaesuraError(f"cannot write {out}: expected the suffix .npz")
+        write = _writer_of(out)
         with _opened(journal, instance, alone=False) as kept:
-            recording = recording_of(kept.replay(*_found(kept, session, station)))
-        try:
-            recording.save(out)
-        except OSError as error:
-            raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+            key = _found(kept, session, station)
+            try:
+                recording = write(kept, key, out)
+            except OSError as error:
+                raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
     typer.echo(f"{out}: {recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s")
 
 
@@ -71,6 +74,31 @@ def _deleted(session: str, station: str | None, directory: Path | None, instance
             raise CaesuraError(f"{'/'.join(key)} is open: close it, or end the service first")
         kept.forget(*key)
         return key
+
+
+def _write_npz(kept: Journal, key: Key, out: Path) -> Recording:
+    recording = recording_of(kept.replay(*key))
+    recording.save(out)
+    return recording
+
+
+def _write_mcap(kept: Journal, key: Key, out: Path) -> Recording:
+    taught = import_module("caesura_service.export.taught").taught_from(kept, *key)
+    import_module("caesura_service.export.mcap_file").write_mcap(out, taught)
+    recording: Recording = taught.recording
+    return recording
+
+
+WRITERS: Mapping[str, Callable[[Journal, Key, Path], Recording]] = {".npz": _write_npz, ".mcap": _write_mcap}
+
+
+def _writer_of(out: Path) -> Callable[[Journal, Key, Path], Recording]:
+    """Raises CaesuraError for a suffix without a writer, and where its extra is missing."""
+    if out.suffix not in WRITERS:
+        raise CaesuraError(f"cannot write {out}: expected the suffix {' or '.join(WRITERS)}")
+    if out.suffix == ".mcap" and find_spec("mcap") is None:
+        raise CaesuraError("writing .mcap needs pip install 'caesura[mcap]'")
+    return WRITERS[out.suffix]
 
 
 @contextmanager

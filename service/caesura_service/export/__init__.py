@@ -1,0 +1,1 @@
+"""What was taught, for other people's tools."""

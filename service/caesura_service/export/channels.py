@@ -1,0 +1,161 @@
+"""The messages of an exported file, one model a channel, and their JSON Schemas.
+
+Samples are as they were sent, bit for bit, in the session's units; what a 3-D panel draws is in metres in the
+base frame, under Foxglove's own names. Schemas keep to what viewers read: objects, arrays of numbers, strings
+or objects, and no references, alternatives or nulls; what is not there is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+from caesura_protocol.messages import (
+    App,
+    Changepoint,
+    Gap,
+    Joints,
+    Message,
+    Quaternion,
+    Seconds,
+    Segment,
+    Vector,
+)
+
+BASE, FLANGE = "base", "flange"  # frames
+
+
+class State(Message):
+    """What the robot reported of itself; the names are those of the session's signals."""
+
+    t: Seconds  # [s] session clock
+    pos: Vector | None = None  # [length_unit] flange position, base frame
+    quat: Quaternion | None = None  # flange orientation, base frame, x y z w
+    q: Joints | None = None  # [rad]
+    gripper: float | None = None  # [m] opening, or a flag
+
+
+class Wrench(Message):
+    """What was measured of the environment on the robot, neither tared nor filtered."""
+
+    t: Seconds  # [s] session clock
+    force: Vector | None = None  # [N] in force_frame
+    torque: Vector | None = None  # [Nm]
+    tau: Joints | None = None  # [Nm] external joint torques
+
+
+class TaskProgram(Message):
+    """The task program at the end."""
+
+    complete: bool
+    apps: tuple[App, ...]
+    notes: tuple[str, ...]
+
+
+class Time(Message):
+    """As Foxglove writes it."""
+
+    sec: int = Field(ge=0)
+    nsec: int = Field(ge=0, lt=10**9)
+
+
+class Vector3(Message):
+    """foxglove.Vector3."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Rotation(Message):
+    """foxglove.Quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class Pose(Message):
+    """foxglove.Pose."""
+
+    position: Vector3
+    orientation: Rotation
+
+
+class FrameTransform(Message):
+    """foxglove.FrameTransform: where the flange is."""
+
+    timestamp: Time
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Rotation
+
+
+class PosesInFrame(Message):
+    """foxglove.PosesInFrame: the whole path."""
+
+    timestamp: Time
+    frame_id: str
+    poses: tuple[Pose, ...]
+
+
+#: Topic → name of its schema, and the model of its messages.
+CHANNELS: Mapping[str, tuple[str, type[Message]]] = {
+    "/state": ("caesura.State", State),
+    "/wrench": ("caesura.Wrench", Wrench),
+    "/segments": ("caesura.Segment", Segment),
+    "/changepoints": ("caesura.Changepoint", Changepoint),
+    "/gaps": ("caesura.Gap", Gap),
+    "/program": ("caesura.TaskProgram", TaskProgram),
+    "/tf": ("foxglove.FrameTransform", FrameTransform),
+    "/path": ("foxglove.PosesInFrame", PosesInFrame),
+}
+
+
+def schema_of(topic: str) -> dict[str, Any]:
+    """The JSON Schema of a channel's messages."""
+    name, model = CHANNELS[topic]
+    schema = model.model_json_schema(mode="serialization", schema_generator=_PlainSchema)
+    plain: dict[str, Any] = _inlined(schema, schema.pop("$defs", {}))
+    return plain | {"title": name}
+
+
+class _PlainSchema(GenerateJsonSchema):
+    """What is None is left out, so nothing is null; tuples are arrays of one kind of thing."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def tuple_schema(self, schema: core_schema.TupleSchema) -> JsonSchemaValue:
+        kinds = [self.generate_inner(item) for item in schema["items_schema"]]
+        if any(kind != kinds[0] for kind in kinds):
+            raise TypeError(f"a tuple of different things is no array that a viewer reads: {kinds}")
+        if "variadic_item_index" in schema:
+            return {"type": "array", "items": kinds[0]}
+        return {"type": "array", "items": kinds[0], "minItems": len(kinds), "maxItems": len(kinds)}
+
+    def field_is_required(
+        self,
+        field: core_schema.ModelField | core_schema.DataclassField | core_schema.TypedDictField,
+        total: bool,
+    ) -> bool:
+        inner = field["schema"]
+        inner = inner["schema"] if inner["type"] == "default" else inner
+        return inner["type"] != "nullable" and super().field_is_required(field, total)
+
+
+def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
+    """The same without references."""
+    if isinstance(schema, list):
+        return [_inlined(item, definitions) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        return _inlined(definitions[schema["$ref"].rpartition("/")[2]], definitions)
+    return {key: _inlined(value, definitions) for key, value in schema.items()}

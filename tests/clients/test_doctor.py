@@ -21,12 +21,14 @@ from caesura_clients.cli.commands import register
 from caesura_clients.doctor.examination import examine_network, examine_recording, judge, our_version
 from caesura_clients.doctor.facts import Facts, Heard, Reported, gather
 from caesura_clients.doctor.findings import Finding, Grade
+from caesura_clients.doctor.reach import no_session
+from caesura_clients.errors import NotLetIn, Unreachable
 from caesura_clients.memory import MemoryNetwork
 from caesura_clients.recording import Recording
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key
-from caesura_protocol.messages import Gap, ServiceStatus, SessionStatus, WrenchReport
+from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import LiveSource, example, recording, samples, snapshot
@@ -392,7 +394,30 @@ def test_something_that_is_no_router_is_told_from_nothing():
         code, text = run("--connect", f"tcp/127.0.0.1:{mute.getsockname()[1]}")
     assert code == 1
     assert "✓ endpoint" in text
-    assert "✗ session      something listens at" in text
+    assert "✗ session " in text
+    assert "does not let us in" in text
+
+
+def test_what_stands_between_us_and_a_router_is_told_with_its_remedy():
+    found = no_session(NotLetIn("tls/x:1 does not let us in: it demands a certificate: --zenoh-config FILE"))
+    assert found.found == "tls/x:1 does not let us in: it demands a certificate"
+    assert found.remedy == "--zenoh-config FILE"
+    assert no_session(Unreachable("no router at tcp/x:1 for 3 s")).remedy
+
+
+def batch_of(session: str) -> SampleBatch:
+    return SampleBatch(session=session, epoch=0, seq=0, n=1, columns=("t", "px"), t0=0.0, samples=bytes(8))
+
+
+def test_samples_of_a_session_that_nobody_opened_are_bad_and_those_of_one_that_just_ended_are_not():
+    facts = heard(well(), state="closed")
+    ((station, session),) = facts.statuses
+    facts.batches = {(station, session): [batch_of(session)]}
+    assert grades(list(judge(facts)), "bridge") == ["warn"]
+    facts.batches = {(station, "other"): [batch_of("other")]}
+    assert grades(list(judge(facts)), "bridge") == ["bad"]
+    facts = well(batches={(station, "other"): [batch_of("other")]})
+    assert grades(list(judge(facts)), "bridge") == ["ok", "warn"]
 
 
 def test_a_recording_is_looked_at_without_a_network(tmp_path):

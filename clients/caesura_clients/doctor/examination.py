@@ -33,7 +33,7 @@ def examine(
     try:
         transport = ZenohTransport(endpoint, config_file=config_file, timeout_s=CONNECT_S)
     except CaesuraError as error:
-        yield no_session(endpoint, error)
+        yield no_session(error)
         return
     with transport:
         yield from examine_network(transport, station, seconds=seconds)

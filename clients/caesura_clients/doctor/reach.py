@@ -6,10 +6,12 @@ import socket
 import time
 
 from caesura_clients.doctor.findings import Finding, bad, ok
+from caesura_clients.errors import CaesuraError, NotLetIn
 from caesura_clients.network import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"
+_REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 
 
@@ -31,13 +33,13 @@ def look_at(endpoint: str) -> Finding:
     return ok(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
 
 
-def no_session(endpoint: str, error: Exception) -> Finding:
-    """Something listens, and Zenoh gets no session."""
-    remedy = (
-        "tls/ where the router demands TLS and tcp/ where it does not; --zenoh-config with a certificate of "
-        "the router's own authority, or its user and password; and a host that its certificate names"
-    )
-    return bad("session", f"something listens at {endpoint}, but: {error}", remedy)
+def no_session(error: CaesuraError) -> Finding:
+    """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
+    where, _, why = str(error).partition(_REFUSED)
+    if not isinstance(error, NotLetIn) or not why:
+        return bad("session", str(error), "something listens there: is it the router, and is it well?")
+    found, _, remedy = why.partition(": ")
+    return bad("session", f"{where}{_REFUSED}{found}", remedy or "is it the router that you mean?")
 
 
 def _said(error: Exception) -> str:

@@ -51,9 +51,11 @@ def check_station(station: Station) -> Iterator[Finding]:
     if status is not None:
         for check in CHECKS:
             yield from check(station, status)
-    for session, count in _strangers(station):
-        remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
-        yield warn("bridge", f"{count} batches of {session}, which is not open", remedy, station=station.name)
+    if status is not None and status.state == "open":
+        for session, count in _strangers(station).items():
+            remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
+            found = f"{count} batches of {session}, which is not open"
+            yield warn("bridge", found, remedy, station=station.name)
 
 
 def _station(facts: Facts, name: str) -> Station:
@@ -71,11 +73,11 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
 def _between_sessions(station: Station) -> Iterator[Finding]:
     status = station.status
     last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
-    if station.connected and station.batches:
+    if _strangers(station):
         remedy = "the service refused it or has not answered: see the bridge's terminal and the service's log"
         yield bad("bridge", f"samples come, and {last}", remedy, station=station.name)
     elif station.connected:
-        remedy = "it is just beginning; if it stays so, see its terminal"
+        remedy = "one has just ended, or is beginning; if it stays so, see the bridge's terminal"
         yield warn("bridge", f"connected, and {last}", remedy, station=station.name)
     else:
         yield ok("bridge", f"not connected, and {last}", station=station.name)
@@ -217,14 +219,11 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
     yield from check_bias(None if wrench.tare is None else np.array(wrench.tare), station=station.name)
 
 
-def _strangers(station: Station) -> Iterator[tuple[str, int]]:
-    """Batches of sessions other than the current one."""
-    status = station.status
-    own = status.session if status is not None and status.state == "open" else None
+def _strangers(station: Station) -> dict[str, int]:
+    """Batches of sessions other than the current one, by session."""
+    own = station.status.session if station.status is not None else None
     others = [one.session for one in station.batches if one.session != own]
-    if own is not None:
-        for session in sorted(set(others)):
-            yield session, others.count(session)
+    return {session: others.count(session) for session in sorted(set(others))}
 
 
 CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[Finding]], ...] = (_losses, _refusals, _wrench)

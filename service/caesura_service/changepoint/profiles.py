@@ -1,7 +1,9 @@
 """Libraries of unit responses: how a movement or a force goes from 0 to 1.
 
-A library is a table over time: row j holds the value of every profile j samples after the start. The
-table grows as segments do, by doubling, and the sums of squares that the models need grow with it.
+A library is a table over time: row j holds the value of every profile j samples after the start. The table
+grows as segments do, by doubling, and the sums of squares that the models need with it, until every profile
+has come to rest: from there on each row is the last one, and the sums go on evenly. So a segment of an hour
+needs no more room than one of minutes.
 """
 
 from __future__ import annotations
@@ -102,6 +104,7 @@ class ProfileLibrary:
     _precisions: Array = field(init=False, repr=False, compare=False)
     _squares: Array = field(init=False, repr=False, compare=False)
     _log_scales: Array = field(init=False, repr=False, compare=False)
+    _at_rest: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.calm <= 1.0:
@@ -121,6 +124,7 @@ class ProfileLibrary:
         self._precisions = 1.0 / variances
         self._squares = np.cumsum(self._values**2 * self._precisions, axis=0)
         self._log_scales = np.cumsum(0.5 * np.log(variances), axis=0)
+        self._at_rest = bool(plain[-1].all()) and np.array_equal(plain[-2], plain[-1])
 
     def _variances(self, steps: Array) -> Array:
         """Of residuals, (rows, profiles), 1 where a profile is fastest; the start itself has none."""
@@ -131,25 +135,32 @@ class ProfileLibrary:
 
     def values(self, index: NDArray[np.int64]) -> Array:
         """Value of every profile at each sample index (h,) counted from the start: (h, profiles)."""
-        self._reach(index)
-        return self._values[index]
+        row = self._reach(index)
+        return self._values[row]
 
     def precisions(self, index: NDArray[np.int64]) -> Array:
         """Weight of a squared residual at each sample index (h,): (h, profiles)."""
-        self._reach(index)
-        return self._precisions[index]
+        row = self._reach(index)
+        return self._precisions[row]
 
     def sums_of_squares(self, index: NDArray[np.int64]) -> Array:
         """Σφ², weighted by the precisions, over samples 0..index, for each index (h,): (h, profiles)."""
-        self._reach(index)
-        return self._squares[index]
+        row = self._reach(index)
+        return _continued(self._squares[row], index - row, self._values[-1] ** 2 * self._precisions[-1])
 
     def log_scales(self, index: NDArray[np.int64]) -> Array:
         """Σ log of the residuals' scale over samples 1..index, for each index (h,): (h, profiles)."""
-        self._reach(index)
-        return self._log_scales[index]
+        row = self._reach(index)
+        return _continued(self._log_scales[row], index - row, -0.5 * np.log(self._precisions[-1]))
 
-    def _reach(self, index: NDArray[np.int64]) -> None:
+    def _reach(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The row of each index, which is the last one where every profile has come to rest before."""
         longest = int(np.max(index, initial=0))
-        if longest >= len(self._values):
-            self._tabulate(2 ** (longest + 1).bit_length())
+        while longest >= len(self._values) and not self._at_rest:
+            self._tabulate(2 * len(self._values))
+        return np.minimum(index, len(self._values) - 1)
+
+
+def _continued(sums: Array, beyond: NDArray[np.int64], each: Array) -> Array:
+    """Sums (h, profiles) at the end of a table, `beyond` (h,) rows after it that add `each` (profiles,)."""
+    return sums + beyond[:, None] * each if beyond.any() else sums

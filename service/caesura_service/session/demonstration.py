@@ -17,7 +17,7 @@ from caesura_protocol.messages import Open
 from caesura_service.session import results
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
-from caesura_service.session.standing import Standing, Tally
+from caesura_service.session.standing import Standing, Tally, time_of
 from caesura_service.session.state import Move, State, after
 from caesura_service.session.view import Pipeline
 
@@ -31,6 +31,8 @@ class Demonstration:
         self._pipeline = pipeline
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
+        self._program_t = 0.0  # [s] session time of the last program that was put
+        self._program_unsaid = False  # has it changed since?
         self.is_hushed = False  # has an occasion just been told, so that the next one has to wait?
         self._hushed_until: float | None = None  # [s] real time, once it is known
         self._unsaid = False  # has something been left unsaid meanwhile?
@@ -136,9 +138,19 @@ class Demonstration:
             self.standing, self._pipeline.view, tally or self.standing.tally
         )
         self.standing, program = results.with_program(self.standing)
+        self._program_unsaid |= bool(program)
         view = self.standing.view
         due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
-        return [*changes, *program, *([self.status()] if due else [])]
+        return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]
+
+    def _program_in_turn(self) -> list[Output]:
+        """The program as it is, not oftener than its length allows; once closed at once."""
+        t = time_of(self.standing.view)
+        waits_s = len(self.standing.view.apps) / self._limits.apps_per_s
+        if not self._program_unsaid or (self.standing.is_open and t < self._program_t + waits_s):
+            return []
+        self._program_t, self._program_unsaid = t, False
+        return [Publish(self.standing.program)]
 
     def _guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
         """What a step says; if it breaks, it has said nothing, and the demonstration ends where it stood."""

@@ -102,7 +102,7 @@ def first_difference(old: Sequence[object], new: Sequence[object]) -> int | None
     if old == new:
         return None
     for index, (before, after) in enumerate(zip(old, new, strict=False)):
-        if before != after:
+        if before is not after and before != after:
             return index
     return min(len(old), len(new))
 

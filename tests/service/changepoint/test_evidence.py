@@ -13,6 +13,7 @@ from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Ro
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import (
     ProfileLibrary,
+    first_order,
     lognormal,
     minimum_jerk,
     overdamped,
@@ -204,3 +205,15 @@ def test_the_shares_of_the_contact_model_add_up_to_the_product_of_its_predictive
         total += np.log(joint.sum())
         counts = counts + joint / joint.sum()
     assert log_sum_exp(np.array(parts)) - np.log(3.0) == pytest.approx(total, abs=1e-9)
+
+
+@pytest.mark.parametrize("calm", [1.0, 0.3])
+def test_a_table_ends_where_its_profiles_rest_and_says_the_same_of_an_hour(calm):
+    profiles = [minimum_jerk(0.7), lognormal(2.0), first_order(3.0)]
+    short, long = (ProfileLibrary(profiles, 0.1, 0.8, calm) for _ in range(2))
+    long._at_rest = False
+    long._tabulate(1 << 16)
+    index = np.array([3, 70, 500, 36_000])
+    for name in ("values", "precisions", "sums_of_squares", "log_scales"):
+        np.testing.assert_allclose(getattr(short, name)(index), getattr(long, name)(index), rtol=1e-12)
+    assert len(short._values) <= 1024

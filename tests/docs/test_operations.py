@@ -1,0 +1,35 @@
+"""What docs/operations.md advises rests on what there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from caesura_protocol.errors import ErrorCode
+
+yaml = pytest.importorskip("yaml")
+
+PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text()
+METRICS = set(
+    re.findall(r"^\| `(caesura_\w+)`", PAGE, re.MULTILINE)
+)  # tests/service/observing holds the table
+
+
+def test_alerts_and_advice_name_metrics_that_exist():
+    named = {name.removesuffix("_sum") for name in re.findall(r"\bcaesura_[a-z_]+", PAGE)}
+    assert named - METRICS == set()
+
+
+def test_the_alerts_are_rules():
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (group,) = yaml.safe_load(block)["groups"]
+    assert len(group["rules"]) > 5
+    assert all({"alert", "expr"} <= rule.keys() <= {"alert", "expr", "for"} for rule in group["rules"])
+
+
+def test_every_code_of_a_refusal_has_its_advice():
+    rows = set(re.findall(r"^\| `([a-z_]+)` \|", PAGE, re.MULTILINE))
+    assert set(get_args(ErrorCode)) <= rows

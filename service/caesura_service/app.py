@@ -20,7 +20,7 @@ from typing import Self
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
-from caesura_service.journal import Journal, MemoryJournal, SqliteJournal
+from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
 from caesura_service.observing.health import web_of
 from caesura_service.observing.metrics import Observed
 from caesura_service.observing.watched import WatchedRegistry
@@ -55,6 +55,7 @@ class Service:
             default_preset=self.config.preset,
             journal=journal or self._file or MemoryJournal(),
             limits=self.config.limits,
+            siblings=Siblings(self.config.journal_path if journal is None else None),
         )
         self._edge = Edge(
             self.registry,
@@ -78,7 +79,6 @@ class Service:
             stack.enter_context(_switching_often())
             if self._file is not None:
                 stack.enter_context(self._file)
-            self._restore()
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
         self.ready = True
@@ -89,19 +89,6 @@ class Service:
     ) -> None:
         self.ready = False
         self._stack.close()
-
-    def _restore(self) -> None:
-        """Go on where the journal ends; its sessions are there before anybody can ask for them."""
-        began = time.monotonic()
-        for failed in self.registry.restore():
-            fields = {"station": failed.station, "session": failed.session}
-            logger.error(
-                "%s/%s was not rebuilt", failed.station, failed.session, exc_info=failed.error, extra=fields
-            )
-        if standings := self.registry.board.standings():
-            opened = sum(standing.is_open for standing in standings)
-            took_s = time.monotonic() - began
-            logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)
 
     @property
     def endpoint(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import zenoh
 
@@ -93,7 +94,28 @@ class Ended:
     asked: Asked
 
 
-Arrival = Samples | Command | Replayed | Ended
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """A token came, was there, or is gone."""
+
+    kind: Literal["service", "station"]
+    name: str
+    alive: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Linked:
+    """Our own link to the router was lost, or is back."""
+
+    up: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """From here on tokens are told of."""
+
+
+Arrival = Samples | Command | Replayed | Ended | Presence | Linked | Watching
 
 
 def sources_of(station: str) -> tuple[str, str]:

@@ -3,8 +3,10 @@
 Every callback of the network only enqueues: one that works would stop all reception. They run directly in
 the network's thread, which keeps the order between what a bridge puts and what it asks: in a thread for
 each declaration a close overtook the batches before it in one of six runs, and was refused and repeated.
-Leaving undeclares first, then lets the threads end, then closes the session: an open one would hang the
-interpreter.
+
+In the beginning sessions are taken, then declared, then told of by our token, so that others let go only of
+what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang
+the interpreter.
 """
 
 from __future__ import annotations
@@ -15,19 +17,22 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import zenoh
 
-from caesura_protocol.keys import service_key, session_key, station_key
+from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Samples, content_of
+from caesura_service.edge.arrivals import Arrival, Samples, Watching, content_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, put
+from caesura_service.edge.presence import watching, who_is_there
 from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
+from caesura_service.edge.scope import Scope, direct
+from caesura_service.edge.steward import Steward
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner
 from caesura_service.session.registry import Registry
@@ -70,13 +75,23 @@ class Edge:
         network, self.endpoint = join(self._settings, self._stop)
         with ExitStack() as stack:
             stack.callback(network.close)
-            outgoing = Outgoing(network, self._inbox)
-            self._worker = Worker(self._registry, self._inbox, outgoing, self._clock)
-            stack.enter_context(self._worker)
             stack.enter_context(self._answers)
-            key = service_key(self._owner.instance, "status")
-            stack.enter_context(Announcer(self._inbox, lambda: put(network, key, self.status())))
-            self._declare(stack, network, self._answers)
+            scope = Scope(
+                network,
+                samples=self._take_samples,
+                control=self._answers.command,
+                program=self._answers.program,
+            )
+            steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
+            self._worker = Worker(
+                self._registry, steward, self._inbox, Outgoing(network, self._inbox), self._clock
+            )
+            self._worker.say(steward.begin(who_is_there(network)))
+            self._declare(stack, network)
+            self._worker.say(self._registry.restate(None))
+            stack.enter_context(self._worker)
+            stack.callback(scope.close)
+            self._appear(stack, network)
             self._stack = stack.pop_all()
         return self
 
@@ -107,20 +122,23 @@ class Edge:
             overloaded=bool(self._inbox.pressed),
         )
 
-    def _declare(self, stack: ExitStack, network: zenoh.Session, answers: Answers) -> None:
-        samples = network.declare_subscriber(station_key("*", "samples"), _direct(self._take_samples))
-        declared: list[Any] = [samples]
-        for key, callback in (
-            (station_key("*", "control"), answers.command),
-            (station_key("*", "program"), answers.program),
-            (session_key("*", "*", "snapshot"), answers.snapshot),
-            (service_key(self._owner.instance, "status"), answers.status),
+    def _declare(self, stack: ExitStack, network: zenoh.Session) -> None:
+        """What belongs to no station."""
+        key = service_key(self._owner.instance, "status")
+        stack.enter_context(Announcer(self._inbox, lambda: put(network, key, self.status())))
+        for asked, callback in (
+            (session_key("*", "*", "snapshot"), self._answers.snapshot),
+            (key, self._answers.status),
         ):
-            declared.append(network.declare_queryable(key, _direct(callback)))
-        alive = service_key(self._owner.instance, "alive")
-        declared.append(network.liveliness().declare_token(alive))
-        for entity in declared:
-            stack.callback(entity.undeclare)
+            stack.callback(network.declare_queryable(asked, direct(callback)).undeclare)
+
+    def _appear(self, stack: ExitStack, network: zenoh.Session) -> None:
+        """Let others know that we are there, then see who comes and goes."""
+        token = network.liveliness().declare_token(service_key(self._owner.instance, "alive"))
+        stack.callback(token.undeclare)
+        client = self._settings.connect is not None
+        stack.enter_context(watching(network, self._inbox.insist, client=client))
+        self._inbox.deliver(Watching())
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
         if not self._rate.allows(key := str(sample.key_expr)):
@@ -135,7 +153,3 @@ class Edge:
         if self._complaints.allows(key):
             limit = self._rate.rate.per_s
             logger.warning("%s: more than %g messages a second, what is above is dropped", key, limit)
-
-
-def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
-    return zenoh.handlers.Callback(callback, indirect=False)

@@ -17,27 +17,56 @@ from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBatch
-from caesura_service.edge.arrivals import Arrival, Command, Content, Ended, Replayed, Samples, station_of
+from caesura_service.edge.arrivals import (
+    Arrival,
+    Command,
+    Content,
+    Ended,
+    Linked,
+    Presence,
+    Replayed,
+    Samples,
+    Watching,
+    station_of,
+)
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
-from caesura_service.session.ports import Answer, AskReplay, Failed, Forgotten, Output, Publish, Refused
+from caesura_service.edge.steward import Steward
+from caesura_service.session.ports import (
+    Answer,
+    AskReplay,
+    Failed,
+    Forgotten,
+    NotTaken,
+    Output,
+    Publish,
+    Refused,
+    Taken,
+)
 from caesura_service.session.registry import Registry
 
 logger = logging.getLogger(__name__)
 
 TICK_S = 0.1  # between two looks at what is still missing
 JOIN_S = 2.0  # what is under way when the service stops
+MESSAGES = (Samples, Replayed, Ended, Command)  # what counts as one
 
 
 class Worker:
     """Drains the inbox in a thread of its own while the context lasts."""
 
     def __init__(
-        self, registry: Registry, inbox: Inbox[Arrival], outgoing: Outgoing, clock: Callable[[], float]
+        self,
+        registry: Registry,
+        steward: Steward,
+        inbox: Inbox[Arrival],
+        outgoing: Outgoing,
+        clock: Callable[[], float],
     ) -> None:
         self.messages = 0  # taken from the inbox so far
         self._news, self._pressed = 0, frozenset[str]()  # of the inbox, as far as sessions have told of it
         self._registry = registry
+        self._steward = steward
         self._inbox = inbox
         self._outgoing = outgoing
         self._clock = clock
@@ -58,24 +87,24 @@ class Worker:
     def _run(self) -> None:
         due = self._clock() + TICK_S
         while not self._stopped.is_set():
-            arrival = self._inbox.get(TICK_S)
+            arrival = self._inbox.get(min(TICK_S, self._steward.patience_s()))
             if arrival is not None:
-                self.messages += 1
                 self._guarded(lambda taken=arrival: self._take(taken))  # type: ignore[misc]
             if self._inbox.news != self._news:
                 self._guarded(self._tell_of_overload)
+            self._guarded(lambda: self.say(self._steward.step()))
             if (now := self._clock()) >= due:
                 due = now + TICK_S
-                self._guarded(lambda: self._say(self._registry.tick(self._clock())))
+                self._guarded(lambda: self.say(self._registry.tick(self._clock())))
 
     def _tell_of_overload(self) -> None:
         """Charge what was dropped to its sessions, and let those say so that are pressed, or no longer."""
         self._news = self._inbox.news
         before, self._pressed = self._pressed, self._inbox.pressed
         for source, messages in self._inbox.take_drops().items():
-            self._say(self._registry.dropped(station_of(source), messages))
+            self.say(self._registry.dropped(station_of(source), messages))
         for source in before ^ self._pressed:
-            self._say(self._registry.restate(None if source == WHOLE else station_of(source)))
+            self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
 
     def _guarded(self, step: Callable[[], None]) -> None:
         try:
@@ -84,6 +113,7 @@ class Worker:
             logger.exception("an arrival was lost to an error of ours")
 
     def _take(self, arrival: Arrival) -> None:
+        self.messages += isinstance(arrival, MESSAGES)
         match arrival:
             case Samples(content):
                 self._take_samples(content, None)
@@ -91,10 +121,12 @@ class Worker:
                 self._take_samples(content, station)
             case Ended(asked):
                 self._outgoing.ended()
-                self._say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
+                self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
             case Command():
                 with arrival.query:
                     self._take_command(arrival)
+            case Presence() | Linked() | Watching():
+                self._steward.receive(arrival)
 
     def _take_samples(self, content: Content, station: str | None) -> None:
         """station: where it is known from the question; else the key tells."""
@@ -103,9 +135,9 @@ class Worker:
             message = _batch(content)
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)
-            self._say(self._registry.refuse(station, error))
+            self.say(self._registry.refuse(station, error))
             return
-        self._say(self._registry.samples(station, message, self._clock()))
+        self.say(self._registry.samples(station, message, self._clock()))
 
     def _take_command(self, arrival: Command) -> None:
         station: str | None = None
@@ -115,13 +147,13 @@ class Worker:
         except ProtocolError as error:
             logger.debug("refused on %s: %s", arrival.content.key, error)
             refuse(arrival.query, error)
-            self._say(self._registry.refuse(station, error))
+            self.say(self._registry.refuse(station, error))
             return
         for output in self._carry_out(station, command, arrival.query):
             if isinstance(output, Answer):
                 _reply(arrival.query, station, output)
             else:
-                self._say([output])
+                self.say([output])
 
     def _carry_out(self, station: str, command: Open | Close, query: zenoh.Query) -> list[Output]:
         """What comes of a command. An error of ours asks the sender to try again, and is raised."""
@@ -131,7 +163,8 @@ class Worker:
             refuse(query, ProtocolError("overloaded", f"not carried out: {type(error).__name__}"))
             raise
 
-    def _say(self, outputs: Iterable[Output]) -> None:
+    def say(self, outputs: Iterable[Output]) -> None:
+        """Put, ask and log. From another thread only before this one runs."""
         for output in outputs:
             match output:
                 case Publish():
@@ -148,6 +181,12 @@ class Worker:
                 case Forgotten(station, session, why):
                     fields = {"station": station, "session": session}
                     logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
+                case NotTaken(station, session, error):
+                    fields = {"station": station, "session": session}
+                    logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)
+                case Taken(station, epoch, sessions, opened):
+                    found = f"{sessions} sessions, {opened} of them open"
+                    logger.info("%s is ours, epoch %d, %s", station, epoch, found, extra={"station": station})
                 case Answer():
                     raise TypeError("an answer without a question")
 

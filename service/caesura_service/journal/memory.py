@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.messages import Close, JournalReport, SampleBatch
-from caesura_service.journal.journal import Copy, Key, Outcome, Record
+from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
 
 
 class MemoryJournal:
-    """Records in lists, one a session. Over its capacity it drops whole sessions, oldest first."""
+    """Records in lists, one a session. Over its capacity it drops whole sessions, oldest first.
+
+    A session that fills it alone gets no further batches; it can still be closed.
+    """
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
         self.capacity_bytes = capacity_bytes
@@ -22,12 +25,24 @@ class MemoryJournal:
         self._epochs: dict[str, int] = {}  # by station
 
     def append(self, record: Record, *, now: bool = False) -> None:
-        """Keep a record, and make room for it; the session that it belongs to is never dropped."""
+        """Keep a record, and make room for it; the session that it belongs to is never dropped.
+
+        Raises JournalError where that one is too large by itself.
+        """
         key = (record.station, record.session)
+        if isinstance(record.message, SampleBatch):
+            self._check_room(key, _size(record))
         self._records.setdefault(key, []).append(record)
         self._sizes[key] = self._sizes.get(key, 0) + _size(record)
         while sum(self._sizes.values()) > self.capacity_bytes and len(self._sizes) > 1:
             self.forget(*next(known for known in self._sizes if known != key))
+
+    def _check_room(self, key: Key, size: int) -> None:
+        if self._sizes.get(key, 0) + size > self.capacity_bytes:
+            raise JournalError(
+                f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} bytes: "
+                "close the session, and serve with --journal DIR"
+            )
 
     def commit(self) -> None:
         """Nothing is safer than it is."""

@@ -72,3 +72,8 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
     """The last epoch under which a journal's instance had a station; -1 without one."""
     (epoch,) = database.execute(SELECT_EPOCH, (station,)).fetchone()
     return int(epoch)
+
+
+def stations_in(database: sqlite3.Connection) -> list[str]:
+    """Those that a journal has a session of."""
+    return [station for (station,) in database.execute("SELECT DISTINCT station FROM sessions")]

@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.journal.journal import Copy, JournalError, Outcome, Record
-from caesura_service.journal.rows import copies_in, epoch_in, outcome_of, record_of
+from caesura_service.journal.rows import copies_in, epoch_in, outcome_of, record_of, stations_in
 from caesura_service.journal.schema import SELECT_BEYOND, SELECT_OUTCOME, check, translated
 
 logger = logging.getLogger(__name__)
@@ -47,6 +47,11 @@ class Siblings:
             for path in self._paths()
             for copy in self._ask(path, lambda kept: copies_in(kept, station)) or ()
         ]
+
+    def stations(self) -> frozenset[str]:
+        """Those that one of them has a session of."""
+        asked = (self._ask(path, stations_in) for path in self._paths())
+        return frozenset(station for known in asked for station in known or ())
 
     def epoch_of(self, station: str) -> int:
         """The highest epoch under which one of them had the station; -1 if none had."""

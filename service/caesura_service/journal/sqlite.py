@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Set
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -139,8 +139,12 @@ class SqliteJournal:
             return set(self._database.execute("SELECT station, session FROM sessions WHERE closed"))
 
     def copies(self, station: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, or of those of one station, oldest first."""
-        self.commit()
+        """What it has of every session, or of those of one station, oldest first.
+
+        Without what cannot be written: one can still look.
+        """
+        with suppress(JournalError):
+            self.commit()
         with self._writing, translated(self.path):
             return copies_in(self._database, station)
 

@@ -38,8 +38,7 @@ class Journals:
 
     def stations(self) -> frozenset[str]:
         """Those with a session."""
-        known = [*self._own.copies(), *(found.copy for found in self._siblings.copies())]
-        return frozenset(copy.station for copy in known)
+        return self._siblings.stations().union(station for station, _ in self._own.sessions())
 
     def has(self, station: str, session: str) -> bool:
         """Is the name taken?"""

@@ -89,9 +89,10 @@ class Registry:
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
-    def restore(self, now: float = 0.0) -> list[NotTaken]:
-        """Take every station that is known; returns the sessions that were left out."""
-        taken = (said for station in sorted(self.known()) for said in self.take(station, now))
+    def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[NotTaken]:
+        """Take these stations, or every one that is known; returns the sessions that were left out."""
+        wanted = self.known() if stations is None else stations
+        taken = (said for station in sorted(wanted) for said in self.take(station, now))
         return [output for said in taken for output in said if isinstance(output, NotTaken)]
 
     def known(self) -> Set[str]:
@@ -112,30 +113,35 @@ class Registry:
         From then on we speak under a new epoch, higher than any before. renew: also where nothing was behind,
         as after somebody else may have had the station.
         """
-        known, held = self._journals.of(station), self._stations.get(station, {})
-        wanted = self._to_hold(known)
-        if not renew and not any(_lacks(held.get(name), known[name]) for name in wanted):
-            return
-        self.bar(station)
         try:
-            owner = self._acquire(station, now)
-            taken = {name: session for name, session in held.items() if name not in wanted}
-            for name in wanted:
-                session = yield from self._takeover.session(known[name], held.get(name), owner)
-                if session is not None:
-                    taken[name] = session
-            if taken:
-                self._stations[station] = taken
-                self._show()
-            opened = sum(session.is_open for session in taken.values())
-            said: list[Output] = [Taken(station, owner.epoch, len(taken), opened)]
-            for name, session in taken.items():
-                session.hand_to(owner)
-                if session.is_open or name in held:  # whoever follows it learns from whom
-                    said.append(Publish(status_of(session.standing)))
+            known, held = self._journals.of(station), self._stations.get(station, {})
+            wanted = self._to_hold(known)
+            if renew or any(_lacks(held.get(name), known[name]) for name in wanted):
+                yield from self._take(station, now, {name: known[name] for name in wanted})
         finally:
             self._barred.discard(station)
-        yield said
+
+    def _take(
+        self, station: str, now: float, wanted: Mapping[str, Copies]
+    ) -> Generator[list[Output], None, None]:
+        self.bar(station)
+        held, owner = self._stations.get(station, {}), self._acquire(station, now)
+        taken = {name: session for name, session in held.items() if name not in wanted}
+        for name, copies in wanted.items():
+            session = yield from self._takeover.session(copies, held.get(name), owner)
+            if session is not None:
+                taken[name] = session
+        self._hushed.difference_update(held.values())
+        if taken:
+            self._stations[station] = taken
+            self._show()
+        said: list[Output] = []
+        for name, session in taken.items():
+            session.hand_to(owner)
+            if session.is_open or name in held:  # whoever follows it learns from whom
+                said.append(Publish(status_of(session.standing)))
+        opened = sum(session.is_open for session in taken.values())
+        yield [Taken(station, owner.epoch, len(taken), opened), *said]
 
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
@@ -143,7 +149,8 @@ class Registry:
         self._owners.pop(station, None)
         with suppress(JournalError):  # which the journal has said already
             self._journal.commit()
-        if self._stations.pop(station, None) is not None:
+        if (left := self._stations.pop(station, None)) is not None:
+            self._hushed.difference_update(left.values())
             self._show()
 
     def _acquire(self, station: str, now: float) -> Owner:

@@ -1,0 +1,31 @@
+"""Which instance serves which station: rendezvous hashing (highest random weight; Thaler & Ravishankar 1998).
+
+Everybody who knows the same instances comes to the same answer without a word. An instance that goes gives
+its stations away, evenly, and no other station moves; one that comes takes its share, and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from hashlib import blake2b
+
+
+def weight(instance: str, station: str) -> int:
+    """How much an instance has to do with a station; the same in every process and on every machine."""
+    digest = blake2b(f"{instance}/{station}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big")
+
+
+def owner_of(station: str, instances: Iterable[str]) -> str:
+    """The instance that serves a station. Raises ValueError without instances.
+
+    >>> [owner_of(f"cell-{number}", ["west", "east"]) for number in range(1, 5)]
+    ['east', 'west', 'east', 'east']
+    """
+    return max(instances, key=lambda instance: (weight(instance, station), instance))
+
+
+def share_of(me: str, instances: Iterable[str], stations: Iterable[str]) -> frozenset[str]:
+    """The stations that an instance serves among others."""
+    known = frozenset(instances)
+    return frozenset(station for station in stations if owner_of(station, known) == me)

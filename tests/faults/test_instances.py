@@ -1,0 +1,148 @@
+"""Two instances share the stations of one router. One is killed, comes back, or hangs longer than its lease,
+in the middle of demonstrations: nothing is lost, nothing comes twice, and the results are those of an
+undisturbed run, field by field. Real processes, real Zenoh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from caesura_clients import Caesura, connect
+from caesura_clients.query import services
+from caesura_protocol.keys import session_key
+from caesura_protocol.messages import Ack, SessionStatus, Snapshot
+from caesura_service.recordings import segment_recording
+from caesura_service.session.sharing import share_of
+from caesura_service.session.view import View
+from harness.peer import Peer
+from harness.processes import (
+    DEADLINE_S,
+    PACE,
+    RECORDING,
+    SAMPLES,
+    SESSION,
+    Router,
+    Service,
+    assert_equal,
+    eventually,
+    reaches,
+    running,
+    snapshot,
+    teaching,
+)
+
+INSTANCES = ("east", "west")
+STATIONS = tuple(f"cell-{number}" for number in range(1, 5))
+WESTS = sorted(share_of("west", INSTANCES, STATIONS))
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> View:
+    """What the same samples give without a network, a service or a journal."""
+    return segment_recording(RECORDING)
+
+
+class Pair:
+    """Two instances on one router and one directory, and somebody who looks at them."""
+
+    def __init__(self, directory: Path, stack: ExitStack) -> None:
+        self.router = stack.enter_context(running(Router()))
+        self.east, self.west = (
+            stack.enter_context(running(Service(directory, "--instance", name, router=self.router.endpoint)))
+            for name in INSTANCES
+        )
+        self.caesura = stack.enter_context(connect(self.router.endpoint, timeout_s=DEADLINE_S))
+        self._stack = stack
+
+    def teach(self, station: str, pace: float = PACE) -> Future[Ack]:
+        return self._stack.enter_context(teaching(self.caesura, station, pace=pace))
+
+    def owner(self, station: str) -> str | None:
+        found = snapshot(self.caesura, station)
+        return found.status.instance if found else None
+
+    def until_served_by(self, instance: str, *stations: str) -> None:
+        eventually(lambda: all(self.owner(station) == instance for station in stations))
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[Pair]:
+    with ExitStack() as stack:
+        yield Pair(tmp_path, stack)
+
+
+def half_way(caesura: Caesura, *stations: str) -> list[Snapshot]:
+    return [reaches(caesura, station, SAMPLES // 2) for station in stations]
+
+
+def assert_all_equal(pair: Pair, ends: list[Future[Ack]], undisturbed: View) -> None:
+    assert all(end.result(DEADLINE_S).state == "closed" for end in ends)
+    for station in STATIONS:
+        assert_equal(reaches(pair.caesura, station, SAMPLES), undisturbed)
+
+
+def test_the_sample_has_stations_for_both():
+    assert 0 < len(WESTS) < len(STATIONS)
+
+
+def test_two_instances_share_the_stations_and_the_survivor_of_a_kill_takes_them_all(pair, undisturbed):
+    ends = [pair.teach(station) for station in STATIONS]
+    owners = {told.status.station: told.status.instance for told in half_way(pair.caesura, *STATIONS)}
+    assert sorted(station for station, owner in owners.items() if owner == "west") == WESTS
+    pair.west.kill()
+    assert_all_equal(pair, ends, undisturbed)
+    pair.until_served_by("east", *STATIONS)
+
+
+def test_one_that_comes_back_takes_its_stations_in_the_middle_of_their_demonstrations(pair, undisturbed):
+    pair.west.kill()
+    eventually(lambda: services(pair.caesura.transport) == ["east"])
+    ends = [pair.teach(station) for station in STATIONS]
+    before = half_way(pair.caesura, *WESTS)
+    assert {told.status.instance for told in before} == {"east"}
+    pair.west.start()
+    pair.until_served_by("west", *WESTS)
+    assert_all_equal(pair, ends, undisturbed)
+    for told in before:
+        found = reaches(pair.caesura, told.status.station, SAMPLES)
+        assert (found.status.instance, found.status.epoch > told.status.epoch) == ("west", True)
+
+
+@pytest.mark.parametrize(
+    "pace", [1.0, PACE]
+)  # it goes on in the middle of the demonstration, or after its end
+def test_one_that_hangs_loses_its_stations_and_takes_them_up_where_the_other_has_come(
+    pair, undisturbed, pace
+):
+    keys = [session_key(station, SESSION, "status") for station in WESTS]
+    with Peer(pair.router.endpoint) as peer, peer.listening(*keys) as heard:
+        ends = [pair.teach(station, pace) for station in STATIONS]
+        begun = [reaches(pair.caesura, station, SAMPLES // 8) for station in WESTS]
+        pair.west.freeze()
+        pair.until_served_by("east", *WESTS)
+        pair.west.thaw()
+        pair.until_served_by("west", *WESTS)
+        assert_all_equal(pair, ends, undisturbed)
+        for told in begun:
+            last = reaches(pair.caesura, told.status.station, SAMPLES).status
+            assert last.epoch > told.status.epoch
+            heard.until(SessionStatus, partial(_is_from, last))  # nobody who reads is left behind
+
+
+def _is_from(last: SessionStatus, status: SessionStatus) -> bool:
+    return (status.station, status.epoch, status.state) == (last.station, last.epoch, "closed")
+
+
+def test_what_was_closed_just_before_the_kill_is_answered_by_the_survivor(pair, undisturbed):
+    ends = {station: pair.teach(station) for station in STATIONS}
+    for station in WESTS:
+        assert ends[station].result(DEADLINE_S).state == "closed"
+    pair.west.kill()
+    assert_all_equal(pair, list(ends.values()), undisturbed)
+    pair.until_served_by("east", *STATIONS)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filters import filter_for
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import ChannelModel
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.parameters import FilterParameters
 
 SEGMENTATION_HZ = 10.0
@@ -66,12 +67,10 @@ class Preset:
         channels = {name: model for name, model in channels.items() if name in used}
         return Lattice(channels, kinds, "maximum" if self.maximum else "mixture")
 
-    def online(
-        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
-    ) -> OnlineFilter:
+    def online(self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N) -> Filter:
         """A filter at its beginning; arguments as for `lattice`."""
         lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
-        return OnlineFilter(lattice, self.hazard, self.filter)
+        return filter_for(lattice, self.hazard, self.filter)
 
     @property
     def hazard(self) -> Hazard:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.lattice import Kind
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.threshold import OnlineThreshold
 
 Array = NDArray[np.float64]
@@ -54,9 +54,7 @@ def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     return Verdict(kinds[best], min(probability, 1.0), kinds[second], log_odds)
 
 
-def stretches(
-    online: OnlineFilter, first: int = 0, *, decided: OnlineThreshold | None = None
-) -> list[Stretch]:
+def stretches(online: Filter, first: int = 0, *, decided: OnlineThreshold | None = None) -> list[Stretch]:
     """The best segmentation so far, from the final segment number `first` on; or else what was `decided`."""
     final, growing = (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
     settled, path = len(final), [*final[first:], *growing]
@@ -71,7 +69,7 @@ def stretches(
 
 
 def _stretch(
-    online: OnlineFilter, kinds: Array, starts: tuple[int, int, int], number: int, settled: int
+    online: Filter, kinds: Array, starts: tuple[int, int, int], number: int, settled: int
 ) -> Stretch:
     """starts: of the segment before, of this one, and of the one after."""
     before, start, after = starts
@@ -87,7 +85,7 @@ def _stretch(
     )
 
 
-def _interval(online: OnlineFilter, before: int, start: int, after: int) -> tuple[int, int]:
+def _interval(online: Filter, before: int, start: int, after: int) -> tuple[int, int]:
     """First and last observation of the central interval, among those that may be the same event.
 
     One observation wider on either side: what happens lies between observations, not at one.

@@ -1,7 +1,7 @@
 """How probable it is that a segment starts at some observation, given what came after it.
 
-Within the window that is what is known now, behind it what was known as the observation left the window. Where a
-start was taken for certain, what is said of it and its neighbours stays as it was just before.
+Within the window that is what is known now, behind it what was known as the observation left the window.
+Where a start was taken for certain, what is said of it and its neighbours stays as it was just before.
 """
 
 from __future__ import annotations

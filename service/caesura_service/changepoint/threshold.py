@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.window import Ended
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ class OnlineThreshold:
     A changepoint is final once it and the samples next to it have left the filter's window.
     """
 
-    online: OnlineFilter
+    online: Filter
     level: float = THRESHOLD
     final: list[Ended] = field(default_factory=list)  # the segments before the root
     root: int = 0  # the latest final start

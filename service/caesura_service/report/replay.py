@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.recording import Recording
+from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.recordings import batches, opening_of
 from caesura_service.session.pipeline import filter_of, layout_of, observed
@@ -76,13 +76,13 @@ def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Obs
     yield from conditioner.finish().observations
 
 
-def _believed(online: OnlineFilter, observations: tuple[Observation, ...]) -> Iterator[Belief]:
+def _believed(online: Filter, observations: tuple[Observation, ...]) -> Iterator[Belief]:
     for observation in observations:
         online.step(observed(observation), boundary=observation.after_gap)
         yield Belief(online.starts.copy(), np.minimum(online.posterior, 1.0))
 
 
-def _offline(online: OnlineFilter, observations: tuple[Observation, ...]) -> Array:
+def _offline(online: Filter, observations: tuple[Observation, ...]) -> Array:
     """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
     seen = [observed(one) for one in observations]
     cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
+from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.preset import TARED_BIAS_N, UNTARED_BIAS_N, Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.segments import Stretch, stretches
@@ -69,7 +69,7 @@ def layout_of(opening: Open) -> Layout:
     )
 
 
-def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> OnlineFilter:
+def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> Filter:
     """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
     return preset.online(
         contact=source.contact_models,

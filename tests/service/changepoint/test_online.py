@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from caesura_service.changepoint.compiled import CompiledFilter
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Lattice
@@ -25,7 +26,7 @@ HAZARD = Geometric(8.0)
 LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
 
 
-def check_against(brute: BruteForce, online: OnlineFilter) -> None:
+def check_against(brute: BruteForce, online: OnlineFilter | CompiledFilter) -> None:
     """Posterior, smoothed probabilities and best segmentation are those of the segmentations written out."""
     assert float(log_sum_exp(online.log_joint)) == pytest.approx(brute.total, abs=1e-9)
     expected = [brute.probability([path[-1] == start for path in brute.paths]) for start in online.starts]
@@ -41,10 +42,13 @@ def check_against(brute: BruteForce, online: OnlineFilter) -> None:
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_filter_agrees_with_the_sum_over_all_segmentations(lattice: Lattice, seed: int) -> None:
+def test_filter_agrees_with_the_sum_over_all_segmentations(
+    lattice: Lattice, made: type[OnlineFilter | CompiledFilter], seed: int
+) -> None:
     data = demonstration(seed)
-    online = OnlineFilter(lattice, HAZARD, EXACT)
+    online = made(lattice, HAZARD, EXACT)
     for observed in data:
         online.step(observed)
     assert online.starts.size == len(data)
@@ -52,12 +56,13 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(lattice: Lattice, see
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
 @pytest.mark.parametrize(("taken", "at"), [((3,), 4), ((4,), 8), ((2, 6), 9), ((11,), 12)], ids=str)
 def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_the_boundary(
-    lattice: Lattice, taken: tuple[int, ...], at: int
+    lattice: Lattice, made: type[OnlineFilter | CompiledFilter], taken: tuple[int, ...], at: int
 ) -> None:
     data = demonstration(2)
-    online = OnlineFilter(lattice, HAZARD, EXACT)
+    online = made(lattice, HAZARD, EXACT)
     for observed in data:
         online.step(observed)
         if online.count == at:

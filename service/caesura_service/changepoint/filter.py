@@ -1,0 +1,76 @@
+"""What is asked of a filter, however it computes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.lattice import Lattice
+from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.window import Ended, Starts
+
+Array = NDArray[np.float64]
+
+
+class Filter(Protocol):
+    """Takes observations one by one; see `OnlineFilter` for what each of these is."""
+
+    @property
+    def lattice(self) -> Lattice:
+        """What a segment may be."""
+
+    @property
+    def hazard(self) -> Hazard:
+        """How long it may last."""
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """What bounds the work."""
+
+    @property
+    def count(self) -> int:
+        """Observations taken."""
+
+    @property
+    def starts(self) -> Starts:
+        """(h,) of the living hypotheses, ascending."""
+
+    @property
+    def boundaries(self) -> Sequence[int]:
+        """Starts that are certain because somebody said so."""
+
+    @property
+    def final(self) -> Sequence[Ended]:
+        """Segments that no later sample can undo."""
+
+    @property
+    def capped(self) -> int:
+        """Steps on which the cap bit."""
+
+    @property
+    def posterior(self) -> Array:
+        """(h,) probability of each hypothesis."""
+
+    @property
+    def smoothed(self) -> Array:
+        """(n,) smoothed probability at every observation."""
+
+    def step(self, observed: Observed, boundary: bool = False) -> None:
+        """Take one observation. `boundary` makes it the start of a segment for certain. Raises ValueError."""
+
+    def condition(self, start: int) -> None:
+        """Take it for certain that a segment starts at observation `start`. Raises ValueError."""
+
+    def map_path(self) -> list[Ended]:
+        """The segments of the best segmentation from the final ones on; the last is still growing."""
+
+    def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
+        """Smoothed probability that a segment starts at observation `start`."""
+
+    def event_probability(self, start: int, others: Collection[int] = ()) -> float:
+        """Smoothed probability of a start here or next to it."""

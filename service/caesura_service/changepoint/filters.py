@@ -1,0 +1,43 @@
+"""Which filter works on a lattice: the compiled one where it can, the reference where it cannot."""
+
+from __future__ import annotations
+
+import logging
+from functools import cache
+
+from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.lattice import Lattice
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.parameters import FilterParameters
+
+logger = logging.getLogger(__name__)
+
+
+def filter_for(lattice: Lattice, hazard: Hazard, parameters: FilterParameters) -> Filter:
+    """A filter at its beginning. A third party's channel model has no compiled twin, and needs none."""
+    if not has_kernels():
+        return OnlineFilter(lattice, hazard, parameters)
+    from caesura_service.changepoint.compiled import CompiledFilter, can_compile  # noqa: PLC0415
+
+    made = CompiledFilter if can_compile(lattice) else OnlineFilter
+    return made(lattice, hazard, parameters)
+
+
+def prepare() -> None:
+    """Compile what is not compiled yet, so that no session has to wait for it."""
+    if has_kernels():
+        from caesura_service.changepoint.compiled import compile_now  # noqa: PLC0415
+
+        compile_now()
+
+
+@cache
+def has_kernels() -> bool:
+    """Whether numba is installed. Without it everything works, a hundred times slower."""
+    try:
+        import numba  # noqa: F401, PLC0415
+    except ImportError:
+        logger.warning("numba is not installed: segmentation is slow; pip install 'caesura[service]'")
+        return False
+    return True

@@ -1,0 +1,296 @@
+"""A lattice in the words of `layout.py`: a record a channel, and tables of all that depends on length alone.
+
+One function a channel model. A model that has none, or an option that has no twin in `channels.py`, cannot be
+compiled: `described` says None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from caesura_service.changepoint.contact import ContactShare
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.kernels import layout
+from caesura_service.changepoint.kernels.layout import CHANNEL, MOST_SHARES, SETTINGS, Floats, Ints, Model
+from caesura_service.changepoint.lattice import Lattice
+from caesura_service.changepoint.levels import GRAVITY, Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profiles import ProfileLibrary
+from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.changepoint.walk import Walk
+
+Record = Mapping[str, Any]
+VECTOR = 16  # numbers that a loop takes at once; what is left over it takes one by one
+SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES}
+ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
+FORCE = SIGNALS["force"]
+
+
+def can_compile(lattice: Lattice) -> bool:
+    """Whether every channel has a twin."""
+    return all(
+        type(model) in RECORDS and len(_noise(model).shares) <= MOST_SHARES
+        for model in lattice.channels.values()
+    )
+
+
+def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
+    """The lattice for segments of up to so many samples."""
+    models = tuple(lattice.channels.values())
+    libraries = [model.library for model in models if isinstance(model, Profiled)]
+    n = np.arange(lengths + 1)
+    return Model(
+        _settings(lattice, parameters),
+        _channels(models),
+        np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
+        _log_weights(lattice),
+        *_stacked(libraries, n),
+        np.array([_padded(library) for library in libraries], np.int64),
+        np.array([_by_length(model, n) for model in models]),
+        hazard.log_mass(np.maximum(n, 1)),
+        hazard.log_survival(n),
+    )
+
+
+def fields_of(lattice: Lattice) -> int:
+    """Numbers that a hypothesis keeps."""
+    return sum(_width(model) for model in lattice.channels.values())
+
+
+def scratch_of(lattice: Lattice) -> int:
+    """Numbers that one hypothesis needs on the way."""
+    profiled = [model for model in lattice.channels.values() if isinstance(model, Profiled)]
+    each = [_padded(model.library) * len(model.noise.shares) for model in profiled]
+    return max(2 * layout.STATES, len(lattice.kinds), *each)
+
+
+def _settings(lattice: Lattice, p: FilterParameters) -> NDArray[Any]:
+    with np.errstate(divide="ignore"):
+        prune = np.log(p.prune_ratio)
+    maximum = lattice.choice == "maximum"
+    return np.array(
+        [(prune, p.keep_youngest, p.cap, p.window, p.certain, p.certain_after, maximum)], SETTINGS
+    )
+
+
+def _log_weights(lattice: Lattice) -> Floats:
+    weights = np.array([kind.weight for kind in lattice.kinds], np.float64)
+    result: Floats = np.log(weights / weights.sum())
+    return result
+
+
+def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
+    records = np.zeros(len(models), CHANNEL)
+    field = library = 0
+    for record, model in zip(records, models, strict=True):
+        of_noise = {} if type(model) not in _NOISY else _record_of_noise(_noise(model))
+        told = {"field": field, "library": library, **of_noise, **RECORDS[type(model)](model)}
+        for name, value in told.items():
+            record[name] = value
+        field += _width(model)
+        library += isinstance(model, Profiled)
+    return records
+
+
+def _stacked(libraries: Sequence[ProfileLibrary], n: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+    """(libraries, rows, profiles) of each table."""
+    most = max((_padded(library) for library in libraries), default=0)
+    tables = tuple(np.zeros((len(libraries), n.size, most)) for _ in range(4))
+    for i, library in enumerate(libraries):
+        columns = np.minimum(np.arange(_padded(library)), len(library) - 1)
+        parts = (library.values, library.precisions, library.sums_of_squares, library.log_scales)
+        for table, part in zip(tables, parts, strict=True):
+            table[i, :, : columns.size] = part(n)[:, columns]
+        tables[3][i, :, len(library) : columns.size] = np.inf
+    values, precisions, squares, log_scales = tables
+    return values, precisions, squares, log_scales
+
+
+def _padded(library: ProfileLibrary) -> int:
+    """Profiles, in whole vectors: the last one repeats, infinitely improbable."""
+    return -(-len(library) // VECTOR) * VECTOR
+
+
+# --- channel by channel ---------------------------------------------------------------------------------
+
+
+def _record_of_noise(noise: Noise) -> Record:
+    shares = np.zeros(MOST_SHARES)
+    shares[: len(noise.shares)] = np.square(noise.shares)
+    return {
+        "nu0": noise.nu0,
+        "rho": noise.correlation,
+        "floor2": noise.floor**2,
+        "joint": noise.joint,
+        "shares": len(noise.shares),
+        "share2": shares,
+    }
+
+
+def _profiled(model: Profiled) -> Record:
+    target = model.target
+    record = {
+        "model": layout.PROFILED,
+        "signal": SIGNALS[model.channel],
+        "origin": ORIGINS[model.origin],
+        "maximum": model.choice == "maximum",
+        "even": model.library.calm == 1.0,
+        "pace": model.pace,
+        "log_count": np.log(len(model.library) * len(model.noise.shares)),
+    }
+    if target is None:
+        return record
+    left_out = (target.least**2 / (target.reach**2 + target.least**2)) ** (AXES / 2)
+    constant = -0.5 * AXES * np.log(2.0 * np.pi * target.reach**2) - np.log1p(-left_out)
+    return {
+        **record,
+        "explained": 1,
+        "reach2": target.reach**2,
+        "least": target.least,
+        "constant": constant,
+    }
+
+
+def _walk(model: Walk) -> Record:
+    half = 0.5 * (model.nu + AXES)
+    volume = 0.5 * AXES * np.log(model.nu * np.pi) + AXES * np.log(model.scale)
+    return {
+        "model": layout.WALK,
+        "signal": SIGNALS[model.channel],
+        "scale2": model.scale**2,
+        "nu": model.nu,
+        "still": model.still,
+        "presence": model.presence,
+        "constant": gammaln(half) - gammaln(0.5 * model.nu) - volume,
+    }
+
+
+def _constant(model: Constant) -> Record:
+    return {
+        "model": layout.CONSTANT,
+        "signal": SIGNALS[model.channel],
+        "origin": ORIGINS[model.origin],
+    }
+
+
+def _biased(model: Biased) -> Record:
+    return {
+        "model": layout.BIASED,
+        "signal": FORCE,
+        "origin": layout.ZERO,
+        "bias2": model.bias**2,
+        "absence": model.absence,
+    }
+
+
+def _laden(model: Laden) -> Record:
+    weights = {"lightest": model.least_kg * GRAVITY, "heaviest": model.most_kg * GRAVITY}
+    return {**_biased(model), **weights, "model": layout.LADEN}
+
+
+def _carried(model: Carried) -> Record:
+    return {"model": layout.CARRIED, "signal": FORCE, "lightest": model.least_kg * GRAVITY}
+
+
+def _held(model: Held) -> Record:
+    return {"model": layout.HELD, "probability": model.probability, "change": model.change}
+
+
+def _contact(model: ContactShare) -> Record:
+    return {
+        "model": layout.CONTACT,
+        "signal": FORCE,
+        "state": model.state,
+        "variance": model.sensor2 + np.array([0.0, model.contact2, model.transport2]),
+        "alpha": model.alpha,
+        "lightest": model.least_kg * GRAVITY,
+    }
+
+
+def _velocity(model: ConstantVelocity) -> Record:
+    return {
+        "model": layout.VELOCITY,
+        "signal": SIGNALS["position"],
+        "nu0": model.nu0,
+        "floor2": model.sigma2,
+        "kappa0": model.kappa0,
+        "unit": model.length_unit_m,
+        "step": model.step_s,
+    }
+
+
+RECORDS: Mapping[type, Callable[[Any], Record]] = {
+    Profiled: _profiled,
+    Walk: _walk,
+    Constant: _constant,
+    Biased: _biased,
+    Laden: _laden,
+    Carried: _carried,
+    Held: _held,
+    ContactShare: _contact,
+    ConstantVelocity: _velocity,
+}
+_NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
+_WIDTHS: Mapping[type, int] = {
+    Walk: 1,
+    Constant: 9,
+    Biased: 8,
+    Laden: 8,
+    Carried: 6,
+    Held: 2,
+    ContactShare: 2 + layout.STATES,
+    ConstantVelocity: 12,
+}
+
+
+def _noise(model: ChannelModel) -> Noise:
+    noise = getattr(model, "noise", None)
+    return noise if isinstance(noise, Noise) else Noise(1.0, 1.0)
+
+
+def _width(model: ChannelModel) -> int:
+    """Numbers that a hypothesis keeps of a channel."""
+    if not isinstance(model, Profiled):
+        return _WIDTHS[type(model)]
+    groups = 1 if model.noise.joint else AXES
+    count = _padded(model.library)
+    return 7 + groups * (1 if model.library.calm == 1.0 else count) + AXES * count
+
+
+def _by_length(model: ChannelModel, n: Ints) -> Floats:
+    """(lengths,) what of the log evidence of n samples, of one group of axes, depends on n alone."""
+    match model:
+        case Profiled():
+            explained, offset = int(model.target is not None), int(model.origin == "previous")
+            return _of_noise(model.noise, n - explained, n - 1 + offset - explained)
+        case Constant():
+            return _of_noise(model.noise, n, n - 1 + int(model.origin == "previous"))
+        case Biased():
+            return _of_noise(model.noise, n - 1, n - 1)
+        case Carried():
+            return _of_noise(model.noise, n, np.zeros_like(n))
+        case ConstantVelocity():
+            prior = float(np.log(model.kappa0) + 0.5 * model.nu0 * np.log(model.nu0 * model.sigma2))
+            return _gammas(model.nu0, n) + prior
+        case _:
+            return np.zeros(n.size)
+
+
+def _of_noise(noise: Noise, values: Ints, whitened: Ints) -> Floats:
+    pooled = AXES if noise.joint else 1
+    jacobian = -0.5 * np.log1p(-(noise.correlation**2)) * whitened * pooled
+    result: Floats = _gammas(noise.nu0, pooled * values) + jacobian
+    return result
+
+
+def _gammas(nu0: float, n: Ints) -> Floats:
+    n = np.maximum(n, 0)
+    result: Floats = gammaln(0.5 * (nu0 + n)) - gammaln(0.5 * nu0) - 0.5 * n * np.log(np.pi)
+    return result

@@ -2,8 +2,9 @@
 
 Rule 1: whoever receives from the network only enqueues; work happens in the thread that calls `get`. A slow
 callback inside the network library delays every other subscriber of the process.
-Rule 2: an inbox holds `capacity` items. When it is full the oldest is dropped and counted: readers of results
-find the hole by its sequence number, and a question that is dropped is refused as `overloaded`.
+Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are
+dropped and counted: readers of results find the hole by its sequence number, and a question that is dropped
+is refused as `overloaded`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 
 DEFAULT_CAPACITY = 4096
+CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
 
 
 class Delivery(NamedTuple):
@@ -69,21 +71,27 @@ Item = Delivery | Presence | Question
 class Inbox:
     """A bounded queue between the network and one consumer; safe between threads."""
 
-    def __init__(self, capacity: int = DEFAULT_CAPACITY) -> None:
+    def __init__(self, capacity: int = DEFAULT_CAPACITY, capacity_bytes: int = CAPACITY_BYTES) -> None:
         self.capacity = capacity
+        self.capacity_bytes = capacity_bytes
         self.dropped = 0
         self._items: deque[Item] = deque()
+        self._bytes = 0
         self._changed = threading.Condition()
 
     def offer(self, item: Item) -> None:
         """Enqueue an item; drops the oldest where the inbox is full. Never blocks."""
+        dropped: list[Item] = []
         with self._changed:
-            oldest = self._items.popleft() if len(self._items) >= self.capacity else None
+            while self._items and self._is_full(item):
+                dropped.append(self._take())
             self._items.append(item)
-            self.dropped += oldest is not None
+            self._bytes += _size(item)
+            self.dropped += len(dropped)
             self._changed.notify()
-        if oldest is not None and not isinstance(oldest, Delivery | Presence):
-            self._refuse(oldest)
+        for oldest in dropped:
+            if not isinstance(oldest, Delivery | Presence):
+                self._refuse(oldest)
 
     def get(self, timeout_s: float) -> Item | None:
         """The oldest item, or None where none came in time."""
@@ -94,12 +102,25 @@ class Inbox:
                 if remaining <= 0.0:
                     return None
                 self._changed.wait(remaining)
-            return self._items.popleft()
+            return self._take()
 
     def __len__(self) -> int:
         return len(self._items)
+
+    def _is_full(self, item: Item) -> bool:
+        return len(self._items) >= self.capacity or self._bytes + _size(item) > self.capacity_bytes
+
+    def _take(self) -> Item:
+        item = self._items.popleft()
+        self._bytes -= _size(item)
+        return item
 
     def _refuse(self, question: Question) -> None:
         full = ProtocolError("overloaded", "too many questions at once", limit=self.capacity)
         with question:
             question.refuse(encode_error(full))
+
+
+def _size(item: Item) -> int:
+    """Of its payload [bytes]; what is no delivery is small."""
+    return len(item.payload) if isinstance(item, Delivery) else 0

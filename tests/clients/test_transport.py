@@ -147,6 +147,16 @@ def test_a_full_inbox_drops_the_oldest_and_counts():
     assert inbox.get(0.0) is None
 
 
+def test_a_full_inbox_is_full_of_bytes_too_and_one_item_always_fits():
+    inbox = Inbox(capacity_bytes=100)
+    for number, size in enumerate((40, 40, 30, 200)):
+        inbox.offer(Delivery(str(number), bytes(size), ""))
+        assert len(inbox) == (1, 2, 2, 1)[number]
+    assert (inbox.dropped, inbox.get(0.0).key) == (3, "3")
+    inbox.offer(Delivery("4", bytes(100), ""))
+    assert inbox.get(0.0).key == "4"
+
+
 @pytest.mark.parametrize("module", [attendance, memory, recording, transport], ids=lambda one: one.__name__)
 def test_the_examples_in_docstrings_hold(module):
     result = doctest.testmod(module)

@@ -8,6 +8,7 @@ what time of day the session's zero is; no sample is placed later than it came.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,7 @@ def _replayed(records: Sequence[Record]) -> tuple[View, tuple[str, ...], bool]:
 
 
 def _folded(records: Sequence[Record]) -> Standing:
-    journal = MemoryJournal()
+    journal = MemoryJournal(sys.maxsize)  # they are in memory already
     for record in records:
         journal.append(record)
     registry = Registry(

@@ -150,9 +150,13 @@ def test_a_journal_in_memory_drops_the_oldest_session_when_it_is_full_and_never_
         for seq in range(6):
             journal.append(record(session, seq))
     assert journal.sessions() == (("cell-1", "s2"),)
-    for seq in range(6, 20):
-        journal.append(record("s2", seq))
-    assert len(list(journal.replay("cell-1", "s2"))) == 20
+    journal.append(record("s2", 6))
+    with pytest.raises(JournalError, match="full of cell-1/s2, it holds 10000 bytes: close the session"):
+        journal.append(record("s2", 7))
+    kept = len(list(journal.replay("cell-1", "s2")))
+    assert kept == 7
+    journal.append(Record("cell-1", "s2", 0.0, closing(kept - 1)))
+    assert journal.closed() == {("cell-1", "s2")}
 
 
 class FullJournal(MemoryJournal):

@@ -22,7 +22,16 @@ from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
-from caesura_service.edge.arrivals import Arrival, Command, Content, content_of_query, sources_of
+from caesura_service.edge.arrivals import (
+    NOBODY,
+    Arrival,
+    Command,
+    Content,
+    content_of_query,
+    sender_of,
+    sources_of,
+    station_of,
+)
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
 from caesura_service.edge.rates import RateLimit, RateSettings
@@ -90,10 +99,10 @@ class Answers:
 
     def command(self, query: zenoh.Query) -> None:
         """Enqueue a command for the worker; under pressure look at it first."""
-        station = str(query.key_expr).split("/")[3]
-        if not self._commands.allows(station):
+        sender = sender_of(str(query.key_expr))
+        if not self._commands.allows(sender):
             _refuse_overload(query, "too many commands a second", self._commands.rate.per_s)
-        elif self._work.is_pressed(*sources_of(station)):
+        elif sender != NOBODY and self._work.is_pressed(*sources_of(station_of(sender))):
             self._enqueue(self._admit, query)
         else:
             self._pass_on(Command(content_of_query(query), query))

@@ -13,6 +13,7 @@ from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.session.ports import AskReplay, ReplayEnded
 
+NOBODY = "?"  # no name, so it is no station's
 OCTETS = "application/octet-stream"
 
 
@@ -121,6 +122,19 @@ Arrival = Samples | Command | Replayed | Ended | Presence | Linked | Watching
 def sources_of(station: str) -> tuple[str, str]:
     """What the inbox knows a station by: live samples by their key, replayed ones by the station's name."""
     return station_key(station, "samples"), station
+
+
+def sender_of(key: str) -> str:
+    """The source that something on a station's key counts for. All that name no station are one.
+
+    >>> sender_of("caesura/v1/station/cell-1/samples"), sender_of("caesura/v1/station/../samples")
+    ('caesura/v1/station/cell-1/samples', '?')
+    """
+    try:
+        parse_station_key(key)
+    except ProtocolError:
+        return NOBODY
+    return key
 
 
 def station_of(source: str) -> str:

@@ -25,7 +25,7 @@ from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Samples, Watching, content_of
+from caesura_service.edge.arrivals import Arrival, Samples, Watching, content_of, sender_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, put
@@ -141,15 +141,16 @@ class Edge:
         self._inbox.deliver(Watching())
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
-        if not self._rate.allows(key := str(sample.key_expr)):
-            self._turn_away(key)
+        sender = sender_of(str(sample.key_expr))
+        if not self._rate.allows(sender):
+            self._turn_away(sender)
             return
         content = content_of(sample)
-        self._inbox.offer(Samples(content), content.key, len(content.payload))
+        self._inbox.offer(Samples(content), sender, len(content.payload))
 
-    def _turn_away(self, key: str) -> None:
+    def _turn_away(self, sender: str) -> None:
         """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
-        self._inbox.turn_away(key)
-        if self._complaints.allows(key):
+        self._inbox.turn_away(sender)
+        if self._complaints.allows(sender):
             limit = self._rate.rate.per_s
-            logger.warning("%s: more than %g messages a second, what is above is dropped", key, limit)
+            logger.warning("%s: more than %g messages a second, what is above is dropped", sender, limit)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import session_key, station_key
+from caesura_protocol.keys import ROOT, session_key, station_key
 from caesura_protocol.messages import Program, SessionStatus
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -96,6 +96,17 @@ def test_samples_above_the_rate_are_dropped_and_counted_for_their_station_alone(
     assert tight.snapshot("s2", "cell-2").status.dropped == 0
     (line,) = (record.getMessage() for record in caplog.records if "messages a second" in record.message)
     assert "cell-1" in line
+
+
+def test_a_flood_on_keys_that_name_no_station_is_one_senders_and_breaks_nothing(tight, caplog):
+    tight.command(opening("s1"))
+    for name in ("..", "A", "a b", "é", "x" * 65):
+        for _ in range(10):
+            tight.put(f"{ROOT}/station/{name}/samples", b"x", "zenoh/bytes")
+            assert not any(reply.ok for reply in tight.network.get(f"{ROOT}/station/{name}/control"))
+    assert tight.until_service(lambda status: status.dropped == 30).refused["malformed"] >= 20
+    assert tight.command(opening("s1")).state == "open"
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_what_was_above_the_rate_is_asked_for_again():

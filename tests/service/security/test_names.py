@@ -1,0 +1,172 @@
+"""Nothing from the network is run, unpickled, or becomes a path; names are checked wherever they come in."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import caesura_clients
+import caesura_protocol
+import caesura_service
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import (
+    ROOT,
+    parse_service_key,
+    parse_session_key,
+    parse_station_key,
+    service_key,
+    session_key,
+    station_key,
+)
+from caesura_protocol.messages import Ack, Close, Control, Heartbeat, Open, SampleBatch
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.security.certificates import SecurityError
+from caesura_service.security.directory import identities
+from caesura_service.session.fake_pipeline import make_fake_pipeline
+from harness.peer import Peer
+from harness.sessions import batch, heartbeat, opening
+
+HOSTILE = (
+    "../x",
+    "..",
+    ".",
+    "a/b",
+    "/etc/passwd",
+    "",
+    "x" * 65,
+    "A",
+    "a b",
+    "a\0b",
+    "a\nb",
+    "*",
+    "a$*",
+    "é",
+    "-a",
+)
+MESSAGES = {
+    Open: opening("s1"),
+    Close: Close(session="s1", last_seq=0),
+    Heartbeat: heartbeat(0, "s1"),
+    SampleBatch: batch(0, "s1"),
+}
+
+ENTRIES: dict[str, Callable[[str], object]] = {
+    "station key": lambda name: parse_station_key(f"{ROOT}/station/{name}/samples"),
+    "session key, station": lambda name: parse_session_key(f"{ROOT}/session/{name}/s1/status"),
+    "session key, session": lambda name: parse_session_key(f"{ROOT}/session/cell-1/{name}/status"),
+    "service key": lambda name: parse_service_key(f"{ROOT}/service/{name}/alive"),
+    "instance": lambda name: ServiceConfig(instance=name),
+    "preset of the service": lambda name: ServiceConfig(preset=name),
+    "certificate": lambda name: identities("bridge", [name]),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_what_is_no_name_is_refused_at_every_entry(entry, name):
+    with pytest.raises((ProtocolError, SecurityError)):
+        ENTRIES[entry](name)
+
+
+@pytest.mark.parametrize("name", [name for name in HOSTILE if name != "*"])
+def test_keys_are_not_built_from_what_is_no_name(name):
+    for build in (
+        lambda: station_key(name, "samples"),
+        lambda: session_key(name, "s1", "status"),
+        lambda: session_key("cell-1", name, "status"),
+        lambda: service_key(name, "alive"),
+    ):
+        with pytest.raises(ProtocolError):
+            build()
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_a_message_with_such_a_name_is_refused(kind, name):
+    content = encode(MESSAGES[kind].model_copy(update={"session": name}))
+    with pytest.raises(ProtocolError, match="malformed"):
+        decode(content.payload, content.encoding, kind)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_so_is_a_preset(name):
+    content = encode(opening("s1").model_copy(update={"preset": name}))
+    with pytest.raises(ProtocolError, match="malformed"):
+        decode(content.payload, content.encoding, Open)
+
+
+@pytest.fixture
+def directory(tmp_path) -> Path:
+    return tmp_path / "journal"
+
+
+@pytest.fixture
+def peer(directory) -> Iterator[Peer]:
+    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", journal=directory)
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as connected:
+        yield connected
+
+
+def test_no_name_from_the_network_makes_a_file(peer, directory):
+    peer.command(opening("good"))
+    files = set(directory.parent.rglob("*"))
+    for name in ("..", "A", "a b", "x" * 65, "é"):
+        for part in ("samples", "alive"):
+            peer.network.put(f"{ROOT}/station/{name}/{part}", b"x")
+        for content in (encode(Control(command=opening("s1"))), (b"rubbish", "zenoh/bytes")):
+            for reply in peer.network.get(
+                f"{ROOT}/station/{name}/control", payload=content[0], encoding=content[1], timeout=5.0
+            ):
+                assert reply.ok is None
+    for name in HOSTILE:
+        forged = Control(command=opening("s1").model_copy(update={"session": name}))
+        with pytest.raises(ProtocolError):
+            peer.control(*encode(forged))
+    assert set(directory.parent.rglob("*")) == files
+    assert isinstance(peer.command(opening("good")), Ack)
+    assert peer.service_status().sessions_open == 1
+
+
+@pytest.mark.parametrize(
+    "wide", ["**", "caesura/**", f"{ROOT}/**", f"{ROOT}/station/*/*", f"{ROOT}/station/*/control"]
+)
+def test_a_command_to_everybody_is_nobodys(peer, wide, caplog):
+    peer.command(opening("good"))
+    content = encode(Control(command=Close(session="good", last_seq=-1)))
+    replies = list(peer.network.get(wide, payload=content.payload, encoding=content.encoding, timeout=5.0))
+    assert not any(decoded for decoded in replies if decoded.ok and "Ack" in str(decoded.ok.encoding))
+    assert peer.snapshot("good").status.state == "open"
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+FORBIDDEN_MODULES = {"pickle", "marshal", "shelve", "dill", "yaml", "subprocess", "ctypes"}
+FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}
+# The rooms that handle what comes from the network, on either side.
+ROOMS = [
+    *Path(caesura_protocol.__file__).parent.rglob("*.py"),
+    *Path(caesura_clients.__file__).parent.rglob("*.py"),
+    *(
+        file
+        for room in ("edge", "session", "journal", "program", "signals", "security", "observing")
+        for file in (Path(caesura_service.__file__).parent / room).rglob("*.py")
+    ),
+]
+
+
+@pytest.mark.parametrize("file", ROOMS, ids=lambda file: "/".join(file.parts[-2:]))
+def test_no_code_that_runs_or_unpickles_what_it_reads(file):
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            assert FORBIDDEN_MODULES.isdisjoint(alias.name.partition(".")[0] for alias in node.names)
+        if isinstance(node, ast.ImportFrom):
+            assert (node.module or "").partition(".")[0] not in FORBIDDEN_MODULES
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id not in FORBIDDEN_CALLS
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "load":
+            said = ast.unparse(node)
+            assert not said.startswith("np.load") or "allow_pickle=False" in said

@@ -89,7 +89,7 @@ def bridge(
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
             with attending(caesura.transport, _teller()):
-                ack = _run(opened)
+                ack = _run(opened, caesura)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
             for one in snapshots(caesura.transport, station, opened.session):
                 _tell_outcome(one.status)
@@ -163,17 +163,24 @@ def _teller() -> Callable[[Change], None]:
     return say
 
 
-def _run(opened: Bridge) -> Ack:
+def _run(opened: Bridge, caesura: Caesura) -> Ack:
     try:
         with suppress(Unreachable):
             opened.wait_open(PATIENCE_S)
         if not opened.is_open:
-            typer.echo("no service answers yet, waiting for one", err=True)
+            typer.echo(_why_it_waits(caesura, opened.station), err=True)
         return opened.run()
     except KeyboardInterrupt:
         if not opened.sent:
             raise typer.Abort from None
         return opened.finish()
+
+
+def _why_it_waits(caesura: Caesura, station: str) -> str:
+    if services(caesura.transport):
+        whose = f"are these the credentials of bridge.{station}?"
+        return f"a service is there, but answers nothing about {station}: {whose} Trying on"
+    return "no service answers yet, waiting for one"
 
 
 def _show_once(caesura: Caesura, station: str | None) -> None:
@@ -189,6 +196,8 @@ def _show_live(caesura: Caesura, station: str | None) -> None:
     waiting = f"waiting for {station or 'any station'}"
     if not services(caesura.transport):
         waiting = f"no service answers yet, {waiting}"
+    elif not caesura.services():
+        waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
     view = Watching(lambda: _current_sessions(caesura), waiting=waiting)
     with Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):

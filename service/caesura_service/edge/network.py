@@ -187,9 +187,11 @@ def _connect(
     while True:
         try:
             return _open(config, endpoint)
-        except NetworkError:
-            if stop.is_set() or time.monotonic() >= deadline:
+        except NetworkError as error:
+            if stop.is_set():
                 raise
+            if time.monotonic() >= deadline:
+                raise NetworkError(str(why_not(endpoint, _reader(config)))) from error
         if not said:
             logger.warning("%s; trying until there is one", why_not(endpoint, _reader(config)))
             said = True

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import pytest
+from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.control import ControlLine
+from caesura_clients.cli import build
+from caesura_clients.cli.commands import _why_it_waits
 from caesura_clients.errors import NotLetIn
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -165,3 +168,23 @@ def test_nobody_gets_in_without_a_certificate(network, directory):
         connect(network.endpoint, config_file=directory / "bridge.cell-1.password.json5", timeout_s=0.0)
     with pytest.raises(NotLetIn):
         connect(network.endpoint, timeout_s=0.0)
+
+
+def run(network, directory, label: str, *words: str):
+    where = ("--connect", network.endpoint, "--zenoh-config", str(directory / f"{label}.json5"))
+    return CliRunner().invoke(build(), [*words, *where])
+
+
+def test_the_command_line_works_with_the_generated_files(network, directory):
+    teach = ("bridge", "--file", "data/button.npz", "--pace", "fast", "--session", "typed")
+    done = run(network, directory, "bridge.cell-1", *teach, "--station", "cell-1")
+    assert (done.exit_code, done.stdout.split(",")[0]) == (0, "cell-1/typed closed"), done.stderr
+    seen = run(network, directory, "dashboard.wall", "sessions", "list", "--station", "cell-1", "--json")
+    assert "typed" in seen.stdout
+    assert run(network, directory, "dashboard.wall", "program", "--station", "cell-1").exit_code == 0
+    assert run(network, directory, "dashboard.wall", "watch", "--station", "cell-1", "--once").exit_code == 0
+
+
+def test_a_bridge_with_the_credentials_of_another_station_is_told(network):
+    thief = network.as_("bridge.cell-1")
+    assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, "cell-2")

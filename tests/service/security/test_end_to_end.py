@@ -49,14 +49,15 @@ def with_its_own_router(directory) -> Iterator[str]:
 
 
 @contextmanager
-def behind_another_router(directory) -> Iterator[str]:
+def behind_another_router(directory, *instances: str) -> Iterator[str]:
     endpoint = f"tls/127.0.0.1:{free_port()}"
-    file = directory / "service.west.json5"
-    config = ServiceConfig(instance="west", connect=endpoint, zenoh_config=file, preset="fake")
-    with (
-        opened(directory / "router.json5", **{"listen/endpoints": [endpoint]}),
-        Service(config, pipeline_factory=make_fake_pipeline),
-    ):
+    with ExitStack() as stack:
+        router = opened(directory / "router.json5", **{"listen/endpoints": [endpoint]})
+        stack.callback(router.close)
+        for name in instances or ("west",):
+            file = directory / f"service.{name}.json5"
+            config = ServiceConfig(instance=name, connect=endpoint, zenoh_config=file, preset="fake")
+            stack.enter_context(Service(config, pipeline_factory=make_fake_pipeline))
         yield endpoint
 
 
@@ -188,3 +189,21 @@ def test_the_command_line_works_with_the_generated_files(network, directory):
 def test_a_bridge_with_the_credentials_of_another_station_is_told(network):
     thief = network.as_("bridge.cell-1")
     assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, "cell-2")
+
+
+def test_instances_share_the_stations_through_the_rules(directory):
+    with (
+        behind_another_router(directory, "west", "east") as endpoint,
+        Network(directory, endpoint) as network,
+    ):
+        wall = network.as_("dashboard.wall")
+        assert {status.instance for status in wall.services()} == {"west", "east"}
+        for station in ("cell-1", "cell-2"):
+            robot = network.as_(f"bridge.{station}")
+            with Bridge(robot.transport, station, LiveSource(), session="s1", settings=QUICK) as bridge:
+                bridge.wait_open(5.0)
+                bridge.send(samples(1000))
+                bridge.finish()
+        known = [(one.station, one.state) for one in wall.sessions()]
+        assert known == [("cell-1", "closed"), ("cell-2", "closed")]
+        assert sum(status.sessions_closed for status in wall.services()) == 2  # one of them has each

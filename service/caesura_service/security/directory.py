@@ -129,12 +129,14 @@ class Directory:
         return wanted.listen or (found[1] if found else f"tls/[::]:{zenoh_files.PORT}")
 
     def _client(self, authority: Issued, holder: Identity, days: int) -> None:
-        if self._file(holder.label, "crt").exists():
+        issued, file = self._kept(holder.label), self._file(holder.label, "json5")
+        if issued is None:
+            issued = issue_client(authority, self._next_common_name(holder), days)
+            self._store(holder.label, issued)
+        elif file.exists():
             return
-        issued = issue_client(authority, self._next_common_name(holder), days)
-        self._store(holder.label, issued)
         text = zenoh_files.client_file(authority.certificate, issued, self.endpoint)
-        self._create(self._file(holder.label, "json5"), text.encode(), secret=True)
+        self._create(file, text.encode(), secret=True)
 
     def _next_common_name(self, holder: Identity) -> str:
         used = {file.stem for file in (self.path / "revoked").glob(f"{holder.label}*.crt")}
@@ -144,10 +146,10 @@ class Directory:
         names = {
             holder: common_name(self._file(holder.label, "crt").read_bytes()) for holder in self.holders()
         }
-        text = zenoh_files.router_file(authority.certificate, server, names, listen)
-        self._derive(self._file(ROUTER, "json5"), text)
+        tls = zenoh_files.server_tls(authority.certificate, server)
+        self._derive(self._file(ROUTER, "json5"), zenoh_files.router_file(tls, names, listen))
         if self._users_file.exists():
-            text = zenoh_files.password_router_file(authority.certificate, server, list(names), listen, USERS)
+            text = zenoh_files.password_router_file(tls, list(names), listen, USERS)
             self._derive(self._file(ROUTER, "password.json5"), text)
 
     def _users(self, authority: bytes) -> None:

@@ -17,6 +17,10 @@ from caesura_service.security.roles import Identity
 from caesura_service.security.rules import access_control
 
 PORT = 7447
+WRITTEN = (
+    "Written by `caesura certs`, which writes it anew: --listen and --host change it there.\n"
+    "For `caesura serve --zenoh-config` and for `zenohd -c`. It holds the router's private key."
+)
 # Up to here the service refuses what is too large with a reason; beyond, the router drops it without.
 ROUTER_MAX_BYTES = 2 * MAX_MESSAGE_BYTES
 
@@ -31,33 +35,54 @@ _LINK: Mapping[str, Any] = {
 }
 
 
-def router_file(authority: bytes, server: Issued, names: Mapping[Identity, str], listen: str) -> str:
-    """A router that demands a certificate of every client. names: the common name of each."""
-    tls = {
-        **_server_tls(authority, server),
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
+def server_tls(authority: bytes, server: Issued) -> dict[str, str]:
+    """What a router shows and trusts, written into its file."""
+    return {
+        "root_ca_certificate_base64": _text(authority),
+        "listen_certificate_base64": _text(server.certificate),
+        "listen_private_key_base64": _text(server.key),
     }
+
+
+def server_tls_in(folder: str) -> dict[str, str]:
+    """The same as files in a folder, for a router that gets them from elsewhere."""
+    return {
+        "root_ca_certificate": f"{folder}/ca.crt",
+        "listen_certificate": f"{folder}/router.crt",
+        "listen_private_key": f"{folder}/router.key",
+    }
+
+
+def router_file(
+    tls: Mapping[str, str], names: Mapping[Identity, str], listen: str, remark: str = WRITTEN
+) -> str:
+    """A router that demands a certificate of every client. names: the common name of each."""
+    mutual = {**tls, "enable_mtls": True, "close_link_on_expiration": True}
+    transport = {"link": {**_LINK, "tls": mutual}, "shared_memory": {"enabled": False}}
     comment = "Both sides show a certificate of our authority; a link ends when a certificate does."
-    security = (comment, {"transport": {"link": {**_LINK, "tls": tls}, "shared_memory": {"enabled": False}}})
-    return _router(listen, security, access_control(names, "cert_common_names"))
+    rules = access_control(names, "cert_common_names")
+    return _router(remark, listen, (comment, {"transport": transport}), rules)
 
 
 def password_router_file(
-    authority: bytes, server: Issued, holders: Sequence[Identity], listen: str, dictionary: str
+    tls: Mapping[str, str],
+    holders: Sequence[Identity],
+    listen: str,
+    dictionary: str,
+    remark: str = WRITTEN,
 ) -> str:
     """A router that demands a password of every client, on links that its certificate encrypts."""
     transport = {
-        "link": {**_LINK, "tls": _server_tls(authority, server)},
+        "link": {**_LINK, "tls": tls},
         "auth": {"usrpwd": {"dictionary_file": dictionary}},
         "shared_memory": {"enabled": False},
     }
     comment = (
-        "The router shows a certificate, clients a user and a password. zenohd looks for the dictionary "
-        "where it is started, caesura serve beside this file."
+        "The router shows a certificate, clients a user and a password. zenohd looks for the dictionary\n"
+        "where it is started, caesura serve beside this file. An empty one would let everybody in."
     )
     rules = access_control({holder: holder.label for holder in holders}, "usernames")
-    return _router(listen, (comment, {"transport": transport}), rules)
+    return _router(remark, listen, (comment, {"transport": transport}), rules)
 
 
 def client_file(authority: bytes, client: Issued, endpoint: str) -> str:
@@ -80,7 +105,9 @@ def password_client_file(authority: bytes, user: str, password: str, endpoint: s
     return _client(endpoint, {"link": {"tls": tls}, "auth": auth})
 
 
-def _router(listen: str, security: tuple[str, Mapping[str, Any]], rules: Mapping[str, Any]) -> str:
+def _router(
+    remark: str, listen: str, security: tuple[str, Mapping[str, Any]], rules: Mapping[str, Any]
+) -> str:
     limit = {
         "id": "size",
         "flows": ["ingress"],
@@ -89,11 +116,7 @@ def _router(listen: str, security: tuple[str, Mapping[str, Any]], rules: Mapping
         "size_limit": ROUTER_MAX_BYTES,
     }
     return _json5(
-        (
-            "Written by `caesura certs`, which writes it anew: --listen and --host change it there.\n"
-            "For `caesura serve --zenoh-config` and for `zenohd -c`. It holds the router's private key.",
-            {"mode": "router"},
-        ),
+        (remark, {"mode": "router"}),
         ("Robots and dashboards connect here.", {"listen": {"endpoints": [listen]}}),
         ("Nobody is looked for: a factory network names its routers.", _QUIET),
         security,
@@ -119,14 +142,6 @@ def _client(endpoint: str, transport: Mapping[str, Any]) -> str:
         ("Nobody is looked for.", _QUIET),
         ("How this client is known.", {"transport": {**transport, "shared_memory": {"enabled": False}}}),
     )
-
-
-def _server_tls(authority: bytes, server: Issued) -> dict[str, Any]:
-    return {
-        "root_ca_certificate_base64": _text(authority),
-        "listen_certificate_base64": _text(server.certificate),
-        "listen_private_key_base64": _text(server.key),
-    }
 
 
 def _text(pem: bytes) -> str:

@@ -139,6 +139,14 @@ def test_what_makes_no_sense_is_one_line(made, arguments, words):
     assert done.stderr.count("\n") == 1
 
 
+def test_a_clients_file_that_was_deleted_is_made_again_for_the_router_as_it_is_reached_now(made):
+    before = content(made)["bridge.cell-1.crt"]
+    (made / "bridge.cell-1.json5").unlink()
+    certs(made, "--host", "router.plant", "--station", "cell-1")
+    assert "tls/router.plant:7447" in (made / "bridge.cell-1.json5").read_text()
+    assert content(made)["bridge.cell-1.crt"] == before
+
+
 def test_a_key_that_went_missing_is_not_made_anew(made):
     (made / "ca.key").unlink()
     done = certs(made, "--station", "cell-2")

@@ -27,7 +27,8 @@ LONG_AGO = datetime.now(UTC) - timedelta(days=30)
 
 
 def router_of(issued: Issued) -> str:
-    return zenoh_files.router_file(AUTHORITY.certificate, issued, {HOLDER: HOLDER.label}, "tls/127.0.0.1:0")
+    tls = zenoh_files.server_tls(AUTHORITY.certificate, issued)
+    return zenoh_files.router_file(tls, {HOLDER: HOLDER.label}, "tls/127.0.0.1:0")
 
 
 def client(issued: Issued = CLIENT, authority: Issued = AUTHORITY) -> str:
@@ -109,9 +110,8 @@ def test_the_wrong_protocol(port, tmp_path):
 def test_a_password_that_will_not_do(tmp_path):
     (tmp_path / "users.txt").write_text("me:secret\n")
     server = issue_router(AUTHORITY, "router", ["127.0.0.1"], 5)
-    text = zenoh_files.password_router_file(
-        AUTHORITY.certificate, server, [], "tls/127.0.0.1:0", str(tmp_path / "users.txt")
-    )
+    tls = zenoh_files.server_tls(AUTHORITY.certificate, server)
+    text = zenoh_files.password_router_file(tls, [], "tls/127.0.0.1:0", str(tmp_path / "users.txt"))
     with routing(text, tmp_path) as port:
         endpoint = f"tls/127.0.0.1:{port}"
         assert "does not know user 'me'" in refused(tmp_path, endpoint, with_password())

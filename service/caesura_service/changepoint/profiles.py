@@ -153,6 +153,10 @@ class ProfileLibrary:
         row = self._reach(index)
         return _continued(self._log_scales[row], index - row, -0.5 * np.log(self._precisions[-1]))
 
+    def last_row(self, index: int) -> int:
+        """Where everything up to this sample index stands: there, or where every profile has come to rest."""
+        return int(self._reach(np.array([index]))[0])
+
     def _reach(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
         """The row of each index, which is the last one where every profile has come to rest before."""
         longest = int(np.max(index, initial=0))

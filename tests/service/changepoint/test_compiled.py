@@ -20,7 +20,8 @@ from caesura_service.changepoint.models import ChannelModel, Noise, Observed
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk
 from caesura_service.changepoint.segments import stretches
 from caesura_service.changepoint.walk import Walk
 from service.changepoint.catalogue import EVERYTHING, Whole, observations
@@ -104,6 +105,20 @@ def test_a_segment_longer_than_the_tables_and_no_node_too_many() -> None:
     compiled = follow(PRESETS["default"].lattice(), still, FilterParameters(window=10))
     assert compiled.root == 0
     assert compiled._state.counters["nodes"][0] <= compiled.starts.size + 2
+
+
+SHORT = ProfileLibrary([minimum_jerk(0.3), minimum_jerk(0.6)], 0.1, 0.6, 0.3)
+
+
+@pytest.mark.parametrize("joint", [True, False])
+@pytest.mark.parametrize("target", [None, Target(4.0, 0.5)])
+def test_a_segment_that_goes_on_long_after_every_profile_rests(joint: bool, target: Target | None) -> None:
+    noise = Noise(4.0, 0.01, shares=(0.05, 0.3), joint=joint, correlation=0.6)
+    model = Profiled("position", SHORT, noise, origin="previous", target=target)
+    stream = [(observed, False) for observed in observations(150)]
+    unpruned = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=200, window=10, certain=1.0)
+    lasting = follow(alone(model), stream, unpruned)
+    assert SHORT.last_row(10**6) < 100 < lasting.count - lasting.starts[0]
 
 
 def test_conditioning_on_any_start_of_the_best_segmentation() -> None:

@@ -120,7 +120,7 @@ def profiled(model, state, c, z, joins):
         if n == 0:
             begin(channel.origin, row, 0, signal, z, state.previous, joins)
         row[6] += paced
-        told = row[6] + one_profiled(model, c, row, z, n, state.squared, state.told)
+        told = row[6] + one_profiled(model, state, c, row, z, n)
         if reach2:
             moved2 = row[3] ** 2 + row[4] ** 2 + row[5] ** 2
             told += log_presence(moved2, least) - 0.5 * moved2 / reach2 + constant
@@ -128,13 +128,17 @@ def profiled(model, state, c, z, joins):
 
 
 @compiled
-def one_profiled(model, c, row, z, n, squared, told):
-    """Log evidence over all profiles after sample n (from 0) of one hypothesis. squared, told: scratch."""
+def one_profiled(model, state, c, row, z, n):
+    """Log evidence over all profiles after sample n (from 0) of one hypothesis."""
     channel = model.channels[c]
     library, signal, joint, even = channel.library, channel.signal, channel.joint, channel.even
     count = model.profiles[library]
     last = n + (1 if channel.origin == PREVIOUS else 0)
-    values, norms = model.values[library, last, :count], model.squares[library, last, :count]
+    tabled = min(last, model.values.shape[1] - 1)
+    values, norms = model.values[library, tabled, :count], model.squares[library, tabled, :count]
+    if last > tabled:
+        go_on_squares(model, state.continued, library, last - tabled)
+        norms = state.continued[0, :count]
     width = 1 if even else count
     moments = 7 + (1 if joint else AXES) * width
     half = 0.5 * (channel.nu0 + (AXES if joint else 1) * (n + 1 - channel.explained))
@@ -144,7 +148,7 @@ def one_profiled(model, c, row, z, n, squared, told):
     prior = channel.nu0 * (channel.floor2 + channel.share2[0] * moved2)
     if best_only:
         evidence += AXES * 0.5 * channel.nu0 * math.log(prior)
-    ssr = squared[:count]
+    ssr = state.squared[:count]
     for a in range(AXES):
         y = z[signal + a] - row[a]
         new = fresh(channel.origin, channel.rho, y, row[3 + a], n)
@@ -155,7 +159,7 @@ def one_profiled(model, c, row, z, n, squared, told):
             row[mine] += new * new
             accumulate_even(moment, values, new)
         else:
-            precisions = model.precisions[library, last, :count]
+            precisions = model.precisions[library, tabled, :count]
             accumulate(row[mine : mine + width], moment, values, precisions, new)
         if best_only:
             least = row[mine] + least_explained(moment, norms, y)
@@ -164,11 +168,29 @@ def one_profiled(model, c, row, z, n, squared, told):
             explain(ssr, moment, norms, y, a > 0 and joint)
             if not joint:
                 add(ssr, row, mine, even)
-                evidence += over_profiles(model, c, ssr, last, told, half, moved2)
+                evidence += over_profiles(model, state, c, ssr, last, half, moved2)
     if joint:
         add(ssr, row, 7, even)
-        evidence += over_profiles(model, c, ssr, last, told, half, moved2)
+        evidence += over_profiles(model, state, c, ssr, last, half, moved2)
     return evidence
+
+
+@compiled
+def go_on_squares(model, continued, library, beyond):
+    """`ProfileLibrary.sums_of_squares` so far behind the table's end: they go on evenly."""
+    end = model.values.shape[1] - 1
+    for k in range(model.profiles[library]):
+        step = model.values[library, end, k] ** 2 * model.precisions[library, end, k]
+        continued[0, k] = model.squares[library, end, k] + beyond * step
+
+
+@compiled
+def go_on_scales(model, continued, library, beyond):
+    """The same of `ProfileLibrary.log_scales`."""
+    end = model.values.shape[1] - 1
+    for k in range(model.profiles[library]):
+        step = -0.5 * math.log(model.precisions[library, end, k])
+        continued[1, k] = model.log_scales[library, end, k] + beyond * step
 
 
 @compiled
@@ -217,11 +239,16 @@ def add(ssr, row, at, even):
 
 
 @compiled
-def over_profiles(model, c, ssr, last, told, half, moved2):
-    """Mixture or maximum over profiles and shares, but for what depends on length alone. told: scratch."""
-    channel = model.channels[c]
+def over_profiles(model, state, c, ssr, last, half, moved2):
+    """Mixture or maximum over profiles and shares, but for what depends on length alone."""
+    channel, told = model.channels[c], state.told
     count, shares, pooled = ssr.size, channel.shares, AXES if channel.joint else 1
-    scales = model.log_scales[channel.library, max(last - channel.explained, 0), :count]
+    last = max(last - channel.explained, 0)
+    tabled = min(last, model.values.shape[1] - 1)
+    scales = model.log_scales[channel.library, tabled, :count]
+    if last > tabled:
+        go_on_scales(model, state.continued, channel.library, last - tabled)
+        scales = state.continued[1, :count]
     for s in range(shares):
         prior = channel.nu0 * (channel.floor2 + channel.share2[s] * moved2)
         constant = 0.5 * channel.nu0 * math.log(prior)

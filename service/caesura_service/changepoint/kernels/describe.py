@@ -100,8 +100,9 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
 
 
 def _stacked(libraries: Sequence[ProfileLibrary], n: Ints) -> tuple[Floats, Floats, Floats, Floats]:
-    """(libraries, rows, profiles) of each table."""
+    """(libraries, rows, profiles) of each table, up to where all profiles rest."""
     most = max((_padded(library) for library in libraries), default=0)
+    n = n[: 1 + max((library.last_row(n.size - 1) for library in libraries), default=0)]
     tables = tuple(np.zeros((len(libraries), n.size, most)) for _ in range(4))
     for i, library in enumerate(libraries):
         columns = np.minimum(np.arange(_padded(library)), len(library) - 1)

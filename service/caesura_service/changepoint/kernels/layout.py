@@ -126,6 +126,7 @@ class State(NamedTuple):
     channel: Floats  # (c, s) log evidence of each channel
     squared: Floats  # scratch
     told: Floats  # scratch
+    continued: Floats  # (2, profiles) scratch
     node_start: Ints  # (n,) -1: free
     node_parent: Ints  # (n,)
     node_references: Ints  # (n,)
@@ -159,6 +160,7 @@ def fresh_state(settings: NDArray[Any], kinds: int, channels: int, fields: int, 
         channel=np.zeros((channels, slots)),
         squared=np.zeros(scratch),
         told=np.zeros(scratch),
+        continued=np.zeros((2, scratch)),
         node_start=np.full(nodes, -1),
         node_parent=np.full(nodes, -1),
         node_references=np.zeros(nodes, np.int64),

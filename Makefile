@@ -20,6 +20,7 @@ check: $(STAMP)
 	$(BIN)/lint-imports
 	$(BIN)/python scripts/write_schema.py --check
 	$(BIN)/python scripts/write_vectors.py --check
+	$(BIN)/python scripts/write_security.py --check
 	scripts/lint_deploy.sh $(BIN)
 
 bench: $(STAMP)

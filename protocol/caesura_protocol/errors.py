@@ -12,7 +12,8 @@ ErrorCode = Literal[
     "too_large",  # over a size limit
     "forbidden",  # not allowed for this station or role
     "conflict",  # the session or version has moved on
-    "overloaded",  # refused before anything was dropped
+    "overloaded",  # refused before anything was dropped; try again
+    "internal",  # an error of the one who was asked; try again
 ]
 ERROR_CODES: tuple[ErrorCode, ...] = get_args(ErrorCode)
 

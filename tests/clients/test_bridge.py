@@ -189,9 +189,10 @@ def test_a_refused_session_is_raised_to_whoever_sends(network, can_wait):
             bridge.run()
 
 
-def test_an_overloaded_service_is_asked_again(memory):
+@pytest.mark.parametrize("code", ["overloaded", "internal"])
+def test_a_service_that_cannot_now_is_asked_again(memory, code):
     service = FakeService(memory.transport())
-    service.refuse = ProtocolError("overloaded", "later")
+    service.refuse = ProtocolError(code, "later")
     with service, Bridge(memory.transport(), "cell-1", file_source(100), settings=QUICK) as bridge:
         with pytest.raises(Unreachable):
             bridge.wait_open(0.1)

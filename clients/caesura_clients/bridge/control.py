@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from caesura_clients.network import QUERY_TIMEOUT_S, Transport
 from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Close, Control, Open
+
+TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
 
 
 class ControlLine:
@@ -20,13 +23,16 @@ class ControlLine:
         self._key = station_key(station, "control")
 
     def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
-        """The service's Ack; None where nobody had time to answer. Raises ProtocolError for a refusal."""
+        """The service's Ack; None where nobody could answer. Raises ProtocolError for a refusal.
+
+        An error of the service's own may not be there the next time; the service has it in its log.
+        """
         content = encode(Control(command=command))
         answers = self._transport.query(self._key, content, timeout_s=timeout_s)
         if answers.replies:
             reply = answers.replies[0]
             return decode(reply.payload, reply.encoding, Ack)
-        refusals = [refusal for refusal in answers.refusals if refusal.code != "overloaded"]
+        refusals = [refusal for refusal in answers.refusals if refusal.code not in TRY_AGAIN]
         if refusals:
             raise refusals[0]
         return None

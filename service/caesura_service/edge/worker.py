@@ -160,7 +160,7 @@ class Worker:
         try:
             return self._registry.command(station, command, self._clock())
         except Exception as error:
-            refuse(query, ProtocolError("overloaded", f"not carried out: {type(error).__name__}"))
+            refuse(query, ProtocolError("internal", f"not carried out: {type(error).__name__}"))
             raise
 
     def say(self, outputs: Iterable[Output]) -> None:

@@ -197,7 +197,7 @@ class BadJournal(MemoryJournal):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (OSError("a mistake of ours"), "overloaded: not carried out: OSError"),
+        (OSError("a mistake of ours"), "internal: not carried out: OSError"),
         (
             JournalError("journal j cannot be written: free some room"),
             "conflict: journal j cannot be written",

@@ -248,6 +248,17 @@ def test_watch_marks_what_may_still_change(caesura, service):
     assert "1 refused, last: not a map" in result.stdout
 
 
+def test_watch_says_that_the_service_is_overloaded_and_what_was_lost(caesura, service):
+    whole = snapshot(3, "motion")
+    status = whole.status.model_copy(update={"overloaded": True, "dropped": 7, "lost": 2})
+    service.snapshots = [whole.model_copy(update={"status": status})]
+    shown = " ".join(caesura("watch", "--once").stdout.split())
+    assert "the service is overloaded · 7 messages dropped and asked for again" in shown
+    assert "1 gaps, 0.25 s, 2 batches lost" in shown
+    service.snapshots = [whole]
+    assert "overloaded" not in caesura("watch", "--once").stdout
+
+
 def test_watch_names_the_stations_that_there_are(caesura, service):
     service.snapshots = [snapshot(0, station="cell-7")]
     assert_one_line(caesura("watch", "--once", "--station", "cell-1"), "cell-1", "cell-7")

@@ -58,6 +58,10 @@ def status_line(status: SessionStatus) -> Text:
     ]
     if status.waiting_for is not None:
         parts.append(f"waiting for batch {status.waiting_for}")
+    if status.overloaded:
+        parts.append("the service is overloaded")
+    if status.dropped:
+        parts.append(f"{status.dropped} messages dropped and asked for again")
     if status.gaps:
         parts.append(_gaps(status))
     if status.last_refusal is not None:
@@ -128,7 +132,8 @@ def _why(refusal: Refusal) -> str:
 
 
 def _gaps(status: SessionStatus) -> str:
-    return f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s"
+    lost = f", {status.lost} batches lost" if status.lost else ""
+    return f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
 
 
 def _title(status: SessionStatus) -> str:

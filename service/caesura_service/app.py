@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import sys
 import threading
@@ -47,7 +48,7 @@ class Service:
     ) -> None:
         """journal: in place of the configured one; stop: ends a wait for a router."""
         self.config = config or ServiceConfig()
-        owner = Owner(self.config.instance, self.config.epoch_now())
+        owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
         self.registry = WatchedRegistry(
             owner=owner,
@@ -104,19 +105,18 @@ def run_service(
     config: ServiceConfig,
     *,
     ready: Callable[[Service], None],
+    over: threading.Event,
     pipeline_factory: PipelineFactory | None = None,
 ) -> None:
-    """Run until SIGINT or SIGTERM, then leave cleanly. `ready` is called once the service can be found."""
-    over = threading.Event()
-    with _signals_set(over):
-        try:
-            with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
-                ready(service)
-                while not over.wait(_WAKE_S):
-                    pass  # a signal that another thread took does not wake this one
-        except NetworkError:
-            if not over.is_set():
-                raise
+    """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found."""
+    try:
+        with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
+            ready(service)
+            while not over.wait(_WAKE_S):
+                pass  # a signal that another thread took does not wake this one
+    except NetworkError:
+        if not over.is_set():
+            raise
 
 
 def segmenting_pipeline() -> PipelineFactory:
@@ -145,18 +145,30 @@ def _switching_often() -> Iterator[None]:
 
 
 @contextmanager
-def _signals_set(over: threading.Event) -> Iterator[None]:
-    """SIGINT and SIGTERM set the event while the context lasts."""
+def stopping(*, with_stdin: bool = False) -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set while the context lasts.
+
+    with_stdin: also the end of the standard input, which whoever started us holds open while it lives.
+    """
+    over = threading.Event()
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         over.set()
 
+    if with_stdin:
+        threading.Thread(target=_wait_for_stdin, args=(over,), name="stdin", daemon=True).start()
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield over
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _wait_for_stdin(over: threading.Event) -> None:
+    while os.read(0, 1024):  # unbuffered: a buffer that a daemon thread holds would stop the interpreter
+        pass
+    over.set()
 
 
 def _journal_on_disk(config: ServiceConfig) -> SqliteJournal | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,8 +32,7 @@ def journal_path(directory: Path, instance: str) -> Path:
 class ServiceConfig:
     """One instance. Raises ProtocolError where its name is no valid name.
 
-    epoch: of everything that it says; None takes the time of its start in milliseconds, so that a
-    restarted instance is known from the one before it. journal: the directory of the instance's journal;
+    journal: the directory of the instance's journal, which instances on one router and one machine share;
     None keeps it in memory.
     """
 
@@ -45,7 +43,6 @@ class ServiceConfig:
     connect_timeout_s: float | None = None
     zenoh_config: Path | None = None  # json5 with certificates, users and access rules
     preset: str = DEFAULT_PRESET
-    epoch: int | None = None
     limits: Limits = field(default_factory=Limits)
     queue: QueueSettings = field(default_factory=QueueSettings)
     rates: RateSettings = field(default_factory=RateSettings)
@@ -72,7 +69,3 @@ class ServiceConfig:
     def journal_path(self) -> Path | None:
         """The file of this instance's journal."""
         return None if self.journal is None else journal_path(self.journal, self.instance)
-
-    def epoch_now(self) -> int:
-        """The epoch of an instance that starts now."""
-        return int(time.time() * 1000) if self.epoch is None else self.epoch

@@ -26,7 +26,7 @@ from caesura_service.session.view import View
 from clients.conftest import free_port
 from harness.demonstrations import guided
 
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
 PACE = 6.0  # times as fast as the hand: a demonstration takes a second
 QUICK = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, close_timeout_s=DEADLINE_S)
 RECORDING = guided()

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import logging
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from caesura_protocol.errors import ProtocolError
-from caesura_service.app import Service, run_service
+from caesura_protocol.keys import check_name
+from caesura_service.app import Service, run_service, stopping
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.commands.instances import (
+    LEAVES_WITH_STDIN,
+    InstanceError,
+    credentials_of,
+    metrics_of,
+    names_of,
+    passed_on,
+    run_instances,
+)
 from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConfig, journal_directory
 from caesura_service.edge import NetworkError
 from caesura_service.edge.network import DEFAULT_ENDPOINT
@@ -23,9 +34,12 @@ from caesura_service.observing.web import WebError
 logger = logging.getLogger(__name__)
 
 IN_MEMORY = "memory"
+# What each of several instances is told in its own way, or is the router's business.
+OF_EACH = ("listen", "connect", "instance", "instances", "insecure", "zenoh_config", "metrics")
 
 
 def serve(
+    context: typer.Context,
     listen: Annotated[
         str | None,
         typer.Option(
@@ -34,6 +48,15 @@ def serve(
     ] = None,
     connect: Annotated[str | None, typer.Option(help="Be client of this router instead.")] = None,
     instance: Annotated[str, typer.Option(help="Name of this instance.")] = DEFAULT_INSTANCE,
+    instances: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=64,
+            help="So many processes that share the stations: NAME-1, NAME-2, …, with service.NAME-1.json5 "
+            "beside --zenoh-config, and with --metrics at ports that follow each other.",
+        ),
+    ] = 1,
     preset: Annotated[str, typer.Option(help="Model where a session names none.")] = DEFAULT_PRESET,
     zenoh_config: Annotated[
         Path | None, typer.Option(help="zenoh json5 with certificates, users and access rules.")
@@ -67,6 +90,7 @@ def serve(
     ] = None,
     log_level: Annotated[str, typer.Option(help=f"{', '.join(LEVELS)}.")] = "info",
     log_format: Annotated[str, typer.Option(help=f"{', '.join(LOG_FORMATS)}.")] = "text",
+    leave_with_stdin: Annotated[bool, typer.Option(LEAVES_WITH_STDIN, hidden=True)] = False,
 ) -> None:
     """Segment what bridges publish, until SIGINT or SIGTERM.
 
@@ -89,10 +113,29 @@ def serve(
                 commit_s=journal_commit_s, age_s=journal_days * DAY_S, size_bytes=round(journal_gb * GB)
             ),
         )
-        run_service(config, ready=_announce)
-    except (ProtocolError, NetworkError, JournalError, WebError) as error:
+        with stopping(with_stdin=leave_with_stdin) as over:
+            if instances > 1:
+                _run_instances(context, config, instances, over)
+            else:
+                run_service(config, ready=_announce, over=over)
+    except (ProtocolError, NetworkError, JournalError, WebError, InstanceError) as error:
         typer.echo(f"caesura serve: {error}", err=True)
         raise typer.Exit(1) from error
+
+
+def _run_instances(context: typer.Context, config: ServiceConfig, count: int, over: threading.Event) -> None:
+    names = names_of(config.instance, count, DEFAULT_INSTANCE)
+    same = passed_on(context, but=OF_EACH)
+
+    def options(place: int, name: str) -> list[str]:
+        return [*same, *credentials_of(config.zenoh_config, name), *metrics_of(config.metrics, place)]
+
+    def ready(endpoint: str) -> None:
+        print(f"caesura ready at {endpoint} as {', '.join(names)}", flush=True)
+
+    for name in names:
+        check_name(name, "instance")
+    run_instances(names, config.network, options, over, ready)
 
 
 def _directory(journal: str | None) -> Path | None:

@@ -110,6 +110,8 @@ class Conditioner:
             self.parameters.gap_limit_s,
             held=int(layout.has("gripper")),
             quaternion=layout.slices.get("quat"),
+            every=self.parameters.decimation,
+            phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
         )
         self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper)
         self._state = self._initial()
@@ -186,7 +188,9 @@ class Conditioner:
         if state.finished or state.grid is None:
             self._state = replace(state, finished=True)
             return Conditioned()
-        events = self._gripper.finish(state.gripper, state.grid.anchor)
+        grid, rest = self._resampler.flush(state.grid)
+        state, events = self._take(replace(state, grid=grid), rest)
+        events += self._gripper.finish(state.gripper, grid.anchor)
         tare = self._taring.interrupted(state.tare, "the demonstration ended within the tare window")
         self._state, ready = _released(replace(state, tare=tare, finished=True))
         return Conditioned(ready, gripper_events=events)

@@ -9,12 +9,14 @@ Rules
    longer than the gap limit. Such a hole ends a stretch, is reported, and the next stretch starts afresh.
 4. A row is the same, bit for bit, however the samples were cut into pushes: an unfinished cell keeps its
    samples, never a partial sum.
+5. Rows may be handed out `every` so many together, as soon as the last of them is complete: where only some
+   rows lead to anything, looking at each as it comes costs as much again for every push.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +49,7 @@ class Resampled(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GridState:
-    """Where the grid stands, and the samples that its unfinished cell still wants."""
+    """Where the grid stands, and the samples that the rows to come still want."""
 
     anchor: float  # [s] time of the first sample
     next_row: int
@@ -65,12 +67,15 @@ class Resampler:
     """Immutable parameters of the grid; `advance` maps a state and samples to the next state and rows.
 
     held: how many of the last columns are held. quaternion: columns to make sign-continuous beforehand.
+    every, phase: rows are handed out up to row phase, phase + every, … (itself not included), or to a gap.
     """
 
     grid_hz: float
     gap_limit_s: float
     held: int = 0
     quaternion: slice | None = None
+    every: int = 1
+    phase: int = 0
 
     def time_of(self, anchor: float, row: int) -> float:
         """Session time of a grid row [s]."""
@@ -94,13 +99,22 @@ class Resampler:
         before = np.concatenate([times[:1] if state is None else state.times[-1:], times[:-1]])
         holes = times - before > self.gap_limit_s
         holes[0] |= broken and state is not None
-        blocks = []
+        blocks: list[Block] = []
         for start, stop in _stretches(holes):
             restarts = bool(holes[start])
+            if restarts and state is not None:
+                state, rest = self.flush(state)
+                blocks += [rest] if len(rest.rows) else []
             state, block = self._extend(state, times[start:stop], values[start:stop], restarts)
             blocks.append(block)
         gaps = tuple((float(before[i]), float(times[i])) for i in np.flatnonzero(holes))
         return state, Resampled(tuple(blocks), gaps, repeats)
+
+    def flush(self, state: GridState) -> tuple[GridState, Block]:
+        """Hand out the rows that are complete but wait for others."""
+        next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
+        rows = self._rows(state.anchor, state.next_row, next_row, state.times, state.values)
+        return replace(state, next_row=next_row), Block(state.next_row, rows, restarts=False)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
         """Refuse a clock that was set: what it says of before and after cannot be put in order."""
@@ -135,9 +149,11 @@ class Resampler:
         else:
             first = state.next_row
             times, values = np.concatenate([state.times, times]), np.concatenate([state.values, values])
-        next_row = max(first, self._row_open_at(anchor, float(times[-1])))
+        unfinished = self._row_open_at(anchor, float(times[-1]))
+        next_row = max(first, unfinished - (unfinished - self.phase) % self.every)
+        self._check_waiting(times, self._edge(anchor, max(first, unfinished)))
         rows = self._rows(anchor, first, next_row, times, values)
-        wanted = _wanted_from(times, self._edge(anchor, next_row), self.grid_hz)
+        wanted = _wanted_from(times, self._edge(anchor, next_row))
         state = GridState(anchor, next_row, times[wanted:].copy(), values[wanted:].copy())
         return state, Block(first, rows, restarts)
 
@@ -151,6 +167,13 @@ class Resampler:
             centres = anchor + rows[:-1] / self.grid_hz
             means[:, -self.held :] = held_values(centres, times, values[:, -self.held :])
         return means
+
+    def _check_waiting(self, times: Array, edge: float) -> None:
+        waiting = len(times) - _wanted_from(times, edge)
+        if waiting > MAX_WAITING_SAMPLES:
+            raise ValueError(
+                f"{waiting} samples within {1 / self.grid_hz:g} s, expected at most {MAX_WAITING_SAMPLES}"
+            )
 
     def _edge(self, anchor: float, row: int) -> float:
         """Left edge of a row's cell [s]."""
@@ -184,12 +207,6 @@ def _stretches(holes: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], len(holes)], strict=True))
 
 
-def _wanted_from(times: Array, edge: float, grid_hz: float) -> int:
+def _wanted_from(times: Array, edge: float) -> int:
     """First sample that the cell beginning at this edge needs: the last one before the edge."""
-    wanted = max(0, int(np.searchsorted(times, edge)) - 1)
-    waiting = len(times) - wanted
-    if waiting > MAX_WAITING_SAMPLES:
-        raise ValueError(
-            f"{waiting} samples within {1 / grid_hz:g} s, expected at most {MAX_WAITING_SAMPLES}"
-        )
-    return wanted
+    return max(0, int(np.searchsorted(times, edge)) - 1)

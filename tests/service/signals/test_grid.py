@@ -159,3 +159,20 @@ def test_a_clock_that_leaps_is_refused() -> None:
         ValueError, match=r"sample 1: time leaps from 1 s to 1\.7\d*e\+09 s, expected within 3600"
     ):
         resampler.advance(None, np.array([1.0, 1.76e9]), np.zeros((2, 1)))
+
+
+def test_rows_come_together_and_are_the_same() -> None:
+    t = np.sort(np.random.default_rng(0).uniform(0.0, 3.0, 900))
+    t = t[(t < 1.3) | (t > 1.7)]
+    together = Resampler(100.0, 0.25, every=10, phase=6)
+    state, blocks = None, []
+    for push in np.array_split(t, 57):
+        state, resampled = together.advance(state, push, push[:, None])
+        blocks += resampled.blocks
+    assert state is not None
+    ends = [block.first + len(block.rows) for block in blocks if len(block.rows)]
+    before_the_gap = max(end for end in ends if end < 150)
+    assert {(end - 6) % 10 for end in ends if end != before_the_gap} == {0}
+    blocks.append(together.flush(state)[1])
+    alone = [row for block in resample(t, t).blocks for row in block.rows]
+    np.testing.assert_array_equal([row for block in blocks for row in block.rows], alone)

@@ -67,7 +67,8 @@ class Edge:
         self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
-        self._rate, self._complaints = RateLimit(rates.samples), RateLimit(COMPLAINTS)
+        self._rate, self._volume = RateLimit(rates.samples), RateLimit(rates.volume)
+        self._complaints = RateLimit(COMPLAINTS)
         self._answers = Answers(registry, self._inbox, self.status, rates=rates)
         self._stack = ExitStack()
 
@@ -142,7 +143,7 @@ class Edge:
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
         sender = sender_of(str(sample.key_expr))
-        if not self._rate.allows(sender):
+        if not (self._rate.allows(sender) and self._volume.allows(sender, len(sample.payload))):
             self._turn_away(sender)
             return
         content = content_of(sample)
@@ -152,5 +153,7 @@ class Edge:
         """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
         self._inbox.turn_away(sender)
         if self._complaints.allows(sender):
-            limit = self._rate.rate.per_s
-            logger.warning("%s: more than %g messages a second, what is above is dropped", sender, limit)
+            most = (self._rate.rate.per_s, self._volume.rate.per_s)
+            logger.warning(
+                "%s: more than %g messages or %g bytes a second; the rest is dropped", sender, *most
+            )

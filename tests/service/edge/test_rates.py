@@ -44,6 +44,11 @@ def test_a_burst_is_let_through_and_then_as_much_as_flows_in():
     assert sum(limit.allows("a") for _ in range(100)) == 5
 
 
+def test_what_costs_more_than_is_left_takes_nothing():
+    limit, _ = limited(Rate(10.0, 5.0))
+    assert [limit.allows("a", cost) for cost in (3.0, 3.0, 2.0, 1.0)] == [True, False, True, False]
+
+
 def test_one_sender_takes_nothing_from_another():
     limit, _ = limited(Rate(10.0, 5.0))
     while limit.allows("loud"):
@@ -94,7 +99,7 @@ def test_samples_above_the_rate_are_dropped_and_counted_for_their_station_alone(
         heard.until(SessionStatus, lambda status: status.dropped > 0)
         assert tight.until_service(lambda status: status.dropped == 40).refused == {}
     assert tight.snapshot("s2", "cell-2").status.dropped == 0
-    (line,) = (record.getMessage() for record in caplog.records if "messages a second" in record.message)
+    (line,) = (record.getMessage() for record in caplog.records if "bytes a second" in record.message)
     assert "cell-1" in line
 
 
@@ -123,6 +128,14 @@ def test_what_was_above_the_rate_is_asked_for_again():
 
         peer.until_service(everything_is_there)
         assert peer.snapshot().status.gaps == ()
+
+
+def test_bytes_above_the_rate_are_dropped_and_counted():
+    with serving(RateSettings(volume=Rate(0.001, 5000.0))) as peer:
+        peer.command(opening("s1"))
+        for size in (4000, 4000, 1001):
+            peer.put(station_key("cell-1", "samples"), bytes(size), "zenoh/bytes")
+        peer.until_service(lambda status: status.dropped == 2 and sum(status.refused.values()) == 1)
 
 
 def test_commands_above_the_rate_are_refused_to_the_station_that_sends_them(tight):

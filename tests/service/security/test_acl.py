@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import zenoh
 
+from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.security.roles import ROLES as TABLE
-from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates
+from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
+from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates, direct
 
 STREAMS = ("changepoints", "segments", "posterior", "status")
 RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}
@@ -133,6 +136,20 @@ def test_wide_questions_are_answered_by_those_who_may_and_nobody_else(world, rol
 )
 def test_a_refusal_is_heard_where_all_that_was_asked_may_be_answered(world, wide, heard):
     assert world.somebody("service.west").answer_to(wide, world.router)[1] == heard
+
+
+def test_a_message_over_the_routers_limit_is_dropped_and_the_link_lives_on(world):
+    somebody, heard = world.somebody("bridge.cell-1"), []
+    subscriber = world.router.declare_subscriber(
+        "**", direct(lambda sample: heard.append(len(sample.payload)))
+    )
+    for size in (MAX_MESSAGE_BYTES, ROUTER_MAX_BYTES + 1, 5 * ROUTER_MAX_BYTES, 1):
+        somebody.session.put(
+            "caesura/v1/station/cell-1/samples", bytes(size), congestion_control=zenoh.CongestionControl.BLOCK
+        )
+    somebody.barrier()
+    subscriber.undeclare()
+    assert heard == [MAX_MESSAGE_BYTES, 1]
 
 
 def test_this_suite_would_see_what_gets_through(directory):

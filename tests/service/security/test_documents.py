@@ -47,6 +47,10 @@ def test_the_limits_on_the_page_are_those_of_the_code():
     ):
         per_s, burst = (part.split()[0].replace(",", "") for part in row(what).split(", "))
         assert (float(per_s), float(burst)) == rate
+    assert (
+        row("bytes of a station")
+        == f"{rates.volume.per_s / 1e6:g} MB a second, {rates.volume.burst / 1e6:g} MB at once"
+    )
     assert (MAX_MESSAGE_BYTES, ROUTER_MAX_BYTES) == (1 << 20, 2 << 20)
     assert row("a message") == "1 MiB"
     assert row("samples in a batch, columns") == f"1000, {MAX_COLUMNS}"

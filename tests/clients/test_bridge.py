@@ -246,6 +246,26 @@ def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory):
     assert service.rows() == 100
 
 
+class Forgetful(FakeService):
+    """Has a session of that name only at another station, once it has forgotten ours."""
+
+    def _close(self, station, close):
+        if not self.openings:
+            return ProtocolError("forbidden", "the session belongs to another station", value=close.session)
+        return super()._close(station, close)
+
+
+def test_a_lost_session_whose_name_another_station_has_too_is_told_again(memory):
+    with Forgetful(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(5.0)
+        bridge.send(samples(100))
+        eventually(lambda: service.next_seq == 5)
+        service.batches.clear()
+        service.openings.clear()
+        assert bridge.finish().next_seq == 5
+
+
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
     settings = BridgeSettings(window_batches=16, tick_s=0.005, ring_span_s=0.1, stall_s=0.05)
     source = file_source(2000)

@@ -40,6 +40,10 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Open
 
+# What a service says of a session that it does not have, or not all of. Where another station has one of that
+# name, a lost one is taken for that station's.
+LOST = {"conflict", "unknown_session", "forbidden"}
+
 
 def new_session_name(now: datetime | None = None) -> str:
     """A name that sorts by time and does not repeat: `s{yyyymmdd}-{hhmmss}-{4 hex}`."""
@@ -203,7 +207,7 @@ class Bridge:
         try:
             ack = self._control.ask(close)
         except ProtocolError as refusal:
-            if refusal.code not in {"conflict", "unknown_session"}:
+            if refusal.code not in LOST:
                 raise
             with suppress(ProtocolError):  # the first refusal says more
                 self._ask_to_open()

@@ -17,6 +17,6 @@ class BridgeSettings:
     window_batches: int = 64  # under way at most, where the source can wait
     tick_s: float = 0.02  # how often the keeper and the pump look
     retry_s: float = 0.2  # between attempts to open or to close
-    reopen_s: float = 5.0  # between openings that nothing asks for, should a service's coming go unnoticed
+    reopen_s: float = 15.0  # between openings that nothing asks for, should a service's coming go unnoticed
     stall_s: float = 0.5  # without progress, missing batches are sent again
     close_timeout_s: float = 10.0

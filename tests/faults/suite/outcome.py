@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -79,9 +79,12 @@ class Played:
         names = [one.station.name for one in self.found]
         return [self.watched.recovery_s(names, over) for over in self.disturbance.over]
 
-    def row(self, bar: Bar = "exact", *, note: str = "", met: bool = True) -> Row:
+    def row(
+        self, bar: Bar = "exact", *, note: str = "", met: bool = True, ignoring: Collection[str] = ()
+    ) -> Row:
         """met: of what the fault itself asks for beyond the bar."""
-        differences = {one.station.name: one.difference for one in self.found if one.difference}
+        different = {one.station.name: one.difference(ignoring) for one in self.found}
+        differences = {name: field for name, field in different.items() if field}
         lost = sum(one.lost for one in self.found)
         duplicated = sum(one.duplicated for one in self.found)
         undeclared = sum(one.undeclared for one in self.found)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -69,7 +69,7 @@ class Station:
 
     number: int
     seconds: float
-    bridge: Bridge
+    bridge: Bridge | None  # None: in another process
     end: Future[Ack]
 
     @property
@@ -78,6 +78,7 @@ class Station:
 
     def has_given(self, share: float) -> bool:
         """Such a share of its samples, or all that it will."""
+        assert self.bridge is not None
         batches = len(self.recording.t) / self.bridge.settings.batch_samples
         return self.bridge.sent >= share * batches or self.end.done()
 
@@ -188,8 +189,7 @@ class Found:
         gaps = self.snapshot.status.gaps
         return sum(not any(gap.t0 < t < gap.tn for gap in gaps) for t in self.lost_t)
 
-    @property
-    def difference(self) -> str | None:
+    def difference(self, ignoring: Collection[str] = ()) -> str | None:
         """The first field in which it differs from an undisturbed run."""
         status, expected, program = self.snapshot.status, self.station.expected, self.snapshot.program
         pairs = {
@@ -204,7 +204,8 @@ class Found:
             "apps": (program.apps, expected.apps),
             "notes": (program.notes, expected.notes),
         }
-        return next((name for name, (is_, should) in pairs.items() if is_ != should), None)
+        differ = [name for name, (is_, should) in pairs.items() if is_ != should]
+        return next((name for name in differ if name not in ignoring), None)
 
 
 def found(endpoint: str, stations: list[Station], journal: Path) -> list[Found]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from faults.suite import killed, lines
+from faults.suite import bridges, clocks, disks, fuzz, killed, lines, readers, rings, waits
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
@@ -13,8 +13,19 @@ FAULTS: tuple[Fault, ...] = (
     Fault("router-killed", killed.router_killed),
     Fault("service-frozen", partial(killed.frozen, "service")),
     Fault("router-frozen", partial(killed.frozen, "router")),
+    Fault("bridges-killed", bridges.bridges_killed),
+    Fault("ring-too-small", rings.ring_too_small),
+    Fault("slow-dashboards", readers.slow_dashboards),
+    Fault("disk-full", disks.disk_full),
+    Fault("disk-unwritable", disks.disk_unwritable),
+    Fault("journal-log-damaged", disks.log_damaged),
+    Fault("journal-file-damaged", disks.file_damaged),
+    Fault("robot-clocks-jump", clocks.robot_clocks),
+    Fault("wall-clock-jumps", clocks.wall_clock),
     Fault("bad-line", lines.bad_line),
     Fault("messages-lost", partial(lines.bad_messages, Line(lost=0.05))),
     Fault("messages-doubled-and-late", partial(lines.bad_messages, Line(doubled=0.05, late=0.05))),
     Fault("messages-all-at-once", partial(lines.bad_messages, Line(lost=0.05, doubled=0.05, late=0.05))),
+    *(Fault(f"robot-waits/{way}", partial(waits.robot_waits, way)) for way in waits.WAYS),
+    Fault("hostile-inputs", fuzz.fuzz),
 )

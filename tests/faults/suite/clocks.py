@@ -1,0 +1,129 @@
+"""Clocks that jump: the robot's own, and the time of day where the service runs."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources import Chunk
+from caesura_clients.query import snapshot
+from caesura_clients.transport import ZenohTransport
+from caesura_protocol.messages import Snapshot
+from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.stations import (
+    CLOSE_S,
+    CONNECT_S,
+    PACE,
+    SETTINGS,
+    LiveRobot,
+    Station,
+    demonstration,
+    reached,
+    station_name,
+    undisturbed,
+)
+from harness.processes import SESSION, Service, serving
+
+NO_LIBRARY = "not run: there is no libfaketime (apt-get install faketime)"
+HALF_S = 10.0  # where the clock jumps
+LIBRARIES = ("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1", "/usr/lib/faketime/libfaketime.so.1")
+Jump = Callable[[np.ndarray], np.ndarray]
+
+# What the robot's clock says of its times → what the session says of that.
+JUMPS: dict[str, tuple[Jump, Callable[[Snapshot], bool]]] = {
+    "30 s forth": (
+        lambda t: t + 30.0 * (t > HALF_S),
+        lambda found: [gap.reason for gap in found.status.gaps] == ["source"] and not found.status.refused,
+    ),
+    "5 s back": (
+        lambda t: t - 5.0 * (t > HALF_S),
+        lambda found: found.status.refused["malformed"] > 0 and bool(found.status.gaps),
+    ),
+    "2 h forth and back": (
+        lambda t: t + 7200.0 * ((t > HALF_S) & (t < HALF_S + 2.0)),
+        lambda found: found.status.refused["malformed"] > 0 and bool(found.status.gaps),
+    ),
+    "none": (lambda t: t, lambda found: found.status.gaps == () and found.status.refused == {}),
+}
+
+
+class Jumping(LiveRobot):
+    """A robot whose clock is set in the middle."""
+
+    def __init__(self, number: int, jump: Jump) -> None:
+        super().__init__(demonstration(number), pace=PACE)
+        self._jump = jump
+
+    def chunks(self) -> Iterator[Chunk]:
+        for chunk in super().chunks():
+            told = chunk.copy()
+            told[:, 0] = self._jump(chunk[:, 0])
+            yield told
+
+
+def robot_clocks(directory: Path) -> Row:
+    """Two stations for every jump, all at once."""
+    with serving(directory) as service, ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(2 * len(JUMPS)))
+        ends, jumps = [], [*JUMPS, *JUMPS]
+        for number, name in enumerate(jumps):
+            transport = stack.enter_context(ZenohTransport(service.endpoint, timeout_s=CONNECT_S))
+            robot, where = Jumping(number, JUMPS[name][0]), station_name(number)
+            bridge = Bridge(transport, where, robot, session=SESSION, settings=SETTINGS)
+            ends.append(pool.submit(stack.enter_context(bridge).run))
+        closed = [end.result(CLOSE_S).state == "closed" for end in ends]
+        found = [snapshot(transport, station_name(number), SESSION) for number in range(len(jumps))]
+    told = {name: JUMPS[name][1](one) for name, one in zip(jumps, found, strict=True)}
+    whole = [one.segments.segments == undisturbed(number).segments for number, one in enumerate(found)]
+    equal = all(same for same, name in zip(whole, jumps, strict=True) if name == "none")
+    sent = sum(len(demonstration(number).t) for number in range(len(jumps)))
+    refused = sum(sum(one.status.refused.values()) for one in found)
+    taken = sum(one.status.samples for one in found)
+    note = f"said so: {told}; {refused} batches refused, {sum(len(one.status.gaps) for one in found)} gaps"
+    repeats = sum(one.status.repeats for one in found)
+    met = all(told.values()) and all(closed) and equal
+    return Row(len(jumps), sent, sent - taken, repeats, "yes (others)" if equal else "no", None, note, met)
+
+
+def wall_clock(directory: Path) -> Row:
+    """An hour forth and a day back while the service runs; a week back over a restart."""
+    library = next((name for name in LIBRARIES if Path(name).exists()), None)
+    if library is None or shutil.which("env") is None:
+        return Row(
+            0, 0, 0, 0, "–", None, "not run: there is no libfaketime (apt-get install faketime)", met=True
+        )
+    told = directory / "offset"
+    told.write_text("+0")
+    service = Service(directory)
+    environment = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": told, "FAKETIME_NO_CACHE": 1}
+    fake = [f"{name}={value}" for name, value in environment.items()]
+    service.command = [
+        "env",
+        *fake,
+        "DONT_FAKE_MONOTONIC=1",
+        "FAKETIME_DONT_FAKE_MONOTONIC=1",
+        *service.command,
+    ]
+
+    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+        for share, offset in ((0.2, "+3600"), (0.35, "-86400")):
+            reached(stations, share)
+            told.write_text(offset)
+        reached(stations, 0.5)
+        service.kill()
+        told.write_text("-604800")
+        disturbance.is_over()
+        service.start()
+
+    try:
+        service.start()
+        done = played(service.endpoint, directory, disturb)
+    finally:
+        service.kill()
+    return done.row(note="1 h forth, 1 day back, killed, started 1 week back")

@@ -1,0 +1,36 @@
+"""The service is away for longer than the bridges remember: the results say what is missing, and go on."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.stations import SETTINGS, Station, reached
+from harness.processes import serving
+
+SMALL = replace(SETTINGS, ring_span_s=2.0, window_batches=8)
+AWAY_S = 4.0
+
+
+def ring_too_small(directory: Path) -> Row:
+    """A ring of 2 s, a service that is away for 4 s, which is 8 s of the demonstration."""
+
+    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+        reached(stations, 0.2)
+        service.kill()
+        time.sleep(AWAY_S)
+        disturbance.is_over()
+        service.start()
+
+    with serving(directory) as service:
+        done = played(service.endpoint, directory, disturb, settings=SMALL)
+    gaps = [gap for one in done.found for gap in one.snapshot.status.gaps]
+    noted = all(
+        any("gap" in note or "missing" in note for note in one.snapshot.program.notes) for one in done.found
+    )
+    lengths = f"{min(gap.tn - gap.t0 for gap in gaps):.1f} to {max(gap.tn - gap.t0 for gap in gaps):.1f} s"
+    named = all(gap.reason == "evicted" for gap in gaps)
+    note = f"{len(gaps)} gaps of {lengths}, all evicted: {named}; the programs say so: {noted}"
+    return done.row("gap", note=note, met=named and len(gaps) >= len(done.found))

@@ -26,6 +26,7 @@ check: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python tests/bench/step_cost.py $(ARGS)
 	$(BIN)/python tests/bench/journal_cost.py
+	$(BIN)/python tests/bench/takeover.py
 
 faults: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)

@@ -125,3 +125,34 @@ def test_a_file_that_cannot_be_written_is_one_line(directory, out, words):
     done = caesura("export", "s2", "-o", directory / out, "--journal", directory)
     assert (done.exit_code, done.stdout) == (1, "")
     assert words in done.stderr
+
+
+def copied(directory: Path, instance: str, batches: int, *, close: bool = False) -> None:
+    """A further instance, which has some of cell-1/s1."""
+    with SqliteJournal(journal_path(directory, ServiceConfig().instance)) as first:
+        records = list(first.replay("cell-1", "s1"))[: batches + 1]
+    with SqliteJournal(journal_path(directory, instance)) as journal:
+        for record in records:
+            journal.append(record)
+        if close:
+            journal.append(Record("cell-1", "s1", 0.0, Close(session="s1", last_seq=batches - 1)))
+
+
+def test_of_several_instances_the_copy_that_is_furthest_along_is_exported(directory):
+    copied(directory, "other", 4)
+    out = directory / "s1.npz"
+    where = ("--station", "cell-1", "--journal", directory)
+    assert caesura("export", "s1", "-o", out, *where).exit_code == 0
+    assert load_recording(out).t.size == len(guided().t)
+    assert caesura("export", "s1", "-o", out, *where, "--instance", "other").exit_code == 0
+    assert load_recording(out).t.size == 4 * BATCH_SAMPLES
+
+
+def test_a_session_is_deleted_at_every_instance_that_has_it(directory):
+    copied(directory, "other", len(guided().t) // BATCH_SAMPLES, close=True)
+    with running(directory):  # where it is open, but not as far
+        done = caesura("delete", "s1", "--station", "cell-1", "--journal", directory)
+    assert done.stdout == "cell-1/s1 deleted\n", done.stderr
+    assert kept(directory) == ["cell-2/s1", "cell-1/s2"]
+    with SqliteJournal(journal_path(directory, "other")) as journal:
+        assert journal.sessions() == ()

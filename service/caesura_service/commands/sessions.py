@@ -15,12 +15,22 @@ from caesura_clients.cli.options import Station, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.errors import Absent, CaesuraError
 from caesura_clients.recording import Recording
-from caesura_service.config import DEFAULT_INSTANCE, journal_directory, journal_path
-from caesura_service.journal import Journal, JournalBusyError, JournalError, Key, SqliteJournal
+from caesura_service.config import journal_directory, journal_path
+from caesura_service.journal import (
+    Copy,
+    Found,
+    Journal,
+    JournalBusyError,
+    JournalError,
+    Key,
+    SqliteJournal,
+)
 from caesura_service.recordings import recording_of
 
 Session = Annotated[str, typer.Argument(help="Name of the session.")]
-Instance = Annotated[str, typer.Option(help="Name of the instance.")]
+Instance = Annotated[
+    str | None, typer.Option(help="Look into the journal of this instance alone, not into all of DIR.")
+]
 Directory = Annotated[
     Path | None,
     typer.Option("--journal", metavar="DIR", help="As for `caesura serve`, whose default it has."),
@@ -33,7 +43,7 @@ def export(
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz or .mcap.")],
     station: Station = None,
     journal: Directory = None,
-    instance: Instance = DEFAULT_INSTANCE,
+    instance: Instance = None,
 ) -> None:
     """Write a session: .npz, a recording that `caesura segment` and a bridge can read; or .mcap, samples and
     results for Foxglove and Rerun.
@@ -42,8 +52,8 @@ def export(
     """
     with reported():
         write = _writer_of(out)
-        with _opened(journal, instance, alone=False) as kept:
-            key = _found(kept, session, station)
+        key, copies = _found(_journals(journal, instance), session, station)
+        with _opened(copies[0].path) as kept:
             try:
                 recording = write(kept, key, out)
             except OSError as error:
@@ -56,24 +66,24 @@ def delete(
     session: Session,
     station: Station = None,
     journal: Directory = None,
-    instance: Instance = DEFAULT_INSTANCE,
+    instance: Instance = None,
 ) -> None:
     """Delete a session for good. While the service runs, only a closed one."""
     with reported():
-        try:
-            key = _deleted(session, station, journal, instance, alone=True)
-        except JournalBusyError:
-            key = _deleted(session, station, journal, instance, alone=False)
+        key, copies = _found(_journals(journal, instance), session, station)
+        for found in copies:
+            _delete(found, closed=copies[0].copy.closed)
     typer.echo(f"{'/'.join(key)} deleted")
 
 
-def _deleted(session: str, station: str | None, directory: Path | None, instance: str, *, alone: bool) -> Key:
-    with _opened(directory, instance, alone=alone) as kept:
-        key = _found(kept, session, station)
-        if not alone and key not in kept.closed():
-            raise CaesuraError(f"{'/'.join(key)} is open: close it, or end the service first")
-        kept.forget(*key)
-        return key
+def _delete(found: Found, *, closed: bool) -> None:
+    """Raises CaesuraError where it is open, and a service may be at it."""
+    try:
+        with _opened(found.path, alone=not closed) as kept:
+            kept.forget(*found.copy.key)
+    except JournalBusyError:
+        name = "/".join(found.copy.key)
+        raise CaesuraError(f"{name} is open: close it, or end the service first") from None
 
 
 def _write_npz(kept: Journal, key: Key, out: Path) -> Recording:
@@ -101,12 +111,21 @@ def _writer_of(out: Path) -> Callable[[Journal, Key, Path], Recording]:
     return WRITERS[out.suffix]
 
 
+def _journals(directory: Path | None, instance: str | None) -> list[Path]:
+    """Of one instance, or all of the directory. Raises Absent where there is none."""
+    where = directory or journal_directory()
+    wanted = where / "*.sqlite" if instance is None else journal_path(where, instance)
+    found = sorted(where.glob(wanted.name))
+    if not found:
+        raise Absent(
+            f"no journal {wanted}: this runs where the service does; --journal and --instance name it"
+        )
+    return found
+
+
 @contextmanager
-def _opened(directory: Path | None, instance: str, *, alone: bool) -> Iterator[SqliteJournal]:
-    """The journal of an instance; what is wrong with it is an error for a user, but that it is in use."""
-    path = journal_path(directory or journal_directory(), instance)
-    if not path.exists():
-        raise Absent(f"no journal {path}: this runs where the service does; --journal and --instance name it")
+def _opened(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
+    """A journal; what is wrong with it is an error for a user, but that it is in use."""
     try:
         with SqliteJournal(path, alone=alone) as kept:
             yield kept
@@ -116,16 +135,27 @@ def _opened(directory: Path | None, instance: str, *, alone: bool) -> Iterator[S
         raise CaesuraError(str(error)) from error
 
 
-def _found(kept: SqliteJournal, session: str, station: str | None) -> Key:
-    """The one session that is meant. Raises Absent, which names what there is, or CaesuraError."""
-    known = kept.sessions()
-    meant = [key for key in known if key[1] == session and station in {None, key[0]}]
+def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key, list[Found]]:
+    """The one session that is meant, and where it is, the copy that is furthest along first.
+
+    Raises Absent, which names what there is, or CaesuraError.
+    """
+    known = [Found(path, copy) for path in journals for copy in _copies(path)]
+    meant = [found for found in known if found.copy.session == session]
+    meant = [found for found in meant if station in {None, found.copy.station}]
+    stations = list(dict.fromkeys(found.copy.station for found in meant))
     if not meant:
-        there = ", ".join("/".join(key) for key in known)
+        there = ", ".join(dict.fromkeys("/".join(found.copy.key) for found in known))
+        where = journals[0] if len(journals) == 1 else journals[0].parent
         raise Absent(
-            f"no session {session!r} at {station or 'any station'} in {kept.path}; known: {there or 'none'}"
+            f"no session {session!r} at {station or 'any station'} in {where}; known: {there or 'none'}"
         )
-    if len(meant) > 1:
-        where = ", ".join(key[0] for key in meant)
-        raise CaesuraError(f"several stations have a session {session!r}: name one of {where} with --station")
-    return meant[0]
+    if len(stations) > 1:
+        named = ", ".join(stations)
+        raise CaesuraError(f"several stations have a session {session!r}: name one of {named} with --station")
+    return meant[0].copy.key, sorted(meant, key=lambda found: found.copy.progress, reverse=True)
+
+
+def _copies(path: Path) -> tuple[Copy, ...]:
+    with _opened(path) as kept:
+        return kept.copies()

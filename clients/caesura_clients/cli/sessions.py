@@ -13,6 +13,7 @@ from rich.console import Console, Group
 
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import outcome_line, program_view, segments_view, sessions_view
+from caesura_clients.errors import Absent
 from caesura_clients.network import DEFAULT_ENDPOINT
 
 sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
@@ -49,6 +50,8 @@ def list_sessions(
     """List the sessions that the service knows."""
     with reported(), connected(endpoint, config) as caesura:
         found = caesura.sessions(station or "*")
+        if not found and not caesura.services():  # access rules deny without a word
+            raise Absent("a service is there, but answers nothing: are these a reader's credentials?")
     if as_json:
         typer.echo(json.dumps([asdict(info) for info in found], indent=2))
     else:

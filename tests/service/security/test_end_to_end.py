@@ -186,6 +186,12 @@ def test_the_command_line_works_with_the_generated_files(network, directory):
     assert run(network, directory, "dashboard.wall", "watch", "--station", "cell-1", "--once").exit_code == 0
 
 
+def test_who_may_not_read_is_not_told_that_there_is_nothing(network, directory):
+    done = run(network, directory, "bridge.cell-1", "sessions", "list")
+    assert done.exit_code == 1
+    assert "are these a reader's credentials?" in done.stderr
+
+
 def test_a_bridge_with_the_credentials_of_another_station_is_told(network):
     thief = network.as_("bridge.cell-1")
     assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, "cell-2")

@@ -1,8 +1,8 @@
 """A live robot and its bridge in a process of their own, to be killed.
 
 `python -m faults.suite.bridge_process ENDPOINT NUMBER EPOCH FILE`; the robot's clock began at the time of
-day that the file says as soon as there is one, and goes on whatever happens to the bridge. Prints `ready` when
-the session is open, and the last word of the service in the end.
+day that the file says as soon as there is one, and goes on whatever becomes of the bridge. Prints `ready` as
+soon as the session is open, and the last word of the service in the end.
 """
 
 from __future__ import annotations

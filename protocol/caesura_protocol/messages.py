@@ -18,6 +18,7 @@ from caesura_protocol.keys import NAME_PATTERN
 MAX_MESSAGE_BYTES = 1 << 20
 MAX_BATCH_SAMPLES = 1000
 MAX_COLUMNS = 64
+MAX_GAPS = 256  # that a status lists
 
 LengthUnit = Literal["m", "cm", "mm"]
 ForceFrame = Literal["base", "flange"]
@@ -237,11 +238,12 @@ class SessionStatus(Result):
     duplicates: Count  # batches that came again
     repeats: Count  # samples whose time did not advance
     waiting_for: Count | None  # the batch that is missing, where one is
-    gaps: tuple[Gap, ...]
+    gaps: tuple[Gap, ...]  # the newest MAX_GAPS
     refused: dict[ErrorCode, Count]
     last_refusal: Refusal | None
     hypotheses: Count
     capped: Count  # steps on which the limit on hypotheses bit
+    gaps_before: Count = 0  # gaps that are not listed
     lost: Count = 0  # batches that were given up, or whose content was refused; each is in a gap
     dropped: Count = 0  # batches for which the service had no room, and asked again
     overloaded: bool = False  # its station's share of the service's queue, or the queue, is filling up

@@ -133,7 +133,9 @@ def _why(refusal: Refusal) -> str:
 
 def _gaps(status: SessionStatus) -> str:
     lost = f", {status.lost} batches lost" if status.lost else ""
-    return f"{len(status.gaps)} gaps, {sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
+    least = "at least " if status.gaps_before else ""
+    count = status.gaps_before + len(status.gaps)
+    return f"{count} gaps, {least}{sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
 
 
 def _title(status: SessionStatus) -> str:

@@ -46,7 +46,8 @@ def taught_from(journal: Journal, station: str, session: str) -> Taught:
     records = [_with_preset(record) for record in journal.replay(station, session)]
     recording = recording_of(records)
     outcome = journal.outcome(station, session)
-    view, notes, complete = _concluded(outcome) if outcome else _replayed(records)
+    whole = outcome is not None and not outcome.snapshot.status.gaps_before
+    view, notes, complete = _concluded(outcome) if outcome and whole else _replayed(records)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
     return Taught(station, opening, recording, _began(records), view, notes, complete)
 

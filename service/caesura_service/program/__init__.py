@@ -9,16 +9,16 @@ from caesura_service.program.apps import (
     Step,
     task_program,
 )
-from caesura_service.program.gaps import gap_note, observed_share
+from caesura_service.program.gaps import Gaps, observed_share
 
 __all__ = [
     "FORCE_LIMIT_N",
     "GRIP_SLACK_S",
+    "Gaps",
     "Grip",
     "Moment",
     "MomentAt",
     "Step",
-    "gap_note",
     "observed_share",
     "task_program",
 ]

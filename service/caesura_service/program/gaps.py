@@ -31,14 +31,28 @@ def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
     return seen / (seen + lost) if lost > 0.0 else 1.0
 
 
-def gap_note(gaps: Sequence[Gap], began: float) -> str:
-    """What somebody must know who runs a program with gaps in it; began [s]: its first sample."""
-    longest = sorted(gaps, key=lambda gap: gap.t0 - gap.tn)[:NAMED]
-    named = ", ".join(_named(gap, began) for gap in sorted(longest, key=lambda gap: gap.t0))
-    rest = len(gaps) - len(longest)
-    total = sum(gap.tn - gap.t0 for gap in gaps)
-    more = f" and {rest} shorter ones, {total:.2f} s in all" if rest else ""
-    return f"Not observed: {named}{more}. What was taught then is missing, and apps beside it are less sure."
+class Gaps:
+    """The gaps of a demonstration in time order. One more costs a copy, however many there are."""
+
+    def __init__(self) -> None:
+        self.all: tuple[Gap, ...] = ()
+        self._longest: list[Gap] = []
+        self._total_s = 0.0
+
+    def add(self, gap: Gap) -> None:
+        """A gap later than all before it."""
+        self.all = (*self.all, gap)
+        self._longest = sorted([*self._longest, gap], key=lambda one: one.t0 - one.tn)[:NAMED]
+        self._total_s += gap.tn - gap.t0
+
+    def note(self, began: float) -> str:
+        """What somebody must know who runs a program with gaps in it; began [s]: its first sample."""
+        named = ", ".join(_named(gap, began) for gap in sorted(self._longest, key=lambda one: one.t0))
+        rest = len(self.all) - len(self._longest)
+        more = f" and {rest} shorter ones, {self._total_s:.2f} s in all" if rest else ""
+        return (
+            f"Not observed: {named}{more}. What was taught then is missing, and apps beside it are less sure."
+        )
 
 
 def _named(gap: Gap, began: float) -> str:

@@ -68,7 +68,7 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
         preset=status.preset,
         state="closed",
         view=view_of(snapshot),
-        tally=Tally(batches=status.batches, lost=status.lost),
+        tally=Tally(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
         waiting_for=None,
         last_seq=last_seq,
         program=snapshot.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch}),

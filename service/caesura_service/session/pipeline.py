@@ -16,7 +16,7 @@ from caesura_service.changepoint.preset import TARED_BIAS_N, UNTARED_BIAS_N, Pre
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.segments import Stretch, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold, check_level
-from caesura_service.program import Grip, Step, gap_note
+from caesura_service.program import Gaps, Grip, Step
 from caesura_service.robot import load_panda
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History
@@ -101,7 +101,7 @@ class SegmentationPipeline:
         self._conditioner = Conditioner(layout)
         self._begin(tared=True)
         self._history = History()
-        self._gaps: list[Gap] = []
+        self._gaps = Gaps()
         self._grips: list[Grip] = []
         self._settled: list[Part] = []
         self._program = self._growing()
@@ -132,7 +132,7 @@ class SegmentationPipeline:
         """The demonstration is over: what is still open is decided as it stands."""
         self._finished = True
         if self._lost and self._conditioner.samples:
-            self._gaps.append(Gap(t0=self._latest, tn=self._latest, reason="evicted"))
+            self._gaps.add(Gap(t0=self._latest, tn=self._latest, reason="evicted"))
         self._take(self._conditioner.finish())
 
     def _note_beginning(self, t: float) -> None:
@@ -140,7 +140,7 @@ class SegmentationPipeline:
         if np.isinf(self._began):
             self._began = t
             if self._lost:
-                self._gaps.append(Gap(t0=t, tn=t, reason="evicted"))
+                self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
                 self._lost = False
 
     def _growing(self) -> GrowingProgram:
@@ -153,7 +153,7 @@ class SegmentationPipeline:
 
     def _take(self, conditioned: Conditioned) -> None:
         for t0, tn in conditioned.gaps:
-            self._gaps.append(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
+            self._gaps.add(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
             self._lost = False
         grips = [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         self._grips += grips
@@ -188,7 +188,7 @@ class SegmentationPipeline:
             posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
-            gaps=tuple(self._gaps),
+            gaps=self._gaps.all,
             wrench=self._wrench(),
             delay_s=self._conditioner.delay_s,
             hypotheses=self._online.starts.size,
@@ -278,12 +278,12 @@ class SegmentationPipeline:
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts[first:])
         ]
-        return self._program.apps(steps, len(self._settled), self._grips, self._gaps)
+        return self._program.apps(steps, len(self._settled), self._grips, self._gaps.all)
 
     def _notes(self) -> tuple[str, ...]:
         """What somebody must know who runs the program."""
         wrench = () if self._source.contact_models else (self._source.note,)
-        return (*wrench, gap_note(self._gaps, self._began)) if self._gaps else wrench
+        return (*wrench, self._gaps.note(self._began)) if self._gaps.all else wrench
 
     def _wrench(self) -> WrenchReport:
         source = self._source

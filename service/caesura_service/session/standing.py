@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import (
+    MAX_GAPS,
     Changepoints,
     Posterior,
     Program,
@@ -29,10 +30,11 @@ Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 @dataclass(frozen=True)
 class Tally:
-    """What has been counted. `batches` and `lost` count for the session, the rest for this process."""
+    """What has been counted. The first three count for the session, the rest for this process."""
 
     batches: int = 0
     lost: int = 0
+    gaps_before: int = 0  # what is known of a closed session's gaps beside those of its view
     dropped: int = 0
     duplicates: int = 0
     refused: Mapping[ErrorCode, int] = field(default_factory=dict)
@@ -96,7 +98,8 @@ def status_of(standing: Standing) -> SessionStatus:
         duplicates=tally.duplicates,
         repeats=view.repeats,
         waiting_for=standing.waiting_for,
-        gaps=view.gaps,
+        gaps=view.gaps[-MAX_GAPS:],
+        gaps_before=tally.gaps_before + max(0, len(view.gaps) - MAX_GAPS),
         refused=dict(tally.refused),
         last_refusal=tally.last_refusal,
         hypotheses=view.hypotheses,

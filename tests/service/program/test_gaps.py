@@ -7,12 +7,20 @@ from typing import Any
 import pytest
 
 from caesura_protocol.messages import Gap
-from caesura_service.program import Grip, gap_note, observed_share
+from caesura_service.program import Gaps, Grip, observed_share
 from service.program.test_apps import program, segment
 
 
 def gap(t0: float, tn: float, **fields: Any) -> Gap:
     return Gap.model_validate({"t0": t0, "tn": tn, "reason": "source"} | fields)
+
+
+def gap_note(gaps: list[Gap], began: float) -> str:
+    kept = Gaps()
+    for one in gaps:
+        kept.add(one)
+    assert kept.all == tuple(gaps)
+    return kept.note(began)
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,15 @@ import pytest
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, Changepoints, Posterior, Program, Segments, SessionStatus
+from caesura_protocol.messages import MAX_GAPS, Ack, Changepoints, Posterior, Program, Segments, SessionStatus
+from caesura_service.session.concluded import standing_of
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Answer, Failed, Output, Refused, ReplayEnded
 from caesura_service.session.session import Session
 from caesura_service.session.standing import snapshot_of, status_of
 from harness.sessions import (
     COLUMNS,
+    OWNER,
     Ring,
     answer,
     asked,
@@ -485,3 +487,17 @@ def test_what_is_held_is_bounded_in_bytes_too():
         session.receive(batch(seq), 0.0)
     session.receive(batch(4), 0.0)
     assert session.next_seq == 8
+
+
+def test_a_status_lists_the_newest_gaps_and_counts_the_others():
+    """Each gap used to make the next status longer: whoever made many slowed everybody down."""
+    session, _ = open_session()
+    for seq in range(2 * MAX_GAPS):
+        session.receive(batch_of([[2.0 * seq, 0.0], [2.0 * seq + 0.01, 0.0]], seq=2 * seq), 0.0)
+        session.receive(batch_of([[2.0 * seq, float("nan")]], seq=2 * seq + 1), 0.0)
+    session.receive(batch_of([[4.0 * MAX_GAPS, 0.0]], seq=4 * MAX_GAPS), 0.0)
+    status = status_of(session.standing)
+    assert (len(status.gaps), status.gaps_before) == (MAX_GAPS, MAX_GAPS)
+    assert status.gaps[-1].tn == 4.0 * MAX_GAPS
+    ended = standing_of(snapshot_of(session.standing), OWNER)
+    assert (status_of(ended).gaps_before, status_of(ended).lost) == (MAX_GAPS, 2 * MAX_GAPS)

@@ -298,7 +298,7 @@ class Session:
         return [*self._demonstration.gap(given_up), *self._drain()]
 
     def _resume(self, again: Open, now: float) -> list[Output]:
-        """A restarted bridge cannot send what its predecessor kept: give up every hole, and what nobody knows."""
+        """A restarted bridge cannot send what its predecessor kept: give up holes, and what nobody knows."""
         self._record(again, now)
         self._opening = again
         said: list[Output] = []

@@ -99,3 +99,17 @@ def test_a_journal_that_will_not_do_is_one_line(tmp_path):
         f"caesura serve: journal {tmp_path}/caesura-1.sqlite is no journal: move it"
     )
     assert "Traceback" not in done.stderr
+
+
+def test_what_other_machines_reach_is_not_listened_on_without_credentials():
+    command = [*SERVE, "--listen", "tcp/0.0.0.0:0", "--journal", "memory"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "caesura serve: tcp/0.0.0.0:" in done.stderr
+    assert "say --insecure" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_unless_told_to():
+    with serving("--listen", "tcp/0.0.0.0:0", "--insecure") as (_, endpoint):
+        assert endpoint.startswith("tcp/0.0.0.0:")

@@ -56,10 +56,11 @@ class CompiledFilter:
         self._observation = np.zeros(7)
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
 
-    def step(self, observed: Observed, boundary: bool = False) -> None:
-        """Take one observation. `boundary` makes it the start of a segment for certain.
+    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+        """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
-        Raises ValueError where a value is not finite; nothing has changed then.
+        changepoint: whether a segment starts here, where somebody knows. Raises ValueError where a value is
+        not finite; nothing has changed then.
         """
         z = self._observation
         z[:3], z[3:6], z[6] = observed
@@ -70,7 +71,8 @@ class CompiledFilter:
         if not self._room:
             self._make_room()
         self._room -= 1
-        steps.step(self._model, self._state, z, boundary and self.count > 0)
+        known = steps.UNKNOWN if changepoint is None else int(changepoint)
+        steps.step(self._model, self._state, z, boundary and self.count > 0, known)
         self.count += 1
         me = self._state.counters[0]
         window = self._state.smoothed[: min(self.count, self.parameters.window)]

@@ -60,8 +60,8 @@ class Filter(Protocol):
     def smoothed(self) -> Array:
         """(n,) smoothed probability at every observation."""
 
-    def step(self, observed: Observed, boundary: bool = False) -> None:
-        """Take one observation. `boundary` makes it the start of a segment for certain. Raises ValueError."""
+    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+        """Take one observation, with what is known of it as a start. Raises ValueError."""
 
     def condition(self, start: int) -> None:
         """Take it for certain that a segment starts at observation `start`. Raises ValueError."""

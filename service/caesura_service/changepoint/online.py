@@ -66,16 +66,18 @@ class OnlineFilter:
         self._next_prior = 0.0  # A and its maximum for the hypothesis that the next observation starts
         self._next_map = 0.0
 
-    def step(self, observed: Observed, boundary: bool = False) -> None:
-        """Take one observation. `boundary` makes it the start of a segment for certain.
+    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+        """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
-        Raises ValueError where a value is not finite; nothing has changed then.
+        changepoint: whether a segment starts here, where somebody knows (a hazard of 1 or 0). What is not
+        possible, that the first one does not, is not heeded. Raises ValueError where a value is not finite;
+        nothing has changed then.
         """
         check_finite(observed, self.count)
         if boundary and self.count:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
-        self._grow(observed)
+        self._grow(observed, changepoint)
         self._prepare_next()
         self._prune()
         self._settle()
@@ -141,17 +143,24 @@ class OnlineFilter:
         """
         return self._smoothing.event(start, others)
 
-    def _grow(self, observed: Observed) -> None:
+    def _grow(self, observed: Observed, changepoint: bool | None) -> None:
         self.rows = self.lattice.extend(self.rows, observed)
         self.starts = np.append(self.starts, self.count)
         self.log_prior = np.append(self.log_prior, self._next_prior)
         self.map_prior = np.append(self.map_prior, self._next_map)
         self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
         self.log_evidence = self.lattice.combine(self.kind_log_evidence)
-        self._window.remember(
-            self.starts, self.log_evidence, self.kind_log_evidence, self._next_prior, self._next_map
-        )
+        self._heed(changepoint)
+        born = self.count in self.starts[-1:]
+        priors = (self._next_prior, self._next_map) if born else (-np.inf, -np.inf)
+        self._window.remember(self.count, self.starts, self.log_evidence, self.kind_log_evidence, *priors)
         self.count += 1
+
+    def _heed(self, changepoint: bool | None) -> None:
+        """Keep the hypotheses that agree with what is known of the newest start."""
+        newborn = self.starts == self.count
+        if changepoint is not None and (changepoint or newborn.size > 1):
+            self._keep(newborn == changepoint)
 
     def _prepare_next(self) -> None:
         mass = self.hazard.log_mass(self.count - self.starts) + self.log_evidence

@@ -43,10 +43,9 @@ class Window:
         return self._prior[starts % self.size], self._map[starts % self.size]
 
     def remember(
-        self, starts: Starts, log_evidence: Array, kinds: Array, log_prior: float, map_prior: float
+        self, now: int, starts: Starts, log_evidence: Array, kinds: Array, log_prior: float, map_prior: float
     ) -> None:
-        """Evidence (h,), and that of each kind (h, kinds), of what ends now; the priors of the newest."""
-        now = int(starts[-1])
+        """Evidence (h,), and that of each kind (h, kinds), of what ends now; the priors of a start there."""
         self._evidence[now % self.size] = -np.inf
         self._prior[now % self.size], self._map[now % self.size] = log_prior, map_prior
         recent = starts > now - self.size

@@ -40,10 +40,15 @@ def segmentations(n: int) -> Iterator[tuple[int, ...]]:
 
 
 class BruteForce:
-    """Log joint of the data and every segmentation of it, or of those that have some boundaries."""
+    """Log joint of the data and every segmentation of it, or of those with some starts and without others."""
 
     def __init__(
-        self, lattice: Lattice, data: list[Observed], hazard: Hazard, boundaries: Collection[int] = ()
+        self,
+        lattice: Lattice,
+        data: list[Observed],
+        hazard: Hazard,
+        boundaries: Collection[int] = (),
+        without: Collection[int] = (),
     ) -> None:
         n = len(data)
         self.n, self.hazard = n, hazard
@@ -51,7 +56,9 @@ class BruteForce:
             (s, e): segment_log_evidence(lattice, data, s, e) for s in range(n) for e in range(s + 1, n + 1)
         }
         evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
-        self.paths = [path for path in segmentations(n) if set(boundaries) <= set(path)]
+        self.paths = [
+            path for path in segmentations(n) if set(boundaries) <= set(path) and not set(without) & set(path)
+        ]
         self.joint = np.array([self.log_joint(path, n, evidence) for path in self.paths])
         self.total = float(log_sum_exp(self.joint))
 

@@ -138,6 +138,19 @@ def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
             )
 
 
+@pytest.mark.parametrize("name", ["default", "integrated"])
+def test_what_is_known_of_starts(name: str) -> None:
+    rng = np.random.default_rng(6)
+    lattice, parameters = PRESETS[name].lattice(), FilterParameters(window=20)
+    compiled = CompiledFilter(lattice, HAZARD, parameters)
+    reference = OnlineFilter(lattice, HAZARD, parameters)
+    for observed, boundary in pieces(rng, 200):
+        known = rng.choice([None, None, None, True, False, False])
+        for one in (compiled, reference):
+            one.step(observed, boundary=boundary, changepoint=known)
+        assert_agree(compiled, reference)
+
+
 def test_the_same_observations_give_the_same_bits_whatever_else_is_going_on() -> None:
     stream = list(pieces(np.random.default_rng(7), 80))
     other = list(pieces(np.random.default_rng(8), 80))

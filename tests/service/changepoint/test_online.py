@@ -73,6 +73,42 @@ def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_th
     assert online.starts.min() == online.root >= taken[-1]
 
 
+@pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
+@pytest.mark.parametrize(
+    ("starts", "without"), [((4,), ()), ((), (3, 4, 5)), ((2, 9), (3, 8, 11)), ((1,), ()), ((), (1, 11))]
+)
+def test_what_is_known_of_a_start_is_heeded(
+    lattice: Lattice,
+    made: type[OnlineFilter | CompiledFilter],
+    starts: tuple[int, ...],
+    without: tuple[int, ...],
+) -> None:
+    data, online = demonstration(2), made(lattice, HAZARD, EXACT)
+    for i, observed in enumerate(data):
+        online.step(observed, changepoint=True if i in starts else False if i in without else None)
+        brute = BruteForce(lattice, data[: i + 1], HAZARD, [s for s in starts if s <= i], without)
+        check_against(brute, online)
+    assert online.root >= max(starts, default=0)
+
+
+@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
+def test_what_is_known_holds_when_something_else_is_taken_for_certain(
+    made: type[OnlineFilter | CompiledFilter],
+) -> None:
+    lattice, data = PRESETS["default"].lattice(), demonstration(2)
+    online = made(lattice, HAZARD, EXACT)
+    for i, observed in enumerate(data):
+        online.step(observed, changepoint={7: True, 9: False, 10: False}.get(i))
+        if i == 8:
+            start = online.map_path()[-1].start
+            if start > online.root:
+                online.condition(start)
+    check_against(BruteForce(lattice, data, HAZARD, [7], [9, 10]), online)
+    online.condition(11)
+    check_against(BruteForce(lattice, data, HAZARD, [7, 11], [9, 10]), online)
+
+
 class Recorded(OnlineFilter):
     """A filter that remembers what it was conditioned on, and at which observation."""
 

@@ -9,20 +9,22 @@ from caesura_service.changepoint.kernels.compiling import compiled
 from caesura_service.changepoint.kernels.elementary import exp_of_negative, log_sum_exp
 
 FREE = -1
+UNKNOWN = -1
 
 
 @compiled
-def step(model, state, z, boundary):
+def step(model, state, z, boundary, changepoint):
     """Take one observation (7,): position, force, whether the gripper holds something.
 
-    There has to be room for one more hypothesis and one more node, and the tables have to reach far enough.
+    changepoint: 1 or 0 where it is known whether a segment starts here, else UNKNOWN. There has to be room for
+    one more hypothesis and one more node, and the tables have to reach far enough.
     """
     me = state.counters[0]
     me.settled = 0
     if boundary:
         while me.living:
             drop(state, me.living - 1)
-    grow(model, state, z)
+    grow(model, state, z, changepoint)
     prepare_next(model, state)
     prune(model, state)
     settle(state)
@@ -111,7 +113,7 @@ def new_node(state, start, parent, kinds):
 
 
 @compiled
-def grow(model, state, z):
+def grow(model, state, z, changepoint):
     """Every hypothesis takes the observation, and one more starts at it."""
     me = state.counters[0]
     joins = me.living > 0
@@ -124,6 +126,12 @@ def grow(model, state, z):
     for c in range(model.channels.shape[0]):
         take(model, state, c, z, joins)
     weigh_kinds(model, state)
+    if changepoint == 1:
+        while me.living > 1:
+            drop(state, 0)
+    elif changepoint == 0 and me.living > 1:
+        drop(state, me.living - 1)
+        me.next_prior = me.next_map = -math.inf
     remember(state)
     copy(state.previous, z)
     me.count += 1

@@ -125,13 +125,13 @@ def _journals(directory: Path | None, instance: str | None) -> list[Path]:
 
 @contextmanager
 def _opened(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
-    """A journal; what is wrong with it is an error for a user, but that it is in use."""
+    """A journal; what is wrong with it is an error for a user, but that another has what shall be `alone`."""
     try:
         with SqliteJournal(path, alone=alone) as kept:
             yield kept
-    except JournalBusyError:
-        raise
     except JournalError as error:
+        if alone and isinstance(error, JournalBusyError):
+            raise
         raise CaesuraError(str(error)) from error
 
 
@@ -140,7 +140,7 @@ def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key
 
     Raises Absent, which names what there is, or CaesuraError.
     """
-    known = [Found(path, copy) for path in journals for copy in _copies(path)]
+    known = [Found(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [found for found in known if found.copy.session == session]
     meant = [found for found in meant if station in {None, found.copy.station}]
     stations = list(dict.fromkeys(found.copy.station for found in meant))
@@ -156,6 +156,13 @@ def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key
     return meant[0].copy.key, sorted(meant, key=lambda found: found.copy.progress, reverse=True)
 
 
-def _copies(path: Path) -> tuple[Copy, ...]:
-    with _opened(path) as kept:
-        return kept.copies()
+def _copies(path: Path, one_of: int) -> tuple[Copy, ...]:
+    """What a journal has; one of several that cannot be read is passed over."""
+    try:
+        with _opened(path) as kept:
+            return kept.copies()
+    except CaesuraError as error:
+        if one_of == 1:
+            raise
+        typer.echo(f"passed over: {error}", err=True)
+        return ()

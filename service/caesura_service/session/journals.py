@@ -16,17 +16,17 @@ class Copies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """The furthest of all; one's own where it is as far."""
-        sibling = self.furthest.copy if self.furthest else None
-        if self.own is None or (sibling is not None and sibling.progress > self.own.progress):
-            assert sibling is not None
-            return sibling
-        return self.own
+        """The furthest of all; one's own where it has the same batches."""
+        return max(self._all, key=lambda copy: (copy.closed, copy.last_seq))
+
+    @property
+    def _all(self) -> list[Copy]:
+        return [copy for copy in (self.own, self.furthest and self.furthest.copy) if copy]
 
     @property
     def opened(self) -> float:
         """[s]"""
-        return min(copy.opened for copy in (self.own, self.furthest and self.furthest.copy) if copy)
+        return min(copy.opened for copy in self._all)
 
 
 class Journals:

@@ -20,6 +20,7 @@ class Limits:
 
     # Content of a batch
     time_s: float = 1e10  # magnitude of a sample's time
+    value: float = 1e6  # magnitude of everything else, in its unit: no robot measures more
     batch_span_s: float = 60.0  # first to last sample of a batch
 
     # Publishing
@@ -32,3 +33,4 @@ class Limits:
     open_sessions: int = 4  # a station; one more closes the oldest as abandoned
     closed_sessions: int = 16  # a station, that can be asked; one more lets go of the oldest
     tidy_interval_s: float = 1.0  # between two looks at what the journal need no longer keep
+    look_interval_s: float = 30.0  # between two looks at whether others still keep what only they have

@@ -22,7 +22,7 @@ from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Heartbeat, JournalReport, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError, Siblings
+from caesura_service.journal import Journal, JournalError, Key, Siblings
 from caesura_service.session.journals import Copies, Journals
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
@@ -82,7 +82,7 @@ class Registry:
         self._owners: dict[str, Owner] = {}  # ourselves, by station
         self._barred: set[str] = set()  # stations that are being taken
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
-        self._tidy_at = float("-inf")  # [s]
+        self._tidy_at = self._look_at = float("-inf")  # [s]
         self.served: Set[str] | None = None  # stations that are ours; None: all
         self.board = Board({})
         self.tally = Tally()
@@ -266,15 +266,30 @@ class Registry:
         return said
 
     def _tidy(self, now: float) -> list[Output]:
-        """What the journal no longer keeps cannot be asked for either."""
+        """What no journal keeps any longer cannot be asked for either."""
+        gone: dict[Key, str] = {}
         with suppress(JournalError):  # which the journal has said already
-            gone = self._journal.tidy(now)
-            for station, name in gone:
-                self._stations.get(station, {}).pop(name, None)
-            if gone:
-                self._show()
-            return [Forgotten(*key, why) for key, why in gone.items()]
-        return []
+            gone |= self._journal.tidy(now)
+        if now >= self._look_at:
+            self._look_at = now + self._limits.look_interval_s
+            gone |= dict.fromkeys(self._no_longer_lent(), "deleted by somebody")
+        for station, name in gone:
+            self._stations.get(station, {}).pop(name, None)
+        if gone:
+            self._show()
+        return [Forgotten(*key, why) for key, why in gone.items()]
+
+    def _no_longer_lent(self) -> list[Key]:
+        """Ended sessions that only another instance's journal had, and has no more."""
+        borrowed = self._takeover.borrowed
+        borrowed &= {(name, session) for name, held in self._stations.items() for session in held}
+        gone = [key for station in {key[0] for key in borrowed} for key in self._missing(station)]
+        borrowed.difference_update(gone)
+        return gone
+
+    def _missing(self, station: str) -> list[Key]:
+        known = self._journals.of(station)
+        return [key for key in self._takeover.borrowed if key[0] == station and key[1] not in known]
 
     def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.tally = self.tally.with_refusal(error)

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
-from caesura_service.journal import Copy, Journal, JournalError, Outcome
+from caesura_service.journal import Copy, Journal, JournalError, Key, Outcome
 from caesura_service.session.concluded import Concluded, standing_of
 from caesura_service.session.content import check_columns
 from caesura_service.session.journals import Copies, Journals
@@ -64,6 +64,7 @@ class Takeover:
         self._builder = builder
         self._journals = journals
         self._own = own
+        self.borrowed: set[Key] = set()  # ended sessions that only a sibling has
 
     def session(self, copies: Copies, held: Session | None, owner: Owner) -> Steps:
         """The session, None where it cannot be had. held: what is in memory of it."""
@@ -82,7 +83,8 @@ class Takeover:
         outcome = self._journals.outcome(copies)
         if outcome is None:
             return None
-        if copies.own is not None and copies.best is not copies.own:
+        if copies.best is not copies.own:
+            self.borrowed.add((station, name))
             with suppress(JournalError):
                 self._own.forget(station, name)
         return self._builder.concluded(station, outcome, owner)

@@ -16,7 +16,7 @@ from caesura_protocol.messages import Ack, SessionStatus
 from caesura_service.journal import JournalSettings, Siblings, SqliteJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Answer, NotTaken, Output, Owner, Taken
+from caesura_service.session.ports import Answer, Forgotten, NotTaken, Output, Owner, Taken
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
 from harness.sessions import (
@@ -313,6 +313,30 @@ def test_a_sibling_that_cannot_be_read_does_not_stop_anything(pair):
     a.path.write_text("a letter to my mother " * 100)
     assert not [out for out in b.take() if isinstance(out, NotTaken)]
     assert b.next_seq == 5
+
+
+def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(COUNT))
+    a.close()
+    b.take()
+    assert b.registry.tick(1e6) == []
+    a.journal.forget(STATION, NAME)
+    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by somebody")]
+    assert b.registry.board.sessions == {}
+
+
+def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair):
+    a, _ = pair
+    for each in pair:
+        each.registry._journals.has = lambda *_: False  # as where the two did not know each other
+        each.open()
+        each.feed(*range(COUNT))
+        each.close()
+    a.take()
+    assert told(a.standing) == EXPECTED
+    assert a.journal.sessions() == ((STATION, NAME),)
 
 
 # What may happen: a batch comes to the owner, or to both; the station changes hands; somebody is killed.

@@ -16,8 +16,8 @@ UNKNOWN = -1
 def step(model, state, z, boundary, changepoint):
     """Take one observation (7,): position, force, whether the gripper holds something.
 
-    changepoint: 1 or 0 where it is known whether a segment starts here, else UNKNOWN. There has to be room for
-    one more hypothesis and one more node, and the tables have to reach far enough.
+    changepoint: 1 or 0 where it is known whether a segment starts here, else UNKNOWN. There has to be room
+    for one more hypothesis and one more node, and the tables have to reach far enough.
     """
     me = state.counters[0]
     me.settled = 0

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from types import TracebackType
 from typing import Any, Self
 
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.arrivals import station_of
+from caesura_service.edge.inbox import WHOLE, Inbox
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +47,8 @@ class Announcer:
         while not self._stopped.is_set():
             self._inbox.changed.wait(REPEAT_S if lasts else None)
             self._inbox.changed.clear()
-            before, lasts = lasts, bool(self._inbox.pressed)
+            pressed = self._inbox.pressed
+            before, lasts = lasts, bool(pressed)
             if not (before or lasts):
                 continue
             try:
@@ -56,17 +58,23 @@ class Announcer:
             if lasts:
                 self._inbox.has_announced()
             if lasts != before:
-                self._log(lasts)
+                self._log(pressed)
 
-    def _log(self, lasts: bool) -> None:
-        if lasts:
+    def _log(self, pressed: Set[str]) -> None:
+        """Whose messages are too many, or that it is over."""
+        if pressed:
             self._dropped = self._inbox.dropped
             logger.warning(
-                "overloaded: %d messages wait, %.0f %% of what the queue or a station's share of it holds; "
-                "new sessions are refused",
+                "overloaded by %s: %d messages wait in all, its part of the queue is %.0f %% full; "
+                "its new sessions are refused",
+                ", ".join(sorted(map(_named, pressed))),
                 len(self._inbox),
                 100 * self._inbox.fill(),
             )
         else:
             dropped = self._inbox.dropped - self._dropped
             logger.warning("no longer overloaded; %d messages were dropped and are asked for again", dropped)
+
+
+def _named(source: str) -> str:
+    return "all stations together" if source == WHOLE else f"station {station_of(source)}"

@@ -102,7 +102,7 @@ def test_overload_is_told_before_anything_is_dropped_and_everything_is_recovered
         ended = sessions.until(SessionStatus, lambda status: status.batches == 90 and not status.overloaded)
         assert (ended.dropped, ended.lost, ended.gaps) == (dropped, 0, ())
     words = [record.message.partition(":")[0].partition(";")[0] for record in caplog.records]
-    assert words == ["overloaded", "no longer overloaded"]
+    assert words == ["overloaded by station cell-1", "no longer overloaded"]
 
 
 def test_while_it_lasts_new_sessions_are_refused_at_once_and_told_why(service, peer, gate):

@@ -45,7 +45,7 @@ VICTIM = "victim"  # a station that nobody attacks
 STATIONS = ("cell-1", "cell-2", "cell-3")
 SESSIONS = ("s1", "s2", "s3")
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
-FLOATS = (0.0, -0.0, 1.0, 1e-320, 1e-9, 1e9, 1e30, 1e300, -1e300, math.inf, -math.inf, math.nan)
+FLOATS = (0.0, -0.0, 1.0, 1e-320, 1e-9, 9e5, -9e5, 1e9, 1e300, -1e300, math.inf, -math.inf, math.nan)
 COUNTS = (
     0,
     1,

@@ -1,4 +1,4 @@
-"""What a batch must be to be processed: the columns that were declared, finite numbers, sane times."""
+"""What a batch must be to be processed: the declared columns, finite numbers, sane times and values."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ def samples_of(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> 
         )
     matrix = unpack_samples(batch)
     _check_times(batch.seq, matrix[:, 0], limits)
+    _check_values(batch, matrix, limits)
     return matrix
 
 
@@ -40,3 +41,13 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
         raise ProtocolError(
             "malformed", f"batch {seq} lasts too long", value=high - low, limit=limits.batch_span_s
         )
+
+
+def _check_values(batch: SampleBatch, matrix: NDArray[np.float64], limits: Limits) -> None:
+    """Squares of absurd values leave no digits for the others, and then no number."""
+    sizes = np.abs(matrix[:, 1:])
+    if sizes.max() > limits.value:
+        row, column = np.unravel_index(int(sizes.argmax()), sizes.shape)
+        where = f"sample {row} of batch {batch.seq}: {batch.columns[column + 1]}"
+        value = float(matrix[row, column + 1])
+        raise ProtocolError("malformed", f"{where} is absurd", value=value, limit=limits.value)

@@ -302,6 +302,7 @@ def test_a_higher_epoch_that_has_not_opened_is_a_conflict():
 
 NAN = batch_of([[0.2, 0.0], [0.21, float("nan")]], seq=1)
 ABSURD = batch_of([[1e11, 0.0]], seq=1)
+FAR = batch_of([[0.2, 2e6]], seq=1)
 LASTING = batch_of([[0.2, 0.0], [90.0, 0.0]], seq=1)
 OTHER_COLUMNS = batch_of([[0.2, 0.0]], seq=1, columns=("t", "py"))
 IMPOSSIBLE = batch_of([[0.2, -1.0]], seq=1)
@@ -313,6 +314,7 @@ CUT = batch(1, samples=b"\0" * 12)
     [
         (NAN, "not finite"),
         (ABSURD, "absurd"),
+        (FAR, "px is absurd"),
         (LASTING, "lasts too long"),
         (OTHER_COLUMNS, "columns differ"),
         (CUT, "do not fit"),

@@ -25,7 +25,7 @@ from caesura_service.session.sharing import share_of
 
 logger = logging.getLogger(__name__)
 
-LOOKS_S = (0.5, 3.0)  # after a change: whoever lets go has done so, and whoever was frozen has been noticed
+LOOKS_S = (0.1, 0.5, 3.0)  # after a change: whoever lets go has done so, and whoever hung was noticed
 STATIONS = 4096  # with a token, that are told apart
 
 

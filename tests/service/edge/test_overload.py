@@ -98,7 +98,7 @@ def test_overload_is_told_before_anything_is_dropped_and_everything_is_recovered
             gate.set()
             assert until_closed(peer, 89).next_seq == 90
             assert heard.until(ServiceStatus, lambda status: not status.overloaded).dropped == dropped
-        assert sessions.until(SessionStatus, lambda status: status.overloaded).dropped == dropped
+        assert sessions.until(SessionStatus, lambda status: status.overloaded).state == "open"
         ended = sessions.until(SessionStatus, lambda status: status.batches == 90 and not status.overloaded)
         assert (ended.dropped, ended.lost, ended.gaps) == (dropped, 0, ())
     words = [record.message.partition(":")[0].partition(";")[0] for record in caplog.records]
@@ -173,3 +173,20 @@ def test_what_was_dropped_and_nobody_has_any_more_is_a_gap(service, peer, gate):
     status = peer.snapshot().status
     assert (status.batches, status.lost, status.dropped) == (90 - dropped, dropped, dropped)
     assert [gap.reason for gap in status.gaps] == ["evicted"]
+
+
+def test_a_key_that_names_no_station_overloads_and_hurts_nobody(service, peer, gate, caplog):
+    caplog.set_level(logging.WARNING, "caesura_service.edge.announcer")
+    peer.command(opening())
+    peer.send(SENT[0])
+    for _ in range(60):
+        peer.put("caesura/v1/station/No Such Name!/samples", b"\xc1", "text/plain")
+    peer.until_service(
+        lambda status: status.overloaded and status.queue + status.messages + status.dropped >= 62
+    )
+    gate.set()
+    peer.until_service(lambda status: not status.overloaded and status.queue == 0)
+    for made in SENT[1:15]:
+        peer.send(made)
+    assert until_closed(peer, 14).next_seq == 15
+    assert "overloaded by station ?" in caplog.text

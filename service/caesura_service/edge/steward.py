@@ -63,7 +63,7 @@ class Steward:
         served = self._share()
         self._ours = self._known() if served is None else served
         missing = self._registry.restore(now, self._ours)
-        self._registry.served = served
+        self._registry.custody.served = served
         self._declare(served)
         self._tell_of_start(time.monotonic() - began)
         return missing
@@ -151,7 +151,7 @@ class Steward:
             self._take_later(station)
         for station in sorted(fresh - self._registry.held()):
             self._take_later(station)
-        self._registry.served = served
+        self._registry.custody.served = served
         self._declare(served)
         for station in (self._ours | self._registry.held()) - ours:
             self._leave(station)
@@ -171,7 +171,7 @@ class Steward:
     def _take_later(self, station: str) -> None:
         if self._taking is not None and self._taking[0] == station:
             self._give_up_taking()
-        self._registry.bar(station)
+        self._registry.custody.bar(station)
         self._queue[station] = True
 
     def _leave(self, station: str) -> None:

@@ -25,7 +25,7 @@ from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import JournalReport, ServiceStatus
 from caesura_service.observing.counting import Counted
 from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session.registry import Board
+from caesura_service.session.board import Board
 from caesura_service.session.standing import Standing
 
 Family = CounterMetricFamily | GaugeMetricFamily

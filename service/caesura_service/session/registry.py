@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Heartbeat, JournalReport, Open, SampleBatch
 from caesura_service.journal import Journal, JournalError, Key, Siblings
+from caesura_service.session.board import Board
+from caesura_service.session.custody import Custody
 from caesura_service.session.journals import Copies, Journals
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
@@ -38,23 +39,8 @@ from caesura_service.session.ports import (
     Taken,
 )
 from caesura_service.session.session import Session
-from caesura_service.session.standing import Standing, Tally, status_of
+from caesura_service.session.standing import Tally, status_of
 from caesura_service.session.takeover import Builder, Takeover, is_behind
-
-
-@dataclass(frozen=True)
-class Board:
-    """The sessions as they were when one last came or went; each one's standing is always current."""
-
-    sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
-
-    def standings(self) -> tuple[Standing, ...]:
-        """Of every session."""
-        return tuple(session.standing for sessions in self.sessions.values() for session in sessions)
-
-    def current(self) -> tuple[Standing, ...]:
-        """Of every station's newest session."""
-        return tuple(sessions[-1].standing for sessions in self.sessions.values())
 
 
 class Registry:
@@ -70,20 +56,16 @@ class Registry:
         limits: Limits,
         siblings: Siblings | None = None,
     ) -> None:
-        """owner: who this instance is; the epoch of a station is that in which it was taken, and no lower."""
-        self._owner = owner
         self._default_preset = default_preset
         self._journal = journal
         self._limits = limits
         self._journals = Journals(journal, siblings or Siblings(None))
+        self.custody = Custody(owner, journal, self._journals)
         self._builder = Builder(pipeline_factory, default_preset, journal, limits)
         self._takeover = Takeover(self._builder, self._journals, journal)
         self._stations: dict[str, dict[str, Session]] = {}
-        self._owners: dict[str, Owner] = {}  # ourselves, by station
-        self._barred: set[str] = set()  # stations that are being taken
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = self._look_at = float("-inf")  # [s]
-        self.served: Set[str] | None = None  # stations that are ours; None: all
         self.board = Board({})
         self.tally = Tally()
 
@@ -103,10 +85,6 @@ class Registry:
         """Stations with a session in memory."""
         return frozenset(self._stations)
 
-    def bar(self, station: str) -> None:
-        """The station is about to be taken: until then its bridge is told to come again."""
-        self._barred.add(station)
-
     def take(self, station: str, now: float, *, renew: bool = True) -> Generator[list[Output], None, None]:
         """Bring the station's sessions to where the furthest journal is; gives way after every record.
 
@@ -119,13 +97,13 @@ class Registry:
             if renew or any(_lacks(held.get(name), known[name]) for name in wanted):
                 yield from self._take(station, now, {name: known[name] for name in wanted})
         finally:
-            self._barred.discard(station)
+            self.custody.unbar(station)
 
     def _take(
         self, station: str, now: float, wanted: Mapping[str, Copies]
     ) -> Generator[list[Output], None, None]:
-        self.bar(station)
-        held, owner = self._stations.get(station, {}), self._acquire(station, now)
+        self.custody.bar(station)
+        held, owner = self._stations.get(station, {}), self.custody.acquire(station, now)
         taken = {name: session for name, session in held.items() if name not in wanted}
         for name, copies in wanted.items():
             session = yield from self._takeover.session(copies, held.get(name), owner)
@@ -145,22 +123,12 @@ class Registry:
 
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
-        self._barred.discard(station)
-        self._owners.pop(station, None)
+        self.custody.leave(station)
         with suppress(JournalError):  # which the journal has said already
             self._journal.commit()
         if (left := self._stations.pop(station, None)) is not None:
             self._hushed.difference_update(left.values())
             self._show()
-
-    def _acquire(self, station: str, now: float) -> Owner:
-        before = self._owners.get(station, self._owner).epoch
-        last = max(before if station in self._owners else before - 1, self._journals.epoch_of(station))
-        owner = Owner(self._owner.instance, max(int(now * 1000), last + 1))
-        self._owners[station] = owner
-        with suppress(JournalError):  # which the journal has said already
-            self._journal.keep_epoch(station, owner.epoch)
-        return owner
 
     def _to_hold(self, known: Mapping[str, Copies]) -> list[str]:
         """Which of a station's sessions are held here: those that are open, and the last closed ones."""
@@ -172,7 +140,7 @@ class Registry:
 
     def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
-        if (elsewhere := self._elsewhere(station)) is not None:
+        if (elsewhere := self.custody.elsewhere(station)) is not None:
             return [Answer(ProtocolError("overloaded", elsewhere, value=station))]
         try:
             if isinstance(command, Open) and self._find(station, command.session) is None:
@@ -187,7 +155,7 @@ class Registry:
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """Take what a bridge sent, or the end of an answer to a replay."""
-        if self._elsewhere(station) is not None:
+        if self.custody.elsewhere(station) is not None:
             return []  # the bridge still has it
         try:
             session = self._session(station, message.session)
@@ -238,9 +206,7 @@ class Registry:
         if station not in self._stations and len(self._stations) >= self._limits.stations:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
-        session = self._builder.new(
-            station, opening, self._owners.get(station) or self._acquire(station, now)
-        )
+        session = self._builder.new(station, opening, self.custody.owner(station, now))
         with _recording("conflict"):
             if self._journals.has(station, command.session):
                 why = "the journal has such a session, which is over or cannot be read: give it another name"
@@ -272,24 +238,12 @@ class Registry:
             gone |= self._journal.tidy(now)
         if now >= self._look_at:
             self._look_at = now + self._limits.look_interval_s
-            gone |= dict.fromkeys(self._no_longer_lent(), "deleted by somebody")
+            gone |= dict.fromkeys(self._takeover.returned(), "deleted by somebody")
         for station, name in gone:
             self._stations.get(station, {}).pop(name, None)
         if gone:
             self._show()
         return [Forgotten(*key, why) for key, why in gone.items()]
-
-    def _no_longer_lent(self) -> list[Key]:
-        """Ended sessions that only another instance's journal had, and has no more."""
-        borrowed = self._takeover.borrowed
-        borrowed &= {(name, session) for name, held in self._stations.items() for session in held}
-        gone = [key for station in {key[0] for key in borrowed} for key in self._missing(station)]
-        borrowed.difference_update(gone)
-        return gone
-
-    def _missing(self, station: str) -> list[Key]:
-        known = self._journals.of(station)
-        return [key for key in self._takeover.borrowed if key[0] == station and key[1] not in known]
 
     def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.tally = self.tally.with_refusal(error)
@@ -326,14 +280,8 @@ class Registry:
             expected=list(self._stations.get(station, {})),
         )
 
-    def _elsewhere(self, station: str) -> str | None:
-        """Why the station is not served here and now; None where it is."""
-        if self.served is not None and station not in self.served:
-            return "another instance serves this station: try again"
-        return "the station is being taken over: try again" if station in self._barred else None
-
     def _awake(self) -> Iterable[Session]:
-        stations = (sessions for name, sessions in self._stations.items() if name not in self._barred)
+        stations = (sessions for name, sessions in self._stations.items() if not self.custody.is_barred(name))
         return (session for sessions in stations for session in sessions.values())
 
     def _show(self) -> None:

@@ -64,7 +64,7 @@ class Takeover:
         self._builder = builder
         self._journals = journals
         self._own = own
-        self.borrowed: set[Key] = set()  # ended sessions that only a sibling has
+        self._borrowed: set[Key] = set()  # ended sessions that only a sibling has
 
     def session(self, copies: Copies, held: Session | None, owner: Owner) -> Steps:
         """The session, None where it cannot be had. held: what is in memory of it."""
@@ -77,6 +77,13 @@ class Takeover:
             yield from self._followed(session, copies)
         return session
 
+    def returned(self) -> list[Key]:
+        """Ended sessions that only a sibling had, and has no more; told once."""
+        known = {station: self._journals.of(station) for station in {key[0] for key in self._borrowed}}
+        gone = [key for key in self._borrowed if key[1] not in known[key[0]]]
+        self._borrowed.difference_update(gone)
+        return gone
+
     def _ended(self, copies: Copies, owner: Owner) -> Session | None:
         """From how it ended, where the best copy says so; a copy of one's own that does not is of no use."""
         station, name = copies.best.key
@@ -84,7 +91,7 @@ class Takeover:
         if outcome is None:
             return None
         if copies.best is not copies.own:
-            self.borrowed.add((station, name))
+            self._borrowed.add((station, name))
             with suppress(JournalError):
                 self._own.forget(station, name)
         return self._builder.concluded(station, outcome, owner)

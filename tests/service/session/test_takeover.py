@@ -263,7 +263,7 @@ def test_a_taking_that_is_given_up_leaves_the_station_as_it_was(pair):
 
 def test_what_another_instance_serves_is_neither_taken_nor_refused_for_good():
     registry = new_registry()
-    registry.served = frozenset({"cell-2"})
+    registry.custody.served = frozenset({"cell-2"})
     (said,) = registry.command(STATION, opening(), 0.0)
     assert isinstance(said, Answer)
     assert isinstance(said.reply, ProtocolError)

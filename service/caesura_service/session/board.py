@@ -1,0 +1,24 @@
+"""What other threads see of the sessions of this instance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from caesura_service.session.session import Session
+from caesura_service.session.standing import Standing
+
+
+@dataclass(frozen=True)
+class Board:
+    """The sessions as they were when one last came or went; each one's standing is always current."""
+
+    sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
+
+    def standings(self) -> tuple[Standing, ...]:
+        """Of every session."""
+        return tuple(session.standing for sessions in self.sessions.values() for session in sessions)
+
+    def current(self) -> tuple[Standing, ...]:
+        """Of every station's newest session."""
+        return tuple(sessions[-1].standing for sessions in self.sessions.values())

@@ -24,7 +24,8 @@ check: $(STAMP)
 	scripts/lint_deploy.sh $(BIN)
 
 bench: $(STAMP)
-	$(BIN)/python tests/bench/step_cost.py $(ARGS)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	$(BIN)/python tests/bench/step_cost.py --json dist/bench $(ARGS)
 	$(BIN)/python tests/bench/journal_cost.py
 	$(BIN)/python tests/bench/takeover.py
 

@@ -1,63 +1,99 @@
-"""What a step of the filter costs, against recomputing every hypothesis from its samples as the thesis does.
+"""What a step of the filter costs: compiled, in NumPy, as the thesis has it, beside peers and the roofline.
 
-Both run in this process, alternating, over the same observations and the same living hypotheses.
-Prints µs a step and the ratio. Usage: python tests/bench/step_cost.py
+At 10, 50 and 100 living hypotheses, all in this process, taken in turn over the same observations. Prints µs a step
+(median) and ratios. Usage: python tests/bench/step_cost.py [--presets a b …] [--json DIR]
 """
 
 from __future__ import annotations
 
-import platform
 import statistics
-import time
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+import peers
+import roofline
+import thesis_update
+from machine import in_turn, machine, options, seconds, tell
 
-from caesura_service.changepoint.lattice import Lattice
+from caesura_service.changepoint.compiled import CompiledFilter
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.preset import Preset
+from caesura_service.changepoint.presets import PRESETS
 
-WARM_UP = 150
-STEPS = 20
+HYPOTHESES = (10, 50, 100)
+WARM_UP, STEPS = 160, 60
 
 
 def main() -> None:
-    """Measure every preset."""
-    table = Table("preset", "hypotheses", "step [µs]", "recomputed [µs]", "ratio")
-    for name, preset in sorted(PRESETS.items()):
-        table.add_row(name, *measure(preset))
-    Console().print(table)
-    Console().print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
-
-
-def measure(preset: Preset) -> tuple[str, ...]:
-    """Median cost of a step, and of recomputing the evidence of the same hypotheses."""
+    """Measure every preset, and what others do."""
+    parser = options(__doc__)
+    parser.add_argument("--presets", nargs="*", default=sorted(PRESETS), choices=sorted(PRESETS))
+    asked = parser.parse_args()
+    print(", ".join(f"{name} {value}" for name, value in machine().items()))
     data = demonstration(WARM_UP + STEPS)
-    online = preset.online()
+    rows = [measure(name, h, data) for name in asked.presets for h in HYPOTHESES]
+    columns = ("preset", "h", "compiled", "NumPy", "NumPy ×", "thesis", "thesis ×", "roofline", "roofline ×")
+    tell("step_cost", "µs a step", columns, rows, asked.json)
+    tell(
+        "peers", "µs a step, one level (Gaussian of unknown mean), 200 samples", *peers_rows(data), asked.json
+    )
+
+
+def measure(name: str, hypotheses: int, data: Sequence[Observed]) -> tuple[object, ...]:
+    """Median µs a step of each way, and how they compare."""
+    preset = living(PRESETS[name], hypotheses)
+    lattice = preset.lattice()
+    compiled = CompiledFilter(lattice, preset.hazard, preset.filter)
+    reference = OnlineFilter(lattice, preset.hazard, preset.filter)
     for observed in data[:WARM_UP]:
-        online.step(observed)
-    steps, recomputed, living = [], [], []
-    for now in range(WARM_UP, WARM_UP + STEPS):
-        steps.append(microseconds(lambda now=now: online.step(data[now])))
-        starts = online.starts.tolist()
-        recomputed.append(
-            microseconds(lambda now=now, starts=starts: recompute(online.lattice, data[: now + 1], starts))
-        )
-        living.append(len(starts))
-    step, naive = statistics.median(steps), statistics.median(recomputed)
-    return f"{statistics.median(living):.0f}", f"{step:.0f}", f"{naive:.0f}", f"{naive / step:.0f}"
+        compiled.step(observed)
+        reference.step(observed)
+    ours, theirs = [], []
+    for observed in data[WARM_UP:]:
+        ours.append(seconds(partial(compiled.step, observed)))
+        theirs.append(seconds(partial(reference.step, observed)))
+    step, numpy = statistics.median(ours), statistics.median(theirs)
+    thesis = as_in_thesis(reference, data) if name == "integrated" else None
+    work = roofline.work_of(lattice, compiled.starts.size, preset.filter.window)
+    least = roofline.least_seconds(work, roofline.saxpy_rates(int(work.bytes)))
+    return (
+        name,
+        compiled.starts.size,
+        1e6 * step,
+        1e6 * numpy,
+        numpy / step,
+        "" if thesis is None else 1e6 * thesis,
+        "" if thesis is None else thesis / step,
+        1e6 * least,
+        step / least,
+    )
 
 
-def recompute(lattice: Lattice, data: list[Observed], starts: list[int]) -> None:
-    """The evidence of every hypothesis from its samples, one after the other."""
-    for start in starts:
-        rows = lattice.empty()
-        for observed in data[max(start - 1, 0) :]:
-            rows = lattice.extend(rows, observed)
-            rows = lattice.select(rows, np.array([0]))
-        lattice.combine(lattice.kind_log_evidence(rows))
+def living(preset: Preset, hypotheses: int) -> Preset:
+    """The same with about so many hypotheses alive, whatever the data say."""
+    kept = replace(preset.filter, keep_youngest=hypotheses - 1, prune_ratio=0.9, cap=400, certain=1.0)
+    return replace(preset, filter=kept)
+
+
+def as_in_thesis(online: OnlineFilter, data: Sequence[Observed]) -> float:
+    """[s] a step of the thesis' update over the same hypotheses; its evidence is that of the filter."""
+    position = np.array([observed.position for observed in data])
+    force = np.array([observed.force for observed in data])
+    starts = online.starts.tolist()
+    told = thesis_update.step(position, force, starts)
+    np.testing.assert_allclose(told, online.log_evidence, rtol=1e-9, atol=1e-9)
+    (taken,) = in_turn(lambda: thesis_update.step(position, force, starts), rounds=3)
+    return taken
+
+
+def peers_rows(data: Sequence[Observed]) -> tuple[Sequence[str], list[tuple[object, ...]]]:
+    """Each over the same series, beside our filter with the same kind of model."""
+    series = [observed.force for observed in data[:200]]
+    rows = [(name, axes, 1e6 * taken / len(series)) for name, axes, taken in peers.one_level(series)]
+    return ("method", "axes", "µs a step"), rows
 
 
 def demonstration(n: int) -> list[Observed]:
@@ -67,13 +103,6 @@ def demonstration(n: int) -> list[Observed]:
     position = 0.1 * np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * t]) + rng.normal(0, 5e-4, (n, 3))
     force = np.column_stack([0 * t, 0 * t, 8.0 * (np.sin(0.8 * t) > 0.5)]) + rng.normal(0, 0.2, (n, 3))
     return [Observed(*row) for row in zip(position, force, strict=True)]
-
-
-def microseconds(work: Callable[[], None]) -> float:
-    """How long it takes."""
-    before = time.perf_counter()
-    work()
-    return 1e6 * (time.perf_counter() - before)
 
 
 if __name__ == "__main__":

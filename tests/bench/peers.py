@@ -1,0 +1,105 @@
+"""Other people's detectors, on the model class that they have: a level that changes, with Gaussian noise.
+
+`changepoint` (Rust) and bayesian-changepoint-detection keep every run length; ours is pruned, and shown unpruned
+beside it. What is not installed is left out: `pip install -c constraints.txt '.[bench]'` has them all.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy.special
+from machine import in_turn
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.changepoint.hazard import Geometric
+from caesura_service.changepoint.lattice import Kind, Lattice
+from caesura_service.changepoint.levels import Biased
+from caesura_service.changepoint.models import Noise, Observed
+from caesura_service.changepoint.parameters import FilterParameters
+
+Array = NDArray[np.float64]
+
+MEAN_SAMPLES = 20.0
+LEVEL = Lattice({"level": Biased(Noise(2.0, 0.3), bias=5.0)}, (Kind("steady", "steady", "free", ("level",)),))
+PRUNED = FilterParameters(certain=1.0)
+UNPRUNED = replace(PRUNED, prune_ratio=0.0, keep_youngest=0, cap=1000)
+
+
+def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
+    """(name, axes, seconds) of each over a series of (3,)."""
+    vertical = [float(value[2]) for value in series]
+    methods: list[tuple[str, int, Any]] = [
+        ("caesura, pruned", 3, partial(ours, series, PRUNED)),
+        ("caesura, unpruned", 3, partial(ours, series, UNPRUNED)),
+    ]
+    if (theirs := bocpd()) is not None:
+        methods.append(("changepoint (Rust) Bocpd", 1, partial(theirs, vertical)))
+    if (theirs := bcd_online()) is not None:
+        methods.append(("bayesian-changepoint-detection online", 1, partial(theirs, np.array(vertical))))
+    taken = in_turn(*(run for _, _, run in methods), rounds=3)
+    for (name, axes, _), seconds in zip(methods, taken, strict=True):
+        yield name, axes, seconds
+
+
+def ours(series: Sequence[Array], parameters: FilterParameters) -> None:
+    """Our filter over a series."""
+    online = CompiledFilter(LEVEL, Geometric(MEAN_SAMPLES), parameters)
+    zero = np.zeros(3)
+    for force in series:
+        online.step(Observed(zero, force))
+
+
+def bocpd() -> Any:
+    """`changepoint.Bocpd` over a series of numbers; None where it is not installed."""
+    try:
+        import changepoint
+    except ImportError:
+        return None
+
+    def run(series: Sequence[float]) -> None:
+        detector = changepoint.Bocpd(prior=changepoint.NormalGamma(), lam=MEAN_SAMPLES)
+        for value in series:
+            detector.step(value)
+
+    return run
+
+
+def bcd_online() -> Any:
+    """bayesian-changepoint-detection's online function, which takes the whole series at once."""
+    try:
+        from bayesian_changepoint_detection import online_changepoint_detection as online
+    except ImportError:
+        return None
+
+    def run(series: Array) -> None:
+        hazard = partial(online.constant_hazard, MEAN_SAMPLES)
+        online.online_changepoint_detection(series, hazard, online.StudentT(0.1, 0.01, 1, 0))
+
+    return run
+
+
+def bcd_offline() -> Any:
+    """Its offline recursion over a series of numbers; it wants a function from where SciPy once had it."""
+    sys.modules.setdefault("scipy.misc", sys.modules["scipy"])
+    scipy.misc = getattr(scipy, "misc", scipy)
+    scipy.misc.comb = scipy.special.comb
+    sys.modules["scipy.misc"] = scipy.misc
+    try:
+        from bayesian_changepoint_detection import offline_changepoint_detection as offline
+    except ImportError:
+        return None
+
+    def run(series: Array) -> None:
+        prior = partial(offline.const_prior, l=len(series) + 1)
+        offline.offline_changepoint_detection(
+            series, prior, offline.gaussian_obs_log_likelihood, truncate=-40
+        )
+
+    return run

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from caesura_clients.bridge.teacher.effort import SWITCH_S, Aim, Effort, aims_at, goal_to_reach
-from caesura_clients.bridge.teacher.person import THESIS
-from caesura_clients.bridge.teacher.scenarios import PICK_AND_PLACE
+from caesura_clients.bridge.teacher.person import THESIS, Person
+from caesura_clients.bridge.teacher.plan import make_plan
+from caesura_clients.bridge.teacher.scenarios import DISPENSER, PICK_AND_PLACE, Step
 from caesura_clients.bridge.teacher.teaching import teach
 from caesura_service.robot import Robot
 
@@ -66,6 +67,17 @@ def test_the_place_is_given_up_where_it_touches_and_held_again_when_it_leaves():
     assert places[TICKS < 0.7].min() == 1.0
     assert places[(TICKS > 0.7 + 5 * SWITCH_S) & (TICKS < 3.0)].max() < 0.01
     assert places[-1] == pytest.approx(1.0)
+
+
+def test_a_press_on_what_yields_is_no_movement_for_a_hand_that_controls_its_force():
+    letting_go = replace(DISPENSER, steps=(*DISPENSER.steps[:3], Step("press", 4.7, force_n=2.4)))
+
+    def fastest(person: Person) -> float:
+        plan = make_plan(letting_go, person, np.random.default_rng(1))
+        return float(np.abs(plan.velocity[4250:]).max())  # [m/s]
+
+    assert fastest(PERSON) == pytest.approx(0.0, abs=1e-9)
+    assert fastest(replace(PERSON, force_rate_per_s=None)) > 0.05
 
 
 def test_a_hand_that_aims_little_below_a_surface_lands_in_time(robot: Robot):

@@ -46,6 +46,7 @@ class Person:
     motion_noise_n: float = 0.2
     bias_n: float = 2.0
     bias_wander_n: float = 0.3  # over a recording, with the pose and slowly by itself
+    hand_kg: float = 0.76  # gripper below the sensor, which feels its inertia
     impact_m: float = 0.012  # how far below a surface a movement towards it aims
 
 

@@ -152,7 +152,7 @@ class _Planner:
         surface, force = self._surface_below(self.place), self._force(step)
         rise = min(PRESS_RISE_S, 0.7 * duration)
         place = np.array([*self.place[:2], surface.touch_height_m - tips(0.0) - surface.depth_for(force)])
-        if surface.travel_m > 0.0:
+        if surface.travel_m > 0.0 and self.person.force_rate_per_s is None:  # else x_d = x, thesis 3.2.2
             self._stroke(place, rise)
         else:
             self.shifts.append(Stroke(self.now, rise, place - self.place))

@@ -22,7 +22,6 @@ from caesura_service.robot import Robot
 # Smallest steps reported: about 1 µm, 1 µrad, 1 mN, 0.1 mNm. Powers of two, exact in any float.
 POSITION_STEP, ANGLE_STEP, FORCE_STEP, TORQUE_STEP = 2.0**-20, 2.0**-20, 2.0**-10, 2.0**-13
 
-HAND_KG = 0.76  # gripper below the sensor
 TORQUE_NOISE_M = 0.03  # noise of a moment per noise of a force
 REACH_M = 0.8  # joint noise per position noise
 MOTION_NOISE_HZ = (0.0, 15.0)
@@ -61,6 +60,7 @@ class Sensors:
         self._tare = self._chance.bias + self._chance.white[: round(TARE_S / DT), :3].mean(axis=0)
         self._tare = self._tare if tared else np.zeros(3)
         self._start = np.array(plan.scenario.start)
+        self._hand_kg = plan.person.hand_kg
         self._last_velocity = np.zeros(3)
         self._last_quaternion = np.zeros(4)
 
@@ -94,7 +94,7 @@ class Sensors:
             wrench = self._robot.wrenches_of_joint_torques(trace.q, tau)
         else:
             wrench = trace.environment + (trace.hand if self._source == "flange_sensor_with_hand" else 0.0)
-            wrench[:, :3] -= HAND_KG * self._acceleration(trace)
+            wrench[:, :3] -= self._hand_kg * self._acceleration(trace)
         wrench += chance.white[ticks] + chance.coloured[ticks] * moving
         wrench[:, :3] += chance.bias - self._tare + chance.drift[ticks]
         wrench[:, :3] += (positions - self._start) @ chance.gradient

@@ -14,11 +14,23 @@ from typer.testing import CliRunner
 from caesura_clients.bridge.teacher.intentions import UNIT_RESPONSES, time_of_share
 from caesura_clients.bridge.teacher.person import THESIS
 from caesura_clients.recording import Recording
+from caesura_service.changepoint.hazard import Geometric, Uniform
+from caesura_service.changepoint.models import ChannelModel, Noise, Observed
+from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands import register
 from caesura_service.judge.metrics import Look
-from caesura_service.judge.thesis import suite
-from caesura_service.judge.thesis.demonstrations import DRAWN, HUMAN, ROBOT, SENSOR, TIMED, Taught, person
+from caesura_service.judge.thesis import measure, suite
+from caesura_service.judge.thesis.demonstrations import (
+    DRAWN,
+    HUMAN,
+    NO_GRIPPER,
+    ROBOT,
+    SENSOR,
+    TIMED,
+    Taught,
+    person,
+)
 from caesura_service.judge.thesis.measure import (
     SAME_EVENT_S,
     Found,
@@ -39,11 +51,19 @@ RIGHT = [(2.0,), (4.0, 4.2), (4.5,)]
 # How fast the forces of Fig. 4.13 and 4.14 fall: before [N], after [N], time [s].
 DECAYS = ((21.086, 2.411, 0.5), (20.331, 4.083, 0.4), (14.986, 3.283, 0.6), (9.881, 2.524, 0.4))
 DECAYS_PER_S = [np.log(before / after) / time for before, after, time in DECAYS]
+DECAY_ASIDE = ((-0.278, -0.631, -0.203), (-1.139, 0.419, 0.094))  # x, y [N] at 3.5, 4.1, 4.2 s
 NAMED = {row.name: row for row in ROWS}
 
 
 def found(*inner: float, states: str = "1221") -> Found:
     return Found(inner, states, (0.0,) * len(states), (0.0,) * len(states))
+
+
+def evidence(model: ChannelModel, forces: np.ndarray) -> float:
+    rows = model.empty()
+    for force in forces:
+        rows = model.extend(rows, Observed(np.zeros(3), force))
+    return float(model.log_evidence(rows)[0])
 
 
 def seen(*points: Point, path: np.ndarray | None = None) -> Seen:
@@ -76,10 +96,12 @@ def test_demonstrations_are_as_long_as_the_thesis_says():
 def test_a_person_differs_from_the_thesis_in_body_and_sensors_only():
     drawn = person(3, "overdamped")
     differing = {f.name for f in fields(drawn) if getattr(drawn, f.name) != getattr(THESIS, f.name)}
-    assert differing == {"name", "profile", *DRAWN, *ROBOT, *HUMAN["overdamped"]}
+    assert differing == {"name", "profile", *DRAWN, *ROBOT, *NO_GRIPPER, *HUMAN["overdamped"]}
     assert person(3, "overdamped") == drawn != replace(person(4, "overdamped"), name=drawn.name)
     assert all(getattr(drawn, name) == value for name, value in SENSOR.items())
     assert person(3, "overdamped", wander=True).bias_wander_n != THESIS.bias_wander_n
+    assert person(3, "overdamped").hand_kg == 0.0
+    assert person(3, "overdamped", gripper=True).hand_kg == THESIS.hand_kg > 0.0
 
 
 def test_only_the_thesis_own_human_controls_a_force():
@@ -92,6 +114,41 @@ def test_the_aim_below_a_surface_is_that_of_the_thesis():
     duration = 1.8 / time_of_share("overdamped", fall / (fall + below))
     done = (fall + below) * UNIT_RESPONSES["overdamped"](np.array([0.8 / duration]))[0]
     assert done == pytest.approx(0.244 - 0.164, abs=0.002)  # Fig. 4.8
+
+
+def test_the_hand_leaves_the_placed_object_when_the_thesis_does():
+    recording, _ = Taught("pick_and_place", 101, "overdamped").load()
+    heights = np.interp([10.3, 10.4, 10.8, 11.3], recording.t, recording.signals["pos"][:, 2])
+    assert heights == pytest.approx([0.104, 0.105, 0.166, 0.263], abs=0.012)  # Fig. 4.8, 4.12, 4.17
+
+
+@pytest.mark.parametrize("fall", [np.linspace, np.geomspace])
+def test_the_thesis_own_decay_is_called_free_only_with_the_nu0_of_its_force_model(fall):
+    """The forces of Fig. 4.14 and 4.15 at 4.1 and 4.2 s; from 3.6 s on, between that at 3.5 s and those."""
+    x, y = (np.append(np.linspace(a, b, 7)[1:], c) for a, b, c in DECAY_ASIDE)
+    forces = np.column_stack([x, y, np.append(fall(14.986, 3.283, 7)[1:], 1.076)])
+
+    def free_over_contact(nu0: float) -> float:
+        channels = Setting("x", pressed_nu0=nu0).preset("integrated").channels(1.0)
+        return evidence(channels["untouched"], forces) - evidence(channels["pressed"], forces)
+
+    assert abs(free_over_contact(1.0)) < 0.5  # Tab. 4.5
+    assert free_over_contact(10.0) > 5.0  # Tab. 4.3
+
+
+def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def spy(lattice, hazard, data):
+        asked.append(hazard)
+        return segment_offline(lattice, hazard, data)
+
+    monkeypatch.setattr(measure, "segment_offline", spy)
+    still = Recording(np.arange(0.0, 3.0, 0.01), {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))})
+    shown = measure.see(still, Truth("x", (0.0, 3.0), ()))
+    for any_length in (True, False):
+        measure.divide(shown, PRESETS["integrated"], 0.2, any_length=any_length)
+    assert asked == [Uniform(len(shown.observations)), Geometric(20.0)]
 
 
 def test_what_the_thesis_says_has_no_faults():
@@ -174,6 +231,9 @@ def test_a_setting_changes_what_it_names():
     assert Setting("x", window=31).conditioning.filter.delay_s == pytest.approx(0.15)
     other = Setting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
     assert other.length_unit_m == 0.5
+    integrated = Setting("x", pressed_nu0=10.0).preset("integrated").channels(1.0)
+    assert integrated["pressed"].noise == Noise(10.0, 1.25)
+    assert integrated["moving"].noise == Noise(1.0, 0.025)
 
 
 def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from caesura_clients.recording import Recording
+from caesura_service.changepoint.hazard import Uniform
 from caesura_service.changepoint.levels import GRAVITY
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.presets import PRESETS, Preset
@@ -89,16 +90,25 @@ def see(recording: Recording, truth: Truth, parameters: ConditioningParameters |
     return Seen(recording, truth, observations, tared)
 
 
-def measure(row: Row, seen: Seen, seed: int, preset: Preset | None = None, *, best: bool = False) -> Outcome:
+def measure(
+    row: Row,
+    seen: Seen,
+    seed: int,
+    preset: Preset | None = None,
+    *,
+    best: bool = False,
+    any_length: bool = True,
+) -> Outcome:
     """One row on one demonstration.
 
-    preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold.
+    preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold;
+    any_length: as for `divide`, whose rows alone it concerns.
     """
     row = replace(row, threshold=None) if best else row
     right = references(row, seen)
     if row.online:
         return _online(row, seen.recording, seed, right)
-    found = divide(seen, preset or PRESETS[row.preset], row.threshold)
+    found = divide(seen, preset or PRESETS[row.preset], row.threshold, any_length=any_length)
     faults = tuple(differences(row, found, right))
     values: tuple[float, ...] = ()
     if len(found.inner) == len(right) and all(map(is_right, found.inner, right)):
@@ -169,12 +179,17 @@ def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int
     return partners
 
 
-def divide(seen: Seen, preset: Preset, threshold: float | None) -> Found:
-    """Divide a whole recording at once, thesis 2.1.4, 4.1; without a threshold the best segmentation."""
+def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: bool = True) -> Found:
+    """Divide a whole recording at once, thesis 2.1.4, 4.1; without a threshold the best segmentation.
+
+    any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
+    thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
+    """
     source = WRENCH_SOURCES[seen.recording.wrench_source]
     online = filter_of(preset, source, tared=seen.tared)
     rows = [observed(one) for one in seen.observations]
-    offline = segment_offline(online.lattice, online.hazard, rows)
+    hazard = Uniform(len(rows)) if any_length else online.hazard
+    offline = segment_offline(online.lattice, hazard, rows)
     path = offline.path if threshold is None else offline.threshold_path(threshold)
     starts = [ended.start for ended in path]
     kinds = [verdict(online.lattice.kinds, ended.kind_log_evidence).kind for ended in path]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from caesura_clients.bridge.teacher.intentions import Profile
 from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.judge.thesis.demonstrations import Taught
 from caesura_service.judge.thesis.measure import Outcome, measure, see
@@ -21,19 +22,22 @@ SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 class Setting:
     """How the rows are measured: who teaches, and what the thesis leaves open.
 
-    best: the best segmentation decides, not a threshold; mean_segment_s: instead of the presets'; window: of
-    the filter [rows of 0.01 s]; length_unit_m: instead of the constant velocity model's; online: measure the
-    online rows too; rows: only these, all where empty.
+    best: the best segmentation decides, not a threshold; mean_segment_s: segments are geometric about it, not
+    of any length; window: of the filter [rows of 0.01 s]; length_unit_m: instead of the constant velocity
+    model's; pressed_nu0: instead of the ν0 with which a model expects a press; online: measure the online
+    rows too; rows: only these, all where empty.
     """
 
     name: str
     profile: Profile = "overdamped"
     wander: bool = False
+    gripper: bool = False
     timed: bool = True
     best: bool = False
     mean_segment_s: float | None = None
     window: int | None = None
     length_unit_m: float | None = None
+    pressed_nu0: float | None = None
     online: bool = False
     rows: tuple[str, ...] = ()
 
@@ -54,6 +58,8 @@ class Setting:
             preset = replace(preset, mean_segment_s=self.mean_segment_s)
         if self.length_unit_m is not None:
             preset = replace(preset, channels=_Measured(preset.channels, self.length_unit_m))
+        if self.pressed_nu0 is not None:
+            preset = replace(preset, channels=_Pressed(preset.channels, self.pressed_nu0))
         return preset
 
 
@@ -73,6 +79,22 @@ class _Measured:
         }
 
 
+@dataclass(frozen=True)
+class _Pressed:
+    """Channels whose force model has another ν0."""
+
+    channels: Callable[[float], Mapping[str, ChannelModel]]
+    nu0: float
+
+    def __call__(self, bias_n: float) -> Mapping[str, ChannelModel]:
+        return {
+            name: replace(model, noise=replace(model.noise, nu0=self.nu0))
+            if isinstance(model, Profiled) and model.channel == "force"
+            else model
+            for name, model in self.channels(bias_n).items()
+        }
+
+
 MAIN = (
     Setting("overdamped", online=True),
     Setting("minimum jerk", profile="minimum_jerk", online=True),
@@ -80,11 +102,13 @@ MAIN = (
 _UNITS = ("R1", "R2", "R3")
 OPEN = (
     Setting("best path", best=True, online=True),
-    Setting("mean 1 s", mean_segment_s=1.0),
+    Setting("mean 2 s", mean_segment_s=2.0),
     Setting("mean 4 s", mean_segment_s=4.0),
     Setting("filter 0.31 s", window=31),
     Setting("sensor as drawn", wander=True),
+    Setting("gripper felt", gripper=True, rows=("R8", "R10", "R11")),
     Setting("teacher's times", timed=False),
+    Setting("ν0 of Tab. 4.3", pressed_nu0=10.0, rows=("R10", "R11")),
     *(Setting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
 )
 
@@ -107,7 +131,9 @@ def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) ->
         for scenario in SCENARIOS:
             if any(setting.wants(row) for row in ROWS if row.scenario == scenario):
                 for seed in seeds:
-                    taught = Taught(scenario, seed, setting.profile, setting.wander, setting.timed)
+                    taught = Taught(
+                        scenario, seed, setting.profile, setting.wander, setting.gripper, setting.timed
+                    )
                     demonstrations.setdefault(taught, []).append(setting)
     return [Task(taught, tuple(some)) for taught, some in demonstrations.items()]
 
@@ -124,6 +150,7 @@ def perform(task: Task) -> Result:
                 task.taught.seed,
                 setting.preset(row.preset),
                 best=setting.best,
+                any_length=setting.mean_segment_s is None,
             )
             for row in ROWS
             if row.scenario == task.taught.scenario and setting.wants(row)

@@ -17,7 +17,7 @@ FAULTS = 3  # so many of a row's differences are shown
 UNITS = {"force_n": "N", "load_kg": "kg"}
 NOTES = (
     "What the thesis leaves open, and what was chosen:",
-    "* Expected length of a segment: 2 s, geometric (its tables: 1.7 s).",
+    "* Expected length of a segment online: 2 s, geometric (its tables: 1.7 s).",
     "* Neighbours above the threshold of 0.2 are one changepoint, at the highest.",
     "* Pruning: none offline; online below 1e-6 of the best, never the 20 youngest.",
     "* Filter: Savitzky-Golay of order 2 over 0.11 s at 100 Hz.",
@@ -136,7 +136,7 @@ def _seconds(value: float | None, none: str) -> str:
 
 def _open(report: Report) -> Iterator[Grid]:
     for unit, wanted in (("", False), (", another length unit", True)):
-        settings = [s for s in OPEN if s.name in report and bool(s.rows) is wanted]
+        settings = [s for s in OPEN if s.name in report and (s.length_unit_m is not None) is wanted]
         shown = [row.name for row in ROWS if any(row.name in report[s.name] for s in settings)]
         if settings:
             rows = tuple((name, *(_cell(report[s.name].get(name)) for s in settings)) for name in shown)

@@ -13,7 +13,7 @@ QUICKLY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, H
 RANDOM = st.randoms(use_true_random=True)
 
 
-@settings(QUICKLY, max_examples=300)
+@settings(QUICKLY, max_examples=100)
 @given(RANDOM)
 def test_nothing_but_a_protocol_error_leaves_the_codec(rng):
     for _ in range(ATTACKS):

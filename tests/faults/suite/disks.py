@@ -12,7 +12,7 @@ from pathlib import Path
 
 from caesura_clients import Caesura, connect
 from caesura_clients.errors import CaesuraError
-from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import Station, reached
 from harness.processes import DEADLINE_S, Service, eventually
 
@@ -48,17 +48,20 @@ def disk_full(directory: Path) -> Row:
         return Row(0, 0, 0, 0, "–", None, "not run: mounting is not permitted; see disk-unwritable", met=True)
 
 
-def disk_unwritable(directory: Path) -> Row:
+def disk_unwritable(directory: Path, scale: Scale = FULL) -> Row:
     """Every write fails, as on a disk that the kernel made read-only: by the process' limit on file sizes."""
     service = Service(directory)
 
     def limit(size: int) -> None:
         resource.prlimit(service.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
-    return in_trouble(service, partial(limit, 0), partial(limit, resource.RLIM_INFINITY), "RLIMIT_FSIZE 0")
+    end = partial(limit, resource.RLIM_INFINITY)
+    return in_trouble(service, partial(limit, 0), end, "RLIMIT_FSIZE 0", scale)
 
 
-def in_trouble(service: Service, begin: Callable[[], None], end: Callable[[], None], how: str) -> Row:
+def in_trouble(
+    service: Service, begin: Callable[[], None], end: Callable[[], None], how: str, scale: Scale = FULL
+) -> Row:
     """The journal cannot write from a fifth to half of the demonstrations, and the status says so."""
     told: list[str] = []
 
@@ -73,7 +76,7 @@ def in_trouble(service: Service, begin: Callable[[], None], end: Callable[[], No
 
     try:
         service.start()
-        done = played(service.endpoint, service.journal, disturb)
+        done = played(service.endpoint, service.journal, disturb, scale=scale)
     finally:
         service.kill()
     refused = [sum(one.snapshot.status.refused.values()) for one in done.found]

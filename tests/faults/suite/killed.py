@@ -6,7 +6,7 @@ import random
 import time
 from pathlib import Path
 
-from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import Station, reached
 from harness.processes import Process, Router, running, serving
 
@@ -36,7 +36,7 @@ def service_killed(directory: Path) -> Row:
         return done.row(note=f"{note}; recovery, of which starting: {each} s")
 
 
-def router_killed(directory: Path) -> Row:
+def router_killed(directory: Path, scale: Scale = FULL) -> Row:
     """Twice; service and bridges are its clients."""
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
@@ -48,7 +48,7 @@ def router_killed(directory: Path) -> Row:
             router.start()
 
     with running(Router()) as router, serving(directory, router=router.endpoint) as service:
-        return played(service.endpoint, directory, disturb).row(note="away 1 s, twice")
+        return played(service.endpoint, directory, disturb, scale=scale).row(note="away 1 s, twice")
 
 
 def frozen(which: str, directory: Path) -> Row:
@@ -63,5 +63,5 @@ def frozen(which: str, directory: Path) -> Row:
         process.thaw()
 
     with running(Router()) as router, serving(directory, router=router.endpoint) as service:
-        done = played(service.endpoint, directory, disturb, pace=1.0, seconds=20.0)
+        done = played(service.endpoint, directory, disturb, scale=Scale(pace=1.0))
         return done.row(note=f"for {FROZEN_S:g} s")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.keys import service_key
-from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.proxy import proxied
 from faults.suite.relay import Line, relayed
 from faults.suite.stations import CONNECT_S, Station, reached
@@ -37,8 +37,8 @@ def bad_line(directory: Path) -> Row:
         return done.row(note=f"{1e3 * JITTER_S:g} ms jitter, cut twice, nothing for {STALL_S:g} s")
 
 
-def bad_messages(line: Line, directory: Path) -> Row:
-    """So many samples and answers lost, doubled or late."""
+def bad_messages(line: Line, directory: Path, scale: Scale = FULL, least: int = 100) -> Row:
+    """Such a share of samples and answers lost, doubled or late; least: so many, or it proves nothing."""
     line = Line(line.lost, line.doubled, line.late)
     with (
         running(Router()) as near,
@@ -46,14 +46,14 @@ def bad_messages(line: Line, directory: Path) -> Row:
         relayed(near.endpoint, service.endpoint, line),
     ):
         there(near.endpoint)
-        done = played(service.endpoint, directory, lambda *_: None, through=near.endpoint)
+        done = played(service.endpoint, directory, lambda *_: None, through=near.endpoint, scale=scale)
         note = ", ".join(f"{count} {what}" for what, count in line.counts.items())
         hurt = min(
             line.counts[what]
             for what, share in (("lost", line.lost), ("doubled", line.doubled), ("late", line.late))
             if share
         )
-        return done.row(note=f"messages: {note}", met=hurt > 100)
+        return done.row(note=f"messages: {note}", met=hurt >= least)
 
 
 def there(endpoint: str) -> None:

@@ -109,15 +109,25 @@ class Played:
         )
 
 
+@dataclass(frozen=True)
+class Scale:
+    """How much is taught."""
+
+    stations: int = STATIONS
+    seconds: float = SECONDS  # of a demonstration
+    pace: float = PACE
+
+
+FULL = Scale()
+
+
 def played(
     endpoint: str,
     journal: Path,
     disturb: Callable[[list[Station], Disturbance], None],
     *,
     through: str | None = None,
-    numbers: range = range(STATIONS),
-    seconds: float = SECONDS,
-    pace: float = PACE,
+    scale: Scale = FULL,
     settings: BridgeSettings = SETTINGS,
 ) -> Played:
     """Teach at all stations, do something to them, and look at what came of it.
@@ -128,7 +138,13 @@ def played(
     where = through or endpoint
     with (
         watching(endpoint) as watched,
-        teaching(where, numbers=numbers, seconds=seconds, pace=pace, settings=settings) as stations,
+        teaching(
+            where,
+            numbers=range(scale.stations),
+            seconds=scale.seconds,
+            pace=scale.pace,
+            settings=settings,
+        ) as stations,
     ):
         disturb(stations, disturbance)
         return Played(found(endpoint, stations, journal), watched, disturbance)

@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from faults.suite.outcome import Disturbance, Row, played
+from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import SETTINGS, Station, reached
 from harness.processes import serving
 
@@ -14,18 +14,18 @@ SMALL = replace(SETTINGS, ring_span_s=2.0, window_batches=8)
 AWAY_S = 4.0
 
 
-def ring_too_small(directory: Path) -> Row:
-    """A ring of 2 s, a service that is away for 4 s, which is 8 s of the demonstration."""
+def ring_too_small(directory: Path, scale: Scale = FULL, away_s: float = AWAY_S) -> Row:
+    """A ring of 2 s, a service that is away for longer."""
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
         service.kill()
-        time.sleep(AWAY_S)
+        time.sleep(away_s)
         disturbance.is_over()
         service.start()
 
     with serving(directory) as service:
-        done = played(service.endpoint, directory, disturb, settings=SMALL)
+        done = played(service.endpoint, directory, disturb, settings=SMALL, scale=scale)
     gaps = [gap for one in done.found for gap in one.snapshot.status.gaps]
     noted = all(
         any("gap" in note or "missing" in note for note in one.snapshot.program.notes) for one in done.found

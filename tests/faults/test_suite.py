@@ -1,0 +1,29 @@
+"""A short part of `make faults`: fewer stations, shorter demonstrations, the same bars."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pytest
+
+from faults.suite import disks, killed, lines, rings
+from faults.suite.outcome import Scale
+from faults.suite.relay import Line
+
+SMALL = Scale(stations=2, seconds=8.0, pace=4.0)
+EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        partial(killed.router_killed, scale=SMALL),
+        partial(lines.bad_messages, EVERYTHING, scale=SMALL, least=5),
+        partial(disks.disk_unwritable, scale=SMALL),
+        partial(rings.ring_too_small, scale=SMALL, away_s=1.0),
+    ],
+    ids=["router killed", "messages lost, doubled and late", "disk unwritable", "ring too small"],
+)
+def test_a_fault_meets_its_bar(fault, tmp_path):
+    row = fault(tmp_path)
+    assert row.met, row.note

@@ -1,6 +1,7 @@
 """What every benchmark shares: the clock, the machine, and where its figures go.
 
-Ratios are of one run on one machine, taken in turn; seconds alone say little. `--json DIR` keeps what was printed.
+Ratios are of one run on one machine, taken in turn; seconds alone say little. `--json DIR` keeps what was
+printed.
 """
 
 from __future__ import annotations

@@ -31,6 +31,7 @@ class Access:
 
 RESULTS = tuple(session_key("*", "*", part) for part in ("changepoints", "segments", "posterior", "status"))
 PROGRAMS = station_key("*", "program")
+SAMPLES = station_key("*", "samples")
 SNAPSHOTS = session_key("*", "*", "snapshot")
 SERVICES_ALIVE = service_key("*", "alive")
 STATIONS_ALIVE = station_key("*", "alive")
@@ -40,7 +41,7 @@ def _service(instance: str) -> Access:
     """One instance, where the router is another process. Any instance may come to own any station."""
     return Access(
         put=(*RESULTS, PROGRAMS, service_key(instance, "status")),
-        subscribe=(station_key("*", "samples"),),
+        subscribe=(SAMPLES,),
         query=(station_key("*", "replay"),),
         answer=(station_key("*", "control"), PROGRAMS, SNAPSHOTS, service_key(instance, "status")),
         asked=(service_key("*", "status"),),
@@ -61,9 +62,9 @@ def _bridge(station: str) -> Access:
 
 
 def _dashboard(_name: str) -> Access:
-    """Whoever reads results, of every station, and changes nothing."""
+    """Whoever reads samples and results, of every station, and changes nothing."""
     return Access(
-        subscribe=(*RESULTS, PROGRAMS, service_key("*", "status")),
+        subscribe=(*RESULTS, PROGRAMS, SAMPLES, service_key("*", "status")),
         query=(SNAPSHOTS, PROGRAMS, service_key("*", "status")),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
     )

@@ -19,6 +19,7 @@ STREAMS = ("changepoints", "segments", "posterior", "status")
 RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}
 SNAPSHOTS = {"caesura/v1/session/cell-1/s1/snapshot", "caesura/v1/session/cell-2/s1/snapshot"}
 PROGRAMS = {"caesura/v1/station/cell-1/program", "caesura/v1/station/cell-2/program"}
+SAMPLES = {"caesura/v1/station/cell-1/samples", "caesura/v1/station/cell-2/samples"}
 CONTROLS = {"caesura/v1/station/cell-1/control", "caesura/v1/station/cell-2/control"}
 STATIONS_ALIVE = {"caesura/v1/station/cell-1/alive", "caesura/v1/station/cell-2/alive"}
 SERVICES_ALIVE = {"caesura/v1/service/west/alive", "caesura/v1/service/east/alive"}
@@ -27,7 +28,7 @@ STATUSES = {"caesura/v1/service/west/status", "caesura/v1/service/east/status"}
 ALLOWED: dict[str, dict[str, set[str]]] = {
     "service.west": {
         "put": RESULTS | PROGRAMS | {"caesura/v1/service/west/status"},
-        "subscribe": {"caesura/v1/station/cell-1/samples", "caesura/v1/station/cell-2/samples"},
+        "subscribe": SAMPLES,
         "query": {"caesura/v1/station/cell-1/replay", "caesura/v1/station/cell-2/replay"},
         "answer": CONTROLS | PROGRAMS | SNAPSHOTS | {"caesura/v1/service/west/status"},
         "hold": {"caesura/v1/service/west/alive"},
@@ -43,7 +44,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     },
     "dashboard.wall": {
         "put": set(),
-        "subscribe": RESULTS | PROGRAMS | STATUSES,
+        "subscribe": RESULTS | PROGRAMS | SAMPLES | STATUSES,
         "query": SNAPSHOTS | PROGRAMS | STATUSES,
         "answer": set(),
         "hold": set(),
@@ -51,7 +52,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     },
     "operator.boss": {
         "put": set(),
-        "subscribe": RESULTS | PROGRAMS | STATUSES,
+        "subscribe": RESULTS | PROGRAMS | SAMPLES | STATUSES,
         "query": SNAPSHOTS | PROGRAMS | STATUSES | CONTROLS,
         "answer": set(),
         "hold": set(),

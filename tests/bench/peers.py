@@ -1,7 +1,7 @@
 """Other people's detectors, on the model class that they have: a level that changes, with Gaussian noise.
 
-`changepoint` (Rust) and bayesian-changepoint-detection keep every run length; ours is pruned, and shown unpruned
-beside it. What is not installed is left out: `pip install -c constraints.txt '.[bench]'` has them all.
+`changepoint` (Rust) and bayesian-changepoint-detection keep every run length; ours is pruned, and shown
+unpruned beside it. What is not installed is left out: `pip install -c constraints.txt '.[bench]'` has them all.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def ours(series: Sequence[Array], parameters: FilterParameters) -> None:
 def bocpd() -> Any:
     """`changepoint.Bocpd` over a series of numbers; None where it is not installed."""
     try:
-        import changepoint
+        import changepoint  # noqa: PLC0415
     except ImportError:
         return None
 
@@ -74,7 +74,7 @@ def bocpd() -> Any:
 def bcd_online() -> Any:
     """bayesian-changepoint-detection's online function, which takes the whole series at once."""
     try:
-        from bayesian_changepoint_detection import online_changepoint_detection as online
+        from bayesian_changepoint_detection import online_changepoint_detection as online  # noqa: PLC0415
     except ImportError:
         return None
 
@@ -92,7 +92,7 @@ def bcd_offline() -> Any:
     scipy.misc.comb = scipy.special.comb
     sys.modules["scipy.misc"] = scipy.misc
     try:
-        from bayesian_changepoint_detection import offline_changepoint_detection as offline
+        from bayesian_changepoint_detection import offline_changepoint_detection as offline  # noqa: PLC0415
     except ImportError:
         return None
 

@@ -1,9 +1,10 @@
 """One step of the thesis' filter as it is written down: the evidence of every segment from all its samples.
 
 Thesis 3.4, steps 3 to 5: for every possible start the segment's samples are looked at again, under each of 30
-motion profiles (3.25)–(3.35), each of 21 force rates (3.36)–(3.45), rest, free space and a load (3.52), (3.60);
-over profiles and models the best counts (3.39), (3.64). Straightforward: a loop over starts, models and profiles,
-arrays over samples and axes. The numbers are those of the preset `integrated`, which the benchmark checks.
+motion profiles (3.25)–(3.35), each of 21 force rates (3.36)–(3.45), rest, free space and a load (3.52),
+(3.60); over profiles and models the best counts (3.39), (3.64). Straightforward: a loop over starts, models
+and profiles, arrays over samples and axes. The numbers are those of the preset `integrated`, which the
+benchmark checks.
 """
 
 from __future__ import annotations

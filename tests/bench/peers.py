@@ -1,7 +1,8 @@
 """Other people's detectors, on the model class that they have: a level that changes, with Gaussian noise.
 
 `changepoint` (Rust) and bayesian-changepoint-detection keep every run length; ours is pruned, and shown
-unpruned beside it. What is not installed is left out: `pip install -c constraints.txt '.[bench]'` has them all.
+unpruned beside it. What is not installed is left out: `pip install -c constraints.txt '.[bench]'` has them
+all.
 """
 
 from __future__ import annotations

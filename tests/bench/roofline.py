@@ -1,9 +1,9 @@
 """What a step of the compiled filter costs at least on this machine: bytes and operations, at saxpy's rates.
 
 A step reads and writes the row of every hypothesis, reads the tables' rows and the window, and does the
-arithmetic counted in `work_of`. A saxpy loop (y += a x, compiled the same way, arrays of the same size) says how
-many bytes and how many operations a second this machine does; a logarithm or exponential counts as `ELEMENTARY`
-operations, which is what their polynomials have.
+arithmetic counted in `work_of`. A saxpy loop (y += a x, compiled the same way, arrays of the same size) says
+how many bytes and how many operations a second this machine does; a logarithm or exponential counts as
+`ELEMENTARY` operations, which is what their polynomials have.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a step of the filter costs: compiled, in NumPy, as the thesis has it, beside peers and the roofline.
 
-At 10, 50 and 100 living hypotheses, all in this process, taken in turn over the same observations. Prints µs a
-step (median) and ratios. Usage: python tests/bench/step_cost.py [--presets a b …] [--json DIR]
+At 10, 50 and 100 living hypotheses, all in this process, taken in turn over the same observations. Prints µs
+a step (median) and ratios. Usage: python tests/bench/step_cost.py [--presets a b …] [--json DIR]
 """
 
 from __future__ import annotations

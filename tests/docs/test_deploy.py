@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -40,12 +42,21 @@ def verb(command: str) -> str:
     return second if first == "caesura" else first
 
 
+def two_free_ports() -> int:
+    """The first of two that follow each other: the metrics of two instances."""
+    for _ in range(100):
+        first = free_port()
+        with suppress(OSError), socket.create_server(("127.0.0.1", first + 1)):
+            return first
+    raise AssertionError("no two free ports")
+
+
 class Machine:
     """Runs commands as they are typed, in one directory."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._router, self._metrics = str(free_port()), str(free_port())
+        self._router, self._metrics = free_port(), two_free_ports()
         path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         self._environment = {**os.environ, "PATH": path, "COLUMNS": "120"}
         self.running: list[tuple[str, subprocess.Popen[str]]] = []
@@ -98,6 +109,8 @@ def machine(tmp_path) -> Iterator[Machine]:
 
 def ready(service: subprocess.Popen[str]) -> str:
     assert service.stdout is not None
+    if not select.select([service.stdout], [], [], DEADLINE_S)[0]:
+        service.kill()  # it says below how far it came
     line = service.stdout.readline()
     assert "caesura ready at tls/" in line, service.communicate(timeout=DEADLINE_S)
     return line
@@ -134,9 +147,14 @@ def test_from_nothing_to_two_stations_and_somebody_who_watches(machine, tmp_path
     copy.close()
 
     machine.interrupt("serve")
-    ready(machine.start(next(one for one in steps if verb(one) == "serve")))
+    certs, serve, doctor = commands("Several instances")
+    machine.run(certs)
+    assert "caesura-1, caesura-2" in ready(machine.start(serve))
+    looked_at = machine.run(doctor)
+    assert "caesura-1 is alive" in looked_at
+    assert "caesura-2 is alive" in looked_at
     again = machine.run(next(one for one in steps if verb(one) == "sessions"))
-    assert {"cell-1", "cell-2"} <= set(re.findall(r"cell-\d", again))
+    assert {"cell-1", "cell-2"} <= set(re.findall(r"cell-\d", again)), "what was taught is still there"
 
 
 def test_files_that_the_page_names_are_there():

@@ -34,6 +34,7 @@ from caesura_service.observing.web import WebError
 logger = logging.getLogger(__name__)
 
 IN_MEMORY = "memory"
+ROUTER = "router"  # what starts several instances calls itself in the log
 # What each of several instances is told in its own way, or is the router's business.
 OF_EACH = ("listen", "connect", "instance", "instances", "insecure", "zenoh_config", "metrics")
 
@@ -96,7 +97,7 @@ def serve(
 
     Prints one line with the endpoint once the service can be found; logs go to stderr.
     """
-    _log_to_stderr(log_level, log_format, instance)
+    _log_to_stderr(log_level, log_format, instance if instances == 1 else ROUTER)
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset!r}, known: {', '.join(sorted(PRESETS))}", param_hint="--preset")
     try:

@@ -98,28 +98,18 @@ class Guiding:
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
-        tip = _tip_motion(arm.position_base, twist, lever)
+        tip = tip_motion(arm.position_base, twist, lever)
         contact = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
         self._feel(tick, load_kg, float(contact[2]))
         outside = contact + load_kg * FALL
-        given = hand + _at_flange(outside, lever) - DAMPING * twist
-        change = self._velocity_change(arm, given, load_kg, lever)
+        given = hand + at_flange(outside, lever) - DAMPING * twist
+        change = velocity_change(arm, self._v, given, self._friction_nm, load_kg, lever)
         if load_kg > 0.0:
-            outside = outside - load_kg / DT * (_tip_jacobian(arm.jacobian, lever) @ change)
+            outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
         row[:7], row[7:14], row[14:20] = self._q, self._v, twist
-        row[20:26], row[26:32], row[32:] = _at_flange(outside, lever), hand, contact
+        row[20:26], row[26:32], row[32:] = at_flange(outside, lever), hand, contact
         self._v = self._v + change
         self._q = self._q + DT * self._v
-
-    def _velocity_change(self, arm: HandDynamics, given: Array, load_kg: float, lever: Array) -> Array:
-        """Change of joint velocity (7,) in one tick under a wrench at the flange; a load adds its mass."""
-        mass = arm.mass_matrix
-        if load_kg > 0.0:
-            at_tip = _tip_jacobian(arm.jacobian, lever)
-            mass = mass + load_kg * at_tip.T @ at_tip
-        resist: Array = self._friction_nm / (np.abs(self._v) + STICK_RAD_PER_S) + JOINT_DAMPING
-        push: Array = DT * (arm.jacobian.T @ given - resist * self._v)
-        return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""
@@ -164,7 +154,23 @@ def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[A
     return q, robot.hand_dynamics(q).rotation_base
 
 
-def _tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:
+def velocity_change(
+    arm: HandDynamics, v: Array, given: Array, friction_nm: Array, load_kg: float, lever: Array
+) -> Array:
+    """Change of joint velocity v (7,) in one tick under a wrench (6,) at the flange.
+
+    friction_nm: (7,) Coulomb friction of the joints; a load at the end of the lever (3,) adds its mass.
+    """
+    mass = arm.mass_matrix
+    if load_kg > 0.0:
+        at_tip = tip_jacobian(arm.jacobian, lever)
+        mass = mass + load_kg * at_tip.T @ at_tip
+    resist: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
+    push: Array = DT * (arm.jacobian.T @ given - resist * v)
+    return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
+
+
+def tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:
     """Position and velocity of the fingertips, as plain numbers: faster than arrays of three."""
     vx, vy, vz, wx, wy, wz = twist.tolist()
     lx, ly, lz = lever.tolist()
@@ -172,14 +178,14 @@ def _tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float
     return (position + lever).tolist(), velocity
 
 
-def _at_flange(force: Array, lever: Array) -> Array:
+def at_flange(force: Array, lever: Array) -> Array:
     """Wrench (6,) at the flange of a force (3,) at the end of a lever (3,)."""
     fx, fy, fz = force.tolist()
     lx, ly, lz = lever.tolist()
     return np.array([fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx])
 
 
-def _tip_jacobian(jacobian: Array, lever: Array) -> Array:
+def tip_jacobian(jacobian: Array, lever: Array) -> Array:
     """Velocity of the fingertips per joint velocity, (3, 7)."""
     x, y, z = lever.tolist()
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -89,6 +89,9 @@ class Resampler:
         broken: samples before these were lost for good. Raises ValueError over MAX_WAITING_SAMPLES, and for a
         clock that goes back by more than a gap or leaps by more than LEAP_LIMIT_S.
         """
+        if state is not None and not broken and self._is_steady(times, state.latest):
+            state, block = self._extend(state, times, self._with_continuous_signs(state, values), False)
+            return state, Resampled((block,), (), 0)
         self._check_clock(times, None if state is None else state.latest)
         fresh = _advancing(times, -math.inf if state is None else state.latest)
         repeats = len(times) - int(np.count_nonzero(fresh))
@@ -115,6 +118,13 @@ class Resampler:
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
         rows = self._rows(state.anchor, state.next_row, next_row, state.times, state.values)
         return replace(state, next_row=next_row), Block(state.next_row, rows, restarts=False)
+
+    def _is_steady(self, times: Array, latest: float) -> bool:
+        """Whether every sample is later than the one before, and none by more than a gap."""
+        if not times.size or not 0.0 < times[0] - latest <= self.gap_limit_s:
+            return False
+        steps = times[1:] - times[:-1]
+        return not steps.size or bool(steps.min() > 0.0 and steps.max() <= self.gap_limit_s)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
         """Refuse a clock that was set: what it says of before and after cannot be put in order."""

@@ -14,7 +14,16 @@ from pythonjsonlogger.json import JsonFormatter
 
 LEVELS = ("debug", "info", "warning", "error")
 
+FIELDS = ("time", "level", "instance", "logger", "message")
+
 _RENAMED = {"levelname": "level", "name": "logger", "exc_info": "exception"}
+
+
+class _Ordered(JsonFormatter):
+    """With the fields that every line has in front, for those who read it all the same."""
+
+    def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
+        return {name: log_data[name] for name in (*FIELDS, *log_data) if name in log_data}
 
 
 def text_formatter(instance: str) -> logging.Formatter:
@@ -25,7 +34,7 @@ def text_formatter(instance: str) -> logging.Formatter:
 def json_formatter(instance: str) -> logging.Formatter:
     """For a collector: one object a line."""
     fields: dict[str, Any] = {"instance": instance}
-    return JsonFormatter(
+    return _Ordered(
         ["levelname", "name", "message"],
         timestamp="time",
         rename_fields=_RENAMED,

@@ -10,7 +10,7 @@ from datetime import datetime
 
 import pytest
 
-from caesura_service.observing.logs import FORMATTERS, UnknownOption, log_to
+from caesura_service.observing.logs import FIELDS, FORMATTERS, UnknownOption, log_to
 
 
 @pytest.fixture
@@ -35,6 +35,7 @@ def test_a_line_of_json_has_who_and_where_as_fields(logger):
     logger.info("%s/%s opened", "cell-1", "s1", extra={"station": "cell-1", "session": "s1"})
     logger.info("two\nlines")
     first, second = map(json.loads, stream.getvalue().splitlines())
+    assert tuple(first)[:5] == FIELDS
     assert datetime.fromisoformat(first.pop("time")).tzinfo is not None
     assert first == {
         "level": "INFO",

@@ -40,10 +40,6 @@ class Journals:
         """Those with a session."""
         return self._siblings.stations().union(station for station, _ in self._own.sessions())
 
-    def has(self, station: str, session: str) -> bool:
-        """Is the name taken?"""
-        return session in self.of(station)
-
     def of(self, station: str) -> Mapping[str, Copies]:
         """Every session of a station, in the order in which they were opened."""
         known = {copy.session: Copies(copy, None) for copy in self._own.copies(station)}

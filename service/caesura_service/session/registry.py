@@ -208,13 +208,30 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._builder.new(station, opening, self.custody.owner(station, now))
         with _recording("conflict"):
-            if self._journals.has(station, command.session):
-                why = "the journal has such a session, which is over or cannot be read: give it another name"
-                raise ProtocolError("conflict", why, value=command.session)
+            if (known := self._journals.of(station).get(command.session)) is not None:
+                return self._open_once_more(station, command, known, now)
             said = [*self._make_room(station, now), *session.begin(now)]
         self._stations.setdefault(station, {})[command.session] = session
         self._show()
         return said
+
+    def _open_once_more(self, station: str, command: Open, known: Copies, now: float) -> list[Output]:
+        """One that a journal has, and that is not held: if it is open, it was not to be had so far.
+
+        Raises ProtocolError `overloaded` where that may change, else `conflict`.
+        """
+        name, why = command.session, "which is over"
+        if not known.best.closed:
+            said = [output for each in self.take(station, now) for output in each]
+            if self._find(station, name) is not None:
+                return [*said, *self.command(station, command, now)]
+            failed = [out.error for out in said if isinstance(out, NotTaken) and out.session == name]
+            if failed and isinstance(failed[0], JournalError):
+                raise ProtocolError("overloaded", str(failed[0]), value=name)
+            why = "which cannot be read"
+        raise ProtocolError(
+            "conflict", f"the journal has such a session, {why}: give it another name", value=name
+        )
 
     def _make_room(self, station: str, now: float) -> list[Output]:
         """Close the oldest open and let go of the oldest closed session of a station that has its fill."""

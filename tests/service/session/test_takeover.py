@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
-from caesura_service.journal import JournalSettings, Siblings, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, Siblings, SqliteJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Answer, Forgotten, NotTaken, Output, Owner, Taken
@@ -282,14 +282,15 @@ def test_a_name_that_another_instance_has_used_is_taken(pair):
     assert (refusal.code, refusal.value) == ("conflict", NAME)
 
 
-def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair):
+def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair, monkeypatch):
     a, b = pair
     a.open()
     a.feed(0, 1)
     a.journal.commit()
     other = opening(columns=("t", "py"))
-    b.registry._journals.has = lambda *_: False  # as where the two did not know each other
-    b.registry.command(STATION, other, 0.0)
+    with monkeypatch.context() as strangers:  # the two do not know each other
+        strangers.setattr(b.registry._journals, "_siblings", Siblings(None))
+        b.registry.command(STATION, other, 0.0)
     said = b.take()
     (failed,) = [out for out in said if isinstance(out, NotTaken)]
     assert "open as something else" in str(failed.error)
@@ -327,13 +328,35 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     assert b.registry.board.sessions == {}
 
 
-def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair):
+def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, monkeypatch):
+    a, b = pair
+    a.open()
+    a.feed(*range(5))
+    a.registry.leave(STATION)
+
+    def full(*_: object, **__: object) -> None:
+        raise JournalError("the disk is full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(b.journal, "append", full)
+        assert [str(out.error) for out in b.take() if isinstance(out, NotTaken)] == ["the disk is full"]
+        refusal = b.open()
+        assert isinstance(refusal, ProtocolError)
+        assert (refusal.code, "the disk is full" in refusal.message) == ("overloaded", True)
+    assert b.open() == Ack(session=NAME, next_seq=5, state="open")
+    b.feed(*range(5, COUNT))
+    b.close()
+    assert told(b.standing) == EXPECTED
+
+
+def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair, monkeypatch):
     a, _ = pair
     for each in pair:
-        each.registry._journals.has = lambda *_: False  # as where the two did not know each other
-        each.open()
-        each.feed(*range(COUNT))
-        each.close()
+        with monkeypatch.context() as strangers:  # the two do not know each other
+            strangers.setattr(each.registry._journals, "_siblings", Siblings(None))
+            each.open()
+            each.feed(*range(COUNT))
+            each.close()
     a.take()
     assert told(a.standing) == EXPECTED
     assert a.journal.sessions() == ((STATION, NAME),)

@@ -192,29 +192,33 @@ class Bridge:
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
             before = self.acknowledged
-            ack, refusal = self._try_to_close(close)
+            ack, refusal, told = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
             if self._clock() >= deadline:
                 raise refusal or self._unacknowledged()
-            if self.acknowledged <= before:
+            if told and self.acknowledged <= before:
                 self._sender.resend(self.acknowledged, self.settings.window_batches)
             self._over.wait(self.settings.retry_s)
 
-    def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None]:
-        """Ask once. A service that has lost the session, or waits for more, is told the session again."""
+    def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
+        """Ask once. A service that has lost the session, or waits for more, is told the session again.
+
+        The last value says whether it has the session now: only then is there somebody to send batches to.
+        """
         try:
             ack = self._control.ask(close)
         except ProtocolError as refusal:
             if refusal.code not in LOST:
                 raise
+            told = False
             with suppress(ProtocolError):  # the first refusal says more
-                self._ask_to_open()
-            return None, refusal
+                told = self._ask_to_open()
+            return None, refusal, told
         if ack is not None:
             self.acknowledged = ack.next_seq
-        return ack, None
+        return ack, None, False
 
     def _unacknowledged(self) -> Unreachable:
         return Unreachable(

@@ -25,6 +25,7 @@ from typing import Self
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import JournalReport
+from caesura_service.journal.damage import damage_of, set_aside
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import JournalSettings, Kept, overdue
 from caesura_service.journal.rows import Row, copies_in, epoch_in, outcome_of, record_of, row_of
@@ -75,6 +76,8 @@ class SqliteJournal:
             self._database = stack.enter_context(closing(opened(self.path)))
             if self._alone:
                 stack.enter_context(closing(locked(self.path)))
+                if damage := damage_of(self._database, self.path):
+                    self._begin_anew(stack, damage)
             stack.callback(self.commit)
             thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
             thread.start()
@@ -205,6 +208,18 @@ class SqliteJournal:
             waiting=self._waiting_bytes,
             trouble=str(self._trouble) if self._trouble else None,
         )
+
+    def _begin_anew(self, stack: ExitStack, damage: str) -> None:
+        self._database.close()
+        aside = set_aside(self.path)
+        logger.error(
+            "journal %s is damaged (%s): it is now %s, and its sessions are not known here; "
+            "bridges send what they still have",
+            self.path,
+            damage,
+            aside.name,
+        )
+        self._database = stack.enter_context(closing(opened(self.path)))
 
     # --- writing ----------------------------------------------------------------------------------------
 

@@ -102,16 +102,36 @@ def file_damaged(directory: Path) -> Row:
     return damaged(directory, head_of_file)
 
 
+def file_torn(directory: Path) -> Row:
+    """A page in the middle of the file is rubbish: the service sets the file aside and begins anew."""
+    return damaged(directory, middle_of_file)
+
+
 def tail_of_log(service: Service) -> str:
     log = service.journal / "caesura-1.sqlite-wal"
     log.write_bytes(log.read_bytes()[: -len(DAMAGE)] + DAMAGE)
     return "last page of the log"
 
 
-def head_of_file(service: Service) -> str:
+def checkpointed(service: Service) -> Path:
+    """The file, with everything in it: what is in the log would heal it."""
     file = service.journal / "caesura-1.sqlite"
-    with closing(sqlite3.connect(file)) as database:  # what is in the log would heal it
+    with closing(sqlite3.connect(file)) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return file
+
+
+def middle_of_file(service: Service) -> str:
+    file = checkpointed(service)
+    content = bytearray(file.read_bytes())
+    middle = len(content) // (2 * len(DAMAGE)) * len(DAMAGE)
+    content[middle : middle + len(DAMAGE)] = DAMAGE
+    file.write_bytes(content)
+    return f"page {middle // len(DAMAGE)} of {len(content) // len(DAMAGE)}, set aside by the service"
+
+
+def head_of_file(service: Service) -> str:
+    file = checkpointed(service)
     file.write_bytes(DAMAGE + file.read_bytes()[len(DAMAGE) :])
     refused = subprocess.run(service.command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert refused.returncode == 1, "a damaged journal was accepted"

@@ -20,6 +20,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("disk-unwritable", disks.disk_unwritable),
     Fault("journal-log-damaged", disks.log_damaged),
     Fault("journal-file-damaged", disks.file_damaged),
+    Fault("journal-file-torn", disks.file_torn),
     Fault("robot-clocks-jump", clocks.robot_clocks),
     Fault("wall-clock-jumps", clocks.wall_clock),
     Fault("bad-line", lines.bad_line),

@@ -162,6 +162,25 @@ def test_a_damaged_tail_of_the_log_opens_and_loses_the_tail_alone(path, tmp_path
         assert len(list(journal.replay(STATION, NAME))) == 20
 
 
+def test_a_damaged_file_is_set_aside_whole_and_a_new_one_begun(path, caplog):
+    with SqliteJournal(path, NEVER) as journal:
+        for seq in range(200):
+            journal.append(record(seq))
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 8192 * 4096
+    content[middle : middle + 4096] = b"\xff" * 4096
+    path.write_bytes(content)
+    with SqliteJournal(path) as journal:
+        assert journal.sessions() == ()
+        journal.append(record(0), now=True)
+    (aside,) = path.parent.glob("caesura-1.sqlite.damaged-*")
+    assert aside.read_bytes()[4096:] == content[4096:]
+    assert "is damaged (" in caplog.text
+    assert aside.name in caplog.text
+    with SqliteJournal(path) as journal:
+        assert len(list(journal.replay(STATION, NAME))) == 1
+
+
 # --- files that will not do -----------------------------------------------------------------------------
 
 

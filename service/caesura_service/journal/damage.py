@@ -1,7 +1,7 @@
 """A journal whose file is damaged is set aside, so that a service comes up again at night without its owner.
 
-Nothing is deleted, and nothing is mended: what can be read of a damaged file is for `sqlite3 FILE .recover`. The
-bridges' rings give what they still have, and the results gaps for the rest.
+Nothing is deleted, and nothing is mended: what can be read of a damaged file is for `sqlite3 FILE .recover`.
+The rings of the bridges give what they still have, and the results gaps for the rest.
 """
 
 from __future__ import annotations

@@ -53,10 +53,14 @@ class Pair:
 
     def __init__(self, directory: Path, stack: ExitStack) -> None:
         self.router = stack.enter_context(running(Router()))
-        self.east, self.west = (
-            stack.enter_context(running(Service(directory, "--instance", name, router=self.router.endpoint)))
-            for name in INSTANCES
-        )
+        self.east, self.west = both = [
+            Service(directory, "--instance", name, router=self.router.endpoint) for name in INSTANCES
+        ]
+        for each in both:
+            stack.callback(each.kill)
+            each.begin()
+        for each in both:
+            each.ready()
         self.caesura = stack.enter_context(connect(self.router.endpoint, timeout_s=DEADLINE_S))
         self._stack = stack
 

@@ -25,20 +25,28 @@ from caesura_protocol.messages import (
     Changepoints,
     Close,
     Control,
+    Edit,
     Error,
     Gap,
     Heartbeat,
+    Insert,
     JournalReport,
+    LimitForce,
     Message,
+    Move,
     Open,
     Posterior,
     Program,
+    Redo,
     Refusal,
+    Relabel,
+    Remove,
     Segment,
     Segments,
     ServiceStatus,
     SessionStatus,
     Snapshot,
+    Undo,
     WrenchReport,
 )
 
@@ -137,11 +145,23 @@ def examples() -> dict[str, Message]:
     )
     opening = Open(session=SESSION, columns=COLUMNS)
     closing = Close(session=SESSION, last_seq=624)
+    actions = (
+        Insert(t=3.5),
+        Remove(t=3.5),
+        Move(t=3.5, to=4.0),
+        Relabel(t=1.25, kind="steady"),
+        LimitForce(t=1.25, newton=12.5),
+        Undo(),
+        Redo(),
+    )
+    edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
     batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17}
     messages: list[Message] = [
         Heartbeat(session=SESSION, epoch=0, seq=17),
         opening,
         closing,
+        edit,
+        *actions,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),
         changepoint,
@@ -184,6 +204,7 @@ def examples() -> dict[str, Message]:
         "SampleBatch.float32": pack_samples(samples(np.float32), **batch),
         "SampleBatch.float64": pack_samples(samples(np.float64), **batch),
         "Control.Close": Control(command=closing),
+        "Control.Edit": Control(command=edit),
         **{type(message).__name__: message for message in messages},
     }
 

@@ -50,6 +50,9 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 Count = Annotated[int, Field(ge=0, lt=1 << 53)]
 Seconds = Annotated[float, Field(allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+Author = Annotated[str, Field(min_length=1, max_length=64, pattern=f"^[^{UNPRINTABLE}]+$")]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
@@ -109,7 +112,70 @@ class Close(Message):
     last_seq: Annotated[int, Field(ge=-1)]
 
 
-Command = Annotated[Open | Close, Field(discriminator="type")]
+class Insert(Message):
+    """A segment ends here and the next begins: at the observation nearest to `t`."""
+
+    do: Literal["insert"] = "insert"
+    t: Seconds  # [s]
+
+
+class Remove(Message):
+    """There is no changepoint where the one nearest to `t` was shown."""
+
+    do: Literal["remove"] = "remove"
+    t: Seconds  # [s]
+
+
+class Move(Message):
+    """The changepoint nearest to `t` is at `to` instead."""
+
+    do: Literal["move"] = "move"
+    t: Seconds  # [s]
+    to: Seconds  # [s]
+
+
+class Relabel(Message):
+    """The segment in which `t` lies is one, from end to end, and of this kind."""
+
+    do: Literal["relabel"] = "relabel"
+    t: Seconds  # [s]
+    kind: Kind
+
+
+class LimitForce(Message):
+    """The app in whose time `t` lies exerts no more than this."""
+
+    do: Literal["limit_force"] = "limit_force"
+    t: Seconds  # [s]
+    newton: Newtons | None  # None: only the service's own limit
+
+
+class Undo(Message):
+    """Take the last correction back."""
+
+    do: Literal["undo"] = "undo"
+
+
+class Redo(Message):
+    """Make the correction that was taken back last once more."""
+
+    do: Literal["redo"] = "redo"
+
+
+Action = Annotated[Insert | Remove | Move | Relabel | LimitForce | Undo | Redo, Field(discriminator="do")]
+
+
+class Edit(Message):
+    """Command: correct what a session shows, open or closed. Refused where the revision is another."""
+
+    type: Literal["edit"] = "edit"
+    session: Name
+    revision: Count  # of the session, as the editor has seen it; every edit makes it one more
+    author: Author
+    action: Action
+
+
+Command = Annotated[Open | Close | Edit, Field(discriminator="type")]
 
 
 class Control(Message):
@@ -124,6 +190,7 @@ class Ack(Message):
     session: Name
     next_seq: Count  # the batch that the service waits for
     state: Literal["open", "closed"]
+    revision: Count = 0  # how many edits the session has had; undo and redo count
 
 
 # --- results --------------------------------------------------------------------------------------------
@@ -137,6 +204,7 @@ class Changepoint(Message):
     certainty: Certainty  # a final one is never revised
     t_low: Seconds | None = None  # [s] it lies between these two with probability 0.9
     t_high: Seconds | None = None
+    corrected: bool = False  # somebody said that it is here
 
 
 class Segment(Message):
@@ -158,6 +226,7 @@ class Segment(Message):
     force_held: Vector | None  # [N] contact and sliding: the press proper, without touching and letting go
     load_kg: float | None  # transport and hold: what is carried
     load_sd_kg: float | None
+    corrected: bool = False  # somebody said what it is
 
     @property
     def force(self) -> Vector:
@@ -247,6 +316,9 @@ class SessionStatus(Result):
     lost: Count = 0  # batches that were given up, or whose content was refused; each is in a gap
     dropped: Count = 0  # batches for which the service had no room, and asked again
     overloaded: bool = False  # its station's share of the service's queue, or the queue, is filling up
+    revision: Count = 0  # how many edits it has had; undo and redo count
+    undoable: bool = False  # is there a correction to take back?
+    redoable: bool = False  # is there one that was taken back?
 
 
 class App(Message):
@@ -279,6 +351,9 @@ class Program(Message):
     complete: bool  # the session is closed
     apps: tuple[App, ...]
     notes: tuple[str, ...] = ()  # what a reader must know, e.g. that the wrench carries no contact
+    revision: Count = 0  # how many edits the session has had; undo and redo count
+    author: str | None = None  # of the last edit
+    edited: float | None = None  # [s] time of day (UTC) of the last edit
 
 
 class Snapshot(Message):

@@ -16,7 +16,8 @@ import zenoh
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
-from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBatch
+from caesura_protocol.messages import Command as Wanted
+from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
     Arrival,
     Command,
@@ -155,7 +156,7 @@ class Worker:
             else:
                 self.say([output])
 
-    def _carry_out(self, station: str, command: Open | Close, query: zenoh.Query) -> list[Output]:
+    def _carry_out(self, station: str, command: Wanted, query: zenoh.Query) -> list[Output]:
         """What comes of a command. An error of ours asks the sender to try again, and is raised."""
         try:
             return self._registry.command(station, command, self._clock())
@@ -197,7 +198,7 @@ def _batch(content: Content) -> SampleBatch | Heartbeat:
     return decode(content.payload, content.encoding, *expected)
 
 
-def _command(content: Content) -> Open | Close:
+def _command(content: Content) -> Wanted:
     content.check_size()
     return decode(content.payload, content.encoding, Control).command
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Heartbeat, Open, SampleBatch
+from caesura_protocol.messages import Close, Command, Heartbeat, Open, SampleBatch
 from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
 from caesura_service.observing.steps import Step, changes_between
@@ -26,7 +26,7 @@ class WatchedRegistry(Registry):
         self.counting = Counting(watch())
         self._chronicle = Chronicle()
 
-    def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
+    def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
         return self._watched(station, command, partial(super().command, station, command, now))
 

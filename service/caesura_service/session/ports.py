@@ -10,6 +10,7 @@ from caesura_protocol.messages import (
     Ack,
     Changepoints,
     Close,
+    Edit,
     Heartbeat,
     Open,
     Posterior,
@@ -43,7 +44,7 @@ class ReplayEnded:
     oldest: int | None = None  # the oldest batch that it still has, where it said so
 
 
-Incoming = Open | SampleBatch | Heartbeat | Close | ReplayEnded
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | ReplayEnded
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.messages import Close, Heartbeat, JournalReport, Open, SampleBatch
+from caesura_protocol.messages import Close, Command, Heartbeat, JournalReport, Open, SampleBatch
 from caesura_service.journal import Journal, JournalError, Key, Siblings
 from caesura_service.session.board import Board
 from caesura_service.session.custody import Custody
@@ -138,7 +138,7 @@ class Registry:
 
     # --- what comes -------------------------------------------------------------------------------------
 
-    def command(self, station: str, command: Open | Close, now: float) -> list[Output]:
+    def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
         if (elsewhere := self.custody.elsewhere(station)) is not None:
             return [Answer(ProtocolError("overloaded", elsewhere, value=station))]

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, Close, Error, Heartbeat, Open, SampleBatch
+from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, SampleBatch
 from caesura_service.journal import Journal, JournalError, Outcome, Record, Recordable
 from caesura_service.session.content import samples_of
 from caesura_service.session.demonstration import Demonstration
@@ -142,6 +142,8 @@ class Session:
                 return self._receive_opening(message, now)
             case Close():
                 return self._receive_close(message, now)
+            case Edit():
+                raise ProtocolError("internal", "this instance of the service takes no corrections")
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal that is charged to this session, and show it."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from caesura_service.program import Gaps, Grip, Step
 from caesura_service.robot import load_panda
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History
+from caesura_service.session.settled import Part, Settled
 from caesura_service.session.view import Pipeline, View
 from caesura_service.session.weighing import is_baseline, weigh
 from caesura_service.signals import (
@@ -83,14 +83,6 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, observation.force_base, _holding(observation))
 
 
-class Part(NamedTuple):
-    """A stretch, and what is shown of it."""
-
-    stretch: Stretch
-    segment: Segment
-    changepoint: Changepoint  # its start; the first part's is never shown
-
-
 class SegmentationPipeline:
     """One demonstration, from samples to task program. See `Pipeline`."""
 
@@ -103,7 +95,7 @@ class SegmentationPipeline:
         self._history = History()
         self._gaps = Gaps()
         self._grips: list[Grip] = []
-        self._settled: list[Part] = []
+        self._settled = Settled()
         self._program = self._growing()
         self._lost = False  # the next gap was declared, not seen
         self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
@@ -182,8 +174,8 @@ class SegmentationPipeline:
             samples=self._conditioner.samples,
             repeats=self._conditioner.repeats,
             observations=self._online.count,
-            changepoints=tuple(part.changepoint for part in parts[1:]),
-            segments=tuple(part.segment for part in parts),
+            changepoints=self._settled.changepoints(parts),
+            segments=self._settled.segments(parts),
             posterior_starts=tuple(self._boundary(int(s)) for s in self._online.starts),
             posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
             apps=self._apps(parts),
@@ -201,14 +193,14 @@ class SegmentationPipeline:
             return []
         known = len(self._settled)
         fresh = stretches(self._online, known, decided=self._decided)
-        every = [*(part.stretch for part in self._settled), *fresh]
+        every = [*self._settled.stretches, *fresh]
         parts = [
             Part(stretch, self._segment(every, known + i), self._changepoint(stretch))
             for i, stretch in enumerate(fresh)
         ]
-        parts = [*self._settled, *parts]
-        self._settled = parts[: known + self._settling(fresh)]
-        return parts
+        whole = [*self._settled.parts, *parts]
+        self._settled.take(parts[: self._settling(fresh)])
+        return whole
 
     def _settling(self, fresh: list[Stretch]) -> int:
         """How many of these nothing can change any more, not even a later comparison of their load."""

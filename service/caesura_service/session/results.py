@@ -101,10 +101,19 @@ def first_difference(old: Sequence[object], new: Sequence[object]) -> int | None
     """The first index at which two sequences differ; None where they are alike."""
     if old == new:
         return None
-    for index, (before, after) in enumerate(zip(old, new, strict=False)):
+    first = _alike(old, new)
+    for index, (before, after) in enumerate(zip(old[first:], new[first:], strict=False), start=first):
         if before is not after and before != after:
             return index
     return min(len(old), len(new))
+
+
+def _alike(old: Sequence[object], new: Sequence[object]) -> int:
+    """So many of the first are alike, at least; looked for from the end, which is where things change."""
+    count, back = min(len(old), len(new)), 8
+    while count and old[:count] != new[:count]:
+        count, back = max(count - back, 0), 2 * back
+    return count
 
 
 def _bump(standing: Standing, stream: Stream) -> Standing:

@@ -12,6 +12,7 @@ service is there, what is known stays. `events` tells both; `follow` yields the 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
@@ -182,13 +183,17 @@ def events(
     *,
     refresh_s: float = 2.0,
     silence_s: float | None = None,
+    over: threading.Event | None = None,
 ) -> Generator[Event, None, None]:
-    """As `follow`, and also when a session is forgotten, when the service goes and when it comes."""
+    """As `follow`, and also when a session is forgotten, when the service goes and when it comes.
+
+    over: ends the iteration from another thread, `refresh_s` after it is set at the latest.
+    """
     with _listening(transport, station, session) as inbox:
         follower = _Follower(transport, station, session)
         yield from follower.refresh()
         silent_s = 0.0
-        while silence_s is None or silent_s < silence_s:
+        while (silence_s is None or silent_s < silence_s) and not (over and over.is_set()):
             wait_s = refresh_s if silence_s is None else min(refresh_s, silence_s)
             item = inbox.get(wait_s)
             if item is None:

@@ -1,0 +1,81 @@
+"""The task program as a timeline: one card an app, everything in words and units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from caesura_protocol.messages import App, AppKind, Program, Vector
+
+TITLE: Mapping[AppKind, str] = {
+    "cartesian_motion": "move",
+    "move_to_contact": "move to contact",
+    "apply_force": "apply force",
+    "grasp": "grasp",
+    "gripper_move": "move gripper",
+    "transport": "transport",
+    "hold": "hold",
+}
+
+
+def timeline(program: Program) -> dict[str, Any]:
+    """What the page shows of a program."""
+    author, edited = getattr(program, "author", None), getattr(program, "edited", None)
+    return {
+        "version": program.version,
+        "complete": program.complete,
+        "author": author or "",
+        "edited": edited,
+        "notes": list(program.notes),
+        "apps": [card(index, app) for index, app in enumerate(program.apps, start=1)],
+    }
+
+
+def card(number: int, app: App) -> dict[str, Any]:
+    """One app in words. Lines are (name, value with unit)."""
+    return {
+        "number": number,
+        "kind": app.kind,
+        "title": TITLE[app.kind],
+        "t0": round(app.t0, 2),
+        "tn": round(app.tn, 2),
+        "confidence": round(app.confidence, 2),
+        "segments": list(app.segments),
+        "limited": limited(app),
+        "lines": [[name, value] for name, value in _lines(app) if value],
+    }
+
+
+def limited(app: App) -> bool:
+    """Does an operator's limit hold the force below what was taught?"""
+    return app.force is not None and app.force_taught is not None and app.force != app.force_taught
+
+
+def _lines(app: App) -> list[tuple[str, str]]:
+    taught = vector(app.force_taught, "N", 1) if limited(app) else ""
+    return [
+        ("target", vector(app.target, "m", 3)),
+        ("force", vector(app.force, "N", 1)),
+        ("taught", taught),
+        ("load", load(app)),
+        ("gripper", "" if app.gripper_width is None else f"{1000 * app.gripper_width:.0f} mm"),
+    ]
+
+
+def vector(values: Vector | None, unit: str, digits: int) -> str:
+    """(x, y, z) with its unit.
+
+    >>> vector((0.3, -0.00001, 0.25), "m", 3)
+    '(0.300, 0.000, 0.250) m'
+    """
+    if values is None:
+        return ""
+    return f"({', '.join(f'{round(v, digits) + 0.0:.{digits}f}' for v in values)}) {unit}"
+
+
+def load(app: App) -> str:
+    """What is carried, with its uncertainty."""
+    if app.load_kg is None:
+        return ""
+    spread = "" if app.load_sd_kg is None else f" ± {1000 * app.load_sd_kg:.0f}"
+    return f"{1000 * app.load_kg:.0f}{spread} g"

@@ -1,0 +1,69 @@
+"""`caesura dashboard`. NiceGUI is imported when the command runs: the others start as fast without it."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import Config, Connect, connected, reported
+from caesura_clients.errors import CaesuraError
+from caesura_clients.network import DEFAULT_ENDPOINT
+
+DEFAULT_PORT = 8080
+PASSWORD_LENGTH = 8  # at least
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command, where its extra is installed."""
+    if find_spec("nicegui") is not None:
+        app.command()(dashboard)
+
+
+def dashboard(
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
+    name: Annotated[
+        list[str] | None, typer.Option(help="Host that a reverse proxy asks for; may be repeated.")
+    ] = None,
+    password_file: Annotated[
+        Path | None,
+        typer.Option(help="First line: the password to log in with.", exists=True, dir_okay=False),
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Let everybody in who reaches --host, without a password.")
+    ] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Show stations in a browser: signals, segments, programs; and correct what was found."""
+    from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
+    from caesura_clients.dashboard.gateway import Gateway  # noqa: PLC0415
+    from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
+    from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
+
+    with reported():
+        address = Address(host, port, tuple(name or ()), _password(password_file))
+        if not address.is_local and address.password is None and not insecure:
+            raise CaesuraError(
+                f"--host {host}: other machines reach it, and anybody could correct programs; add "
+                "--password-file, or a reverse proxy before 127.0.0.1, or --insecure on a network you trust"
+            )
+        check_free(address)
+        with connected(endpoint, config, patient=True) as caesura, Gateway(caesura.transport) as gateway:
+            serve(Site(gateway, None if read_only else corrector(caesura.transport)), address)
+
+
+def _password(file: Path | None) -> str | None:
+    if file is None:
+        return None
+    lines = file.read_text(encoding="utf-8").splitlines()
+    if not lines or len(lines[0]) < PASSWORD_LENGTH:
+        found = len(lines[0]) if lines else 0
+        raise CaesuraError(
+            f"{file}: the first line has {found} characters, expected {PASSWORD_LENGTH} at least"
+        )
+    return lines[0]

@@ -1,0 +1,111 @@
+"""What the browser draws of a session, as rows of plain values, and only what it does not have yet.
+
+A segment is [t0, tn, kind, probability, final, corrected, runner-up]; a changepoint [t, probability, final,
+t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths [t, [[length, probability], …]].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from caesura_clients.dashboard.signals import SCALE, Rows, drawn
+from caesura_clients.results import Update
+from caesura_protocol.messages import Changepoint, Gap, Posterior, Segment
+
+Cells = list[Any]
+LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What a browser has been sent of one session."""
+
+    session: str = ""
+    update: Update | None = None
+    rows: int = 0  # of signals
+
+
+def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[str, Any]]:
+    """What a browser with `sent` lacks, and what it has then; nothing at all where nothing is new."""
+    if update is None:
+        return Sent(), ({"reset": True} if sent.session else {})
+    payload: dict[str, Any] = {}
+    if update.session != sent.session:
+        sent, payload = Sent(update.session), {"reset": True, "session": update.session}
+    if update is not sent.update:
+        payload |= _changes(sent.update, update)
+    seen = sent.rows
+    if signals.session == update.session and signals.next > seen:
+        scale = SCALE[length_unit(update)]
+        payload["signals"] = [drawn(row, scale) for row in signals.rows]
+        payload["unit"] = signals.unit
+        seen = signals.next
+    return Sent(update.session, update, seen), payload
+
+
+def length_unit(update: Update) -> str:
+    """Of the samples' positions; an older service does not tell."""
+    return getattr(update.status, "length_unit", "m")
+
+
+def _changes(before: Update | None, after: Update) -> dict[str, Any]:
+    changes: dict[str, Any] = {"t": round(after.t, 3), "closed": after.closed}
+    known_segments = before.segments if before else ()
+    if before is None or after.segments != known_segments:
+        first = common(known_segments, after.segments)
+        changes["segments"] = {"first": first, "rows": [segment_row(one) for one in after.segments[first:]]}
+    known = before.changepoints if before else ()
+    if before is None or after.changepoints != known:
+        first = common(known, after.changepoints)
+        rows = [changepoint_row(one) for one in after.changepoints[first:]]
+        changes["changepoints"] = {"first": first, "rows": rows}
+    if before is None or after.status.gaps != before.status.gaps:
+        changes["gaps"] = [gap_row(one) for one in after.status.gaps]
+    return changes
+
+
+def common(before: Sequence[object], after: Sequence[object]) -> int:
+    """How many items at the beginning are the same."""
+    pairs = zip(before, after, strict=False)
+    return next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(before), len(after)))
+
+
+def segment_row(one: Segment) -> Cells:
+    """As the module says."""
+    return [
+        round(one.t0, 3),
+        round(one.tn, 3),
+        one.kind,
+        round(one.probability, 3),
+        one.certainty == "final",
+        bool(getattr(one, "corrected", False)),
+        one.runner_up,
+    ]
+
+
+def changepoint_row(one: Changepoint) -> Cells:
+    """As the module says. Times are exact: a correction names the changepoint by its time."""
+    corrected = bool(getattr(one, "corrected", False))
+    return [one.t, round(one.probability, 3), one.certainty == "final", one.t_low, one.t_high, corrected]
+
+
+def gap_row(one: Gap) -> Cells:
+    """As the module says."""
+    return [round(one.t0, 3), round(one.tn, 3), one.reason]
+
+
+def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:
+    """A column of the run-length image for each posterior: how long the current segment may have lasted."""
+    return [
+        [
+            round(one.t, 2),
+            [
+                [round(one.t - start, 2), round(probability, 3)]
+                for start, probability in zip(one.starts, one.probabilities, strict=True)
+                if probability >= LEAST_PROBABILITY
+            ],
+        ]
+        for one in posteriors
+    ]

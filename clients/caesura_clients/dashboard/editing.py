@@ -1,0 +1,97 @@
+"""Corrections, from what a browser says to the service: the only way from the dashboard back.
+
+Nothing that a browser sends is trusted: it has to be an `Edit` as the wire has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from caesura_clients.errors import CaesuraError
+from caesura_clients.network import Transport
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, Action, Control, Edit, LimitForce
+
+Request = Mapping[str, Any]
+Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises ProtocolError or CaesuraError
+
+EDIT_TIMEOUT_S = 10.0  # a long session is filtered anew
+_ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+
+
+class Refused(Exception):  # noqa: N818 - it is no error of ours
+    """A correction that was not made; says why in words for an operator."""
+
+
+def corrector(transport: Transport) -> Corrector:
+    """Asks the service that owns the station."""
+
+    def ask(station: str, edit: Edit) -> Ack:
+        key = station_key(station, "control")
+        answers = transport.query(key, encode(Control(command=edit)), timeout_s=EDIT_TIMEOUT_S)
+        if answers.replies:
+            return decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
+        if answers.refusals:
+            raise answers.refusals[0]
+        raise CaesuraError(f"nobody answers for {station}: no service, or a reader's credentials")
+
+    return ask
+
+
+def correct(ask: Corrector, station: str, request: Request) -> str:
+    """Carry out what a browser asks for; what was done, in words. Raises Refused."""
+    edit = parse(request)
+    try:
+        ask(station, edit)
+    except ProtocolError as error:
+        raise Refused(said(error)) from error
+    except CaesuraError as error:
+        raise Refused(f"Not done: {error}") from error
+    return done(edit.action)
+
+
+def parse(request: Request) -> Edit:
+    """What a browser sent, checked: {do, t, …, session, revision, author}. Raises Refused."""
+    common = {name: request.get(name) for name in ("session", "revision", "author")}
+    own = {name: value for name, value in request.items() if name not in common}
+    try:
+        return Edit.model_validate({**common, "action": _ACTION.validate_python(own)})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise Refused(f"Not done: {where} is {first['input']!r:.60}; {first['msg']}") from error
+
+
+def said(error: ProtocolError) -> str:
+    """A refusal, for an operator."""
+    if error.code == "conflict" and isinstance(error.value, int) and isinstance(error.limit, int):
+        return (
+            f"Not done: somebody else corrected this session meanwhile (it is at revision {error.limit}, "
+            f"you saw {error.value}). What is there now is shown: look, and do it again."
+        )
+    return f"Not done: {error}"
+
+
+def done(action: Action) -> str:
+    """What was done, in words."""
+    return _DONE[action.do].format(**action.model_dump()) if not _unlimits(action) else "The limit is gone."
+
+
+def _unlimits(action: Action) -> bool:
+    return isinstance(action, LimitForce) and action.newton is None
+
+
+_DONE: Mapping[str, str] = {
+    "insert": "Changepoint inserted at {t:.2f} s.",
+    "remove": "Changepoint at {t:.2f} s removed.",
+    "move": "Changepoint moved from {t:.2f} s to {to:.2f} s.",
+    "relabel": "The segment at {t:.2f} s is {kind}.",
+    "limit_force": "The force at {t:.2f} s is limited to {newton:g} N.",
+    "undo": "Undone.",
+    "redo": "Done again.",
+}

@@ -1,0 +1,134 @@
+"""The components that `web` holds, as NiceGUI elements: payloads in, events out.
+
+A browser says which payload it has seen. One that is UNSEEN behind gets nothing until it has caught up, and
+then everything at once: what is sent is a difference from what was sent last, so nothing is lost by waiting
+and nothing piles up for a tablet that sleeps.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from caesura_clients.dashboard.drawing import Sent, delta
+from caesura_clients.dashboard.signals import Rows
+from caesura_clients.results import Update
+
+UNSEEN = 3  # payloads that a browser may be behind
+LAGS = 4096  # measured, of all browsers together
+
+WEB = Path(__file__).parent / "web"
+lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to hearing that it was seen
+
+
+class Live(Element, esm={"caesura-dashboard": str(WEB)}):
+    """A component that is told what to show. initial: shown before the connection stands."""
+
+    def __init__(self, initial: dict[str, Any] | None = None) -> None:
+        super().__init__()
+        if initial is not None:
+            self._props["initial"] = initial
+        self._last: dict[str, Any] | None = initial
+        self._ready = False
+        self._sent: dict[int, float] = {}  # by number of payload, when; those that were not seen yet
+        self._number = 0
+        self.on("ready", self._begin)
+        self.on("seen", self._saw)
+
+    @property
+    def is_free(self) -> bool:
+        """Has the browser seen enough of what it was sent?"""
+        return self._ready and len(self._sent) < UNSEEN
+
+    def show(self, payload: dict[str, Any]) -> None:
+        """Show this in place of what is shown, unless it is the same."""
+        if self.is_free and payload != self._last:
+            self._last = payload
+            self.send(payload)
+
+    def send(self, payload: dict[str, Any]) -> None:
+        """Send it, whatever was sent before."""
+        self._number += 1
+        self._sent[self._number] = time.monotonic()
+        self.run_method("take", self._number, payload)
+
+    def _begin(self) -> None:
+        """It is there, for the first time or again."""
+        self._ready, self._last = True, None
+        self._sent.clear()
+
+    def _saw(self, event: GenericEventArguments) -> None:
+        began = self._sent.pop(int(event.args), None)
+        if began is not None:
+            lags.append(time.monotonic() - began)
+
+
+class Overview(Live, component="web/overview.js"):
+    """Cards of all stations: {stations, summary}."""
+
+
+class Tables(Live, component="web/tables.js"):
+    """Tables and warnings: {warnings, tables}."""
+
+
+class Program(Live, component="web/program.js"):
+    """The timeline of a task program (`apps.timeline`)."""
+
+
+class SessionView(Live, component="web/session_view.js"):
+    """Signals, segments and tools. on_edit: what an operator asks for, as the browser says it."""
+
+    def __init__(
+        self, *, editable: bool, replay: bool, on_edit: Callable[[GenericEventArguments], Any]
+    ) -> None:
+        super().__init__()
+        self._props["editable"], self._props["replay"] = editable, replay
+        self._known = Sent()
+        self._stands: dict[str, Any] = {}
+        self.wants_run_lengths = False
+        self.on("edit", on_edit)
+        self.on("run-lengths", self._want)
+
+    def follow(self, update: Update | None, signals: Rows, more: dict[str, Any]) -> None:
+        """Send what is new in a session. more: goes with whatever is sent."""
+        if not self.is_free:
+            return
+        known, payload = delta(self._known, update, signals)
+        if payload or more:
+            self.send(payload | more)
+        self._known = known
+
+    def standing(self, update: Update) -> dict[str, Any]:
+        """How corrections stand, where the browser does not know it yet."""
+        status = update.status
+        stands = {
+            name: getattr(status, name, default)
+            for name, default in (("revision", 0), ("undoable", False), ("redoable", False))
+        }
+        if stands == self._stands:
+            return {}
+        self._stands = stands
+        return dict(stands)
+
+    @property
+    def seen_rows(self) -> int:
+        """How many rows of signals were sent."""
+        return self._known.rows
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Say what became of a correction."""
+        self.run_method("answered", message, failed)
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._known, self._stands = Sent(), {}
+        self.wants_run_lengths = False
+
+    def _want(self, event: GenericEventArguments) -> None:
+        self.wants_run_lengths = bool(event.args)

@@ -1,0 +1,196 @@
+"""The network's side: three threads follow it, and what they find can be read at any time without waiting.
+
+  results   updates of every session, and what a station's program speaks of;
+  arrivals  samples, thinned out into rings, and tokens of bridges and instances;
+  services  the status of every instance, once a second.
+
+`world` is immutable and replaced. A thread that cannot reach the network says so in `World.troubles` and
+tries again; nothing that it meets ends it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self
+
+from caesura_clients.dashboard.glance import Heard, World
+from caesura_clients.dashboard.signals import Rows, SignalRing
+from caesura_clients.dashboard.system import rates
+from caesura_clients.errors import CaesuraError
+from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.network import Transport
+from caesura_clients.query import current_sessions, service_status
+from caesura_clients.results import Event, Forgotten, Update, events
+from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
+
+POLL_S = 1.0
+TICK_S = 0.2  # how soon a thread sees that it is over
+RETRY_S = 1.0
+POSTERIORS = 600  # a station: one minute of run lengths
+STATIONS = 256  # that signals are kept of; as many as a service takes
+
+
+class Gateway:
+    """Follows everything while its context lasts.
+
+    transport: its owner closes it, after the gateway. clock: monotonic [s].
+    """
+
+    def __init__(self, transport: Transport, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.transport = transport
+        self.clock = clock
+        self.began = clock()
+        self.world = World()
+        self.heard: dict[str, Heard] = {}
+        self._rings: dict[str, SignalRing] = {}
+        self._posteriors: dict[str, deque[Posterior]] = {}
+        self._changing = threading.Lock()
+        self._over = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        for name, work in (
+            ("results", self._follow_results),
+            ("arrivals", self._follow_arrivals),
+            ("services", self._ask_services),
+        ):
+            thread = threading.Thread(target=self._keep, args=(name, work), name=name, daemon=True)
+            thread.start()
+            self._stack.callback(thread.join)
+        self._stack.callback(self._over.set)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def signals(self, station: str, seen: int = 0) -> Rows:
+        """What is held of a station's signals, from row number `seen` on."""
+        ring = self._rings.get(station)
+        return Rows("", "m/s", 0, ()) if ring is None else ring.after(seen)
+
+    def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
+        """The newest posteriors of a session, in order."""
+        with self._changing:
+            return tuple(one for one in self._posteriors.get(station, ()) if one.session == session)
+
+    def _keep(self, name: str, work: Callable[[], None]) -> None:
+        """Do the work until it is over, again after whatever the network does to it."""
+        while not self._over.is_set():
+            try:
+                work()
+            except (CaesuraError, ProtocolError) as error:
+                self._trouble(name, str(error))
+                self._over.wait(RETRY_S)
+
+    def _trouble(self, name: str, why: str = "") -> None:
+        """Say what keeps a thread from its work; nothing once it works."""
+        if self.world.troubles.get(name, "") != why:
+            others = {key: one for key, one in self.world.troubles.items() if key != name}
+            self._change(troubles={**others, name: why} if why else others)
+
+    # --- results ---
+
+    def _follow_results(self) -> None:
+        with closing(events(self.transport, over=self._over)) as told:
+            for event in told:
+                self._take(event)
+                self._trouble("results")
+
+    def _take(self, event: Event) -> None:
+        match event:
+            case Update():
+                self._take_update(event)
+            case Forgotten():
+                gone = (event.station, event.session)
+                kept = {key: one for key, one in self.world.updates.items() if key != gone}
+                self._change(updates=kept, current=self._current())
+
+    def _take_update(self, update: Update) -> None:
+        key = (update.station, update.session)
+        known = self.world.updates
+        self._change(updates={**known, key: update})
+        if key not in known:
+            self._change(current=self._current())
+        if update.posterior is not None:
+            self._keep_posterior(update.station, update.posterior)
+
+    def _current(self) -> Mapping[str, str]:
+        """The session of each station's program; as it was, where nobody has time to say."""
+        try:
+            return current_sessions(self.transport)
+        except (CaesuraError, ProtocolError):
+            return self.world.current
+
+    def _keep_posterior(self, station: str, posterior: Posterior) -> None:
+        with self._changing:
+            kept = self._posteriors.setdefault(station, deque(maxlen=POSTERIORS))
+            if not kept or kept[-1] is not posterior:
+                kept.append(posterior)
+
+    # --- samples and tokens ---
+
+    def _follow_arrivals(self) -> None:
+        inbox = Inbox()
+        with ExitStack() as stack:
+            stack.enter_context(self.transport.subscribe(station_key("*", "samples"), inbox))
+            stack.enter_context(self.transport.watch(station_key("*", "alive"), inbox))
+            stack.enter_context(self.transport.watch(service_key("*", "alive"), inbox))
+            while not self._over.is_set():
+                item = inbox.get(TICK_S)
+                if isinstance(item, Presence):
+                    self._attend(item)
+                elif isinstance(item, Delivery):
+                    self._sampled(item)
+
+    def _attend(self, presence: Presence) -> None:
+        try:
+            bridge = parse_station_key(presence.key)[0]
+            self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
+        except ProtocolError:
+            instance = parse_service_key(presence.key)[0]
+            self._change(alive=_with(self.world.alive, instance, presence.alive))
+
+    def _sampled(self, delivery: Delivery) -> None:
+        """One bad sender must not end what everybody sees."""
+        try:
+            station = parse_station_key(delivery.key)[0]
+            batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
+            if not isinstance(batch, SampleBatch):
+                return
+            matrix = unpack_samples(batch)
+        except ProtocolError:
+            return
+        if station not in self._rings and len(self._rings) >= STATIONS:
+            return
+        self.heard[station] = Heard(self.clock(), float(matrix[-1, 0]), batch.session)
+        self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, matrix)
+
+    # --- services ---
+
+    def _ask_services(self) -> None:
+        asked_at = self.clock()
+        while not self._over.is_set():
+            before, then = self.world.services, asked_at
+            services, asked_at = tuple(service_status(self.transport)), self.clock()
+            self._change(services=services, rates=rates(before, services, asked_at - then))
+            self._trouble("services")
+            self._over.wait(POLL_S)
+
+    def _change(self, **changes: Any) -> None:
+        with self._changing:
+            self.world = replace(self.world, **changes)
+
+
+def _with(names: frozenset[str], name: str, there: bool) -> frozenset[str]:
+    return names | {name} if there else names - {name}

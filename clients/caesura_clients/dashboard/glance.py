@@ -1,0 +1,162 @@
+"""A station at a glance: what it does, and whether what is shown is still true.
+
+Stale is what looks alive and is not: a demonstration that goes on, of which nothing came for STALE_S, or
+whose bridge is gone. It is said with its reason, because an operator teaches on otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from caesura_clients.results import Update
+from caesura_protocol.messages import ServiceStatus
+
+STALE_S = 2.0
+State = Literal["teaching", "stale", "done", "ready", "gone"]
+SAID: Mapping[State, str] = {
+    "teaching": "teaching",
+    "stale": "stale",
+    "done": "demonstration over",
+    "ready": "connected, nothing taught yet",
+    "gone": "not connected",
+}
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything that the gateway knows, at one moment. Times are of its monotonic clock [s]."""
+
+    updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
+    current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
+    bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
+    alive: frozenset[str] = frozenset()  # instances that are alive
+    services: tuple[ServiceStatus, ...] = ()
+    rates: Mapping[str, float] = field(default_factory=dict)  # [messages/s] by instance
+    troubles: Mapping[str, str] = field(default_factory=dict)  # why the network cannot be asked, by who asks
+
+    @property
+    def trouble(self) -> str:
+        """Why what is shown may be old; empty where all is well."""
+        return next(iter(self.troubles.values()), "")
+
+    def stations(self) -> list[str]:
+        """Whatever has a bridge or a session, sorted."""
+        return sorted({station for station, _ in self.updates} | self.bridges)
+
+    def sessions(self, station: str) -> list[str]:
+        """The station's sessions, the newest first."""
+        return sorted((name for where, name in self.updates if where == station), reverse=True)
+
+    def update(self, station: str, session: str | None = None) -> Update | None:
+        """What is known of a session; without a name, of the one that the station's program speaks of."""
+        name = session or self.current.get(station)
+        if (station, name or "") in self.updates:
+            return self.updates[station, name or ""]
+        if session is not None:
+            return None
+        known = [update for (where, _), update in self.updates.items() if where == station]
+        return max(known, key=lambda one: (not one.closed, one.session), default=None)
+
+
+@dataclass(frozen=True)
+class Heard:
+    """The newest samples of a station: when they came, and up to which session time they reach."""
+
+    at: float  # [s] monotonic
+    t: float  # [s] session time
+    session: str
+
+
+@dataclass(frozen=True)
+class Glance:
+    """What a card of a station says."""
+
+    station: str
+    state: State
+    said: str  # the state in words
+    why: str  # it is stale; empty otherwise
+    session: str
+    t: float  # [s] of the session
+    age_s: float | None  # of the newest sample; None: none came
+    kind: str  # of the current segment
+    probability: float | None
+    segments: int
+    apps: int
+    gaps: int
+    overloaded: bool
+    kinds: tuple[tuple[float, float, str, float], ...]  # the newest segments: t0, tn, kind, probability
+
+    def drawn(self) -> dict[str, Any]:
+        """As the browser takes it; an age is shown by the tenth, and only once it can be read."""
+        age = "" if self.age_s is None or self.age_s < 1.0 else f"{self.age_s:.1f} s"
+        rows = [[round(t0, 2), round(tn, 2), kind, round(p, 2)] for t0, tn, kind, p in self.kinds]
+        return {**self.__dict__, "age_s": age, "kinds": rows, "t": round(self.t, 1)}
+
+
+SHOWN_SEGMENTS = 40  # in a card's strip
+
+
+def glances(world: World, heard: Mapping[str, Heard], now: float, began: float) -> list[Glance]:
+    """One a station. now, began: monotonic [s]; before the dashboard began nothing can have come."""
+    return [glance(world, station, heard.get(station), now, began) for station in world.stations()]
+
+
+def glance(world: World, station: str, heard: Heard | None, now: float, began: float) -> Glance:
+    """What there is to say of one station."""
+    update = world.update(station)
+    bridge = station in world.bridges
+    why = stale(world, update, bridge, heard, now - (began if heard is None else max(began, heard.at)))
+    state = _state(update, bridge, why)
+    last = update.segments[-1] if update and update.segments else None
+    newest = update.segments[-SHOWN_SEGMENTS:] if update else ()
+    return Glance(
+        station=station,
+        state=state,
+        said=SAID[state],
+        why=why,
+        session=update.session if update else "",
+        t=update.t if update else 0.0,
+        age_s=None if heard is None or (update and update.closed) else max(0.0, now - heard.at),
+        kind=last.kind if last else "",
+        probability=last.probability if last else None,
+        segments=len(update.segments) if update else 0,
+        apps=len(update.program.apps) if update else 0,
+        gaps=gaps(update),
+        overloaded=bool(update and update.status.overloaded),
+        kinds=tuple((one.t0, one.tn, one.kind, one.probability) for one in newest),
+    )
+
+
+def stale(world: World, update: Update | None, bridge: bool, heard: Heard | None, silent_s: float) -> str:
+    """Why what is shown may no longer be true; empty where it is."""
+    if update is None or update.closed:
+        return world.trouble
+    behind_s = heard.t - update.t if heard and heard.session == update.session else 0.0
+    found = (
+        (bool(world.trouble), world.trouble),
+        (not world.alive, "no service answers"),
+        (not bridge, "its bridge is gone"),
+        (silent_s > STALE_S, f"no sample for {silent_s:.0f} s"),
+        (behind_s > STALE_S, f"results are {behind_s:.0f} s behind the samples"),
+    )
+    return next((why for true, why in found if true), "")
+
+
+def gaps(update: Update | None) -> int:
+    """How many stretches of a session nobody has seen."""
+    return 0 if update is None else len(update.status.gaps) + update.status.gaps_before
+
+
+def troubled(found: Iterable[Glance]) -> int:
+    """How many stations need somebody."""
+    return sum(one.state == "stale" or one.overloaded for one in found)
+
+
+def _state(update: Update | None, bridge: bool, why: str) -> State:
+    if update is None:
+        return "ready" if bridge else "gone"
+    if update.closed:
+        return "done"
+    return "stale" if why else "teaching"

@@ -1,0 +1,144 @@
+"""Who may look at the dashboard, before anything else sees a request.
+
+Rule 1: pages of other sites must not reach it through somebody's browser. A request has to be asked of one of
+the names it is known by (or DNS could be bent to it), and a socket or a form has to come from its own pages.
+Rule 2: with a password nothing but the login is answered without its cookie.
+Rule 3: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.
+
+There is no TLS here. Where other machines look at it, a reverse proxy has to bring it, or the password can be
+read on the way.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+Scope = MutableMapping[str, Any]
+Event = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Event]]
+Send = Callable[[Event], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+COOKIE = "caesura"
+LOGINS = 64  # that are remembered; the oldest has to log in again
+WRONG_S = 1.0  # one wrong password a second, of all who try
+FORM_BYTES = 4096
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data:; font-src 'self' data:; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
+)
+_HEADERS = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+)
+_LOGIN = """<!doctype html><html lang="en"><head><title>Caesura</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>
+:root {{ color-scheme: light dark }} body {{ font: 16px/1.5 system-ui; max-width: 20rem; margin: 4rem auto }}
+input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-box; margin: .3rem 0 }}
+</style></head><body><main><h1>Caesura</h1><form method="post" action="/login"><label>Password
+<input type="password" name="password" autocomplete="current-password" autofocus required></label>
+<button>Log in</button></form><p role="alert">{said}</p></main></body></html>"""
+
+
+class Guard:
+    """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none."""
+
+    def __init__(self, app: App, *, names: Iterable[str] | None, password: str | None) -> None:
+        self._app = app
+        self._names = None if names is None else frozenset(names)
+        self._password = password
+        self._logins: deque[str] = deque(maxlen=LOGINS)
+        self._trying = asyncio.Lock()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, refuse, or hand on."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
+        why = self._refused(scope, headers)
+        if why:
+            await _answer(scope, send, 403, f"{why}\n")
+        elif self._password is not None and scope["path"] == "/login" and scope["type"] == "http":
+            await self._log_in(scope, receive, send)
+        elif self._password is not None and _cookie(headers) not in self._logins:
+            await _answer(scope, send, 303, "log in first\n", (b"location", b"/login"))
+        else:
+            await self._app(scope, receive, _with_headers(send))
+
+    def _refused(self, scope: Scope, headers: dict[str, str]) -> str:
+        """Why a request is not heard, in words; empty where it is."""
+        host = headers.get("host", "")
+        name = urlsplit(f"//{host}").hostname or ""
+        if self._names is not None and name not in self._names:
+            return f"asked as {name!r}, known as {', '.join(sorted(self._names))}: see --name"
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return f"asked by a page of {origin}"
+        return ""
+
+    async def _log_in(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["method"] != "POST":
+            await _answer(scope, send, 200, _LOGIN.format(said=""), html=True)
+            return
+        given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
+        async with self._trying:
+            right = hmac.compare_digest(given.encode(), (self._password or "").encode())
+            if not right:
+                await asyncio.sleep(WRONG_S)
+        if not right:
+            await _answer(scope, send, 401, _LOGIN.format(said="That is not the password."), html=True)
+            return
+        token = secrets.token_urlsafe(32)
+        self._logins.append(token)
+        cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/".encode()
+        await _answer(scope, send, 303, "", (b"location", b"/"), (b"set-cookie", cookie))
+
+
+def _cookie(headers: dict[str, str]) -> str | None:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return None
+    return None if found is None else found.value
+
+
+async def _body(receive: Receive) -> bytes:
+    body = b""
+    while len(body) <= FORM_BYTES:
+        event = await receive()
+        body += event.get("body", b"")
+        if not event.get("more_body"):
+            break
+    return body[:FORM_BYTES]
+
+
+async def _answer(
+    scope: Scope, send: Send, status: int, text: str, *more: tuple[bytes, bytes], html: bool = False
+) -> None:
+    """An answer of our own; a socket is closed, which the browser sees as refused."""
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    kind = b"text/html; charset=utf-8" if html else b"text/plain; charset=utf-8"
+    headers = [(b"content-type", kind), (b"cache-control", b"no-store"), *_HEADERS, *more]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": text.encode()})
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(event: Event) -> None:
+        if event["type"] == "http.response.start":
+            event = {**event, "headers": [*event.get("headers", ()), *_HEADERS]}
+        await send(event)
+
+    return sending

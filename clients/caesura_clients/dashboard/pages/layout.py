@@ -1,0 +1,68 @@
+"""What every page has: theme, name, navigation, and what is wrong with the network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.elements.mixins.text_element import TextElement
+
+from caesura_clients.dashboard.editing import Corrector
+from caesura_clients.dashboard.gateway import Gateway
+
+ASSETS = "/assets"
+TICK_S = 0.1  # updates of a page; ten a second at most
+SLOW_TICK_S = 1.0
+MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/system", "System"))
+_HEAD = (
+    f'<script src="{ASSETS}/theme.js"></script><link rel="stylesheet" href="{ASSETS}/style.css">'
+    '<meta name="robots" content="noindex">'
+)
+
+
+class Site(NamedTuple):
+    """What pages are made of. corrector: None where nothing may be corrected."""
+
+    gateway: Gateway
+    corrector: Corrector | None
+
+
+@contextmanager
+def page(title: str, here: str) -> Iterator[None]:
+    """The frame around a page's content. here: the menu's entry that is current."""
+    ui.page_title(f"{title} · Caesura")
+    ui.add_head_html(_HEAD)
+    with ui.header(wrap=False), Element("div").classes("bar-top"):
+        text("span", "Caesura").classes("name")
+        with Element("nav").props('aria-label="Pages"'):
+            for path, name in MENU:
+                link = text("a", name).props(f'href="{path}"')
+                if path == here:
+                    link.props('aria-current="page"')
+        theme = text("button", "Light or dark").classes("theme").props('type="button"')
+        theme.on("click", js_handler="() => window.caesuraTheme()")
+    text("h1", title)
+    yield
+
+
+def text(tag: str, words: str) -> TextElement:
+    """An HTML element with words in it."""
+    return TextElement(tag=tag, text=words)
+
+
+class Banner:
+    """Something that is wrong, shown while it is."""
+
+    def __init__(self) -> None:
+        with Element("div").props('role="alert"'):
+            self._label = text("p", "").classes("banner")
+        self._label.set_visibility(False)
+
+    def say(self, words: str) -> None:
+        """Show the words; nothing where there are none."""
+        if words != self._label.text:
+            self._label.set_text(words)
+            self._label.set_visibility(bool(words))

@@ -1,0 +1,81 @@
+"""`/sessions` and `/system`: tables, once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from nicegui import Client, ui
+
+from caesura_clients.dashboard.elements import Tables, lags
+from caesura_clients.dashboard.glance import World
+from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
+from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.dashboard.system import system
+
+SESSIONS = (
+    ("station", "station"), ("session", "session"), ("state", "state"), ("length", "length"),
+    ("segments", "segments"), ("apps", "apps"), ("gaps", "gaps"), ("version", "program"),
+    ("edited", "corrected"), ("instance", "instance"),
+)  # fmt: skip
+INSTANCES = (
+    ("instance", "instance"), ("state", "state"), ("epoch", "epoch"), ("sessions", "sessions"),
+    ("rate", "messages"), ("queue", "queue"), ("dropped", "dropped"), ("refused", "refused"),
+    ("journal", "journal"), ("version", "version"),
+)  # fmt: skip
+STATIONS = (
+    ("station", "station"), ("owner", "owner"), ("epoch", "epoch"), ("bridge", "bridge"),
+    ("session", "session"), ("samples", "samples"), ("gaps", "gaps"), ("lost", "batches lost"),
+    ("dropped", "dropped"), ("hypotheses", "hypotheses"),
+)  # fmt: skip
+BROWSERS = (("viewers", "browsers"), ("median", "median lag"), ("worst", "99 % within"))
+Columns = Sequence[tuple[str, str]]
+
+
+def build_sessions(site: Site) -> None:
+    """All sessions that the service knows."""
+    _build(site, "Sessions", "/sessions", _sessions)
+
+
+def build_system(site: Site) -> None:
+    """How everything is."""
+    _build(site, "System", "/system", _system)
+
+
+def _build(site: Site, title: str, path: str, shown: Callable[[World], dict[str, Any]]) -> None:
+    with page(title, path):
+        tables = Tables(shown(site.gateway.world))
+    ui.timer(SLOW_TICK_S, lambda: tables.show(shown(site.gateway.world)))
+
+
+def _sessions(world: World) -> dict[str, Any]:
+    none = "No session is known."
+    listed = _table("All sessions", SESSIONS, sessions(world), none, link="session")
+    return {"warnings": [world.trouble] if world.trouble else [], "tables": [listed]}
+
+
+def _system(world: World) -> dict[str, Any]:
+    found = system(world)
+    tables = [
+        _table("Instances", INSTANCES, found.instances, "No instance answers."),
+        _table("Stations", STATIONS, found.stations, "No station is known."),
+        _table("This dashboard", BROWSERS, [_browsers()], ""),
+    ]
+    return {"warnings": list(found.warnings), "tables": tables}
+
+
+def _table(
+    title: str, columns: Columns, rows: list[dict[str, Any]], empty: str, *, link: str = ""
+) -> dict[str, Any]:
+    return {"title": title, "columns": columns, "rows": rows, "empty": empty, "link": link}
+
+
+def _browsers() -> dict[str, Any]:
+    """From sending to hearing that it was seen, of the newest updates of all browsers."""
+    measured = np.array(lags) * 1000.0
+    if measured.size == 0:
+        return {"viewers": str(len(Client.instances)), "median": "–", "worst": "–"}
+    median, worst = np.percentile(measured, [50, 99])
+    viewers = sum(one.has_socket_connection for one in Client.instances.values())
+    return {"viewers": str(viewers), "median": f"{median:.0f} ms", "worst": f"{worst:.0f} ms"}

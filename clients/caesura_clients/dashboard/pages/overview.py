@@ -1,0 +1,32 @@
+"""`/`: all stations at a glance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from caesura_clients.dashboard.elements import Overview
+from caesura_clients.dashboard.glance import glances, troubled
+from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page
+
+
+def build(site: Site) -> None:
+    """The page."""
+    with page("Stations", "/"):
+        banner = Banner()
+        cards = Overview(_shown(site))
+
+    def tick() -> None:
+        banner.say(site.gateway.world.trouble)
+        cards.show(_shown(site))
+
+    ui.timer(TICK_S, tick)
+
+
+def _shown(site: Site) -> dict[str, Any]:
+    gateway = site.gateway
+    found = glances(gateway.world, gateway.heard, gateway.clock(), gateway.began)
+    bad = troubled(found)
+    summary = f"{len(found)} station{'' if len(found) == 1 else 's'}, {bad or 'none'} in trouble"
+    return {"stations": [one.drawn() for one in found], "summary": summary}

@@ -1,0 +1,105 @@
+"""`/station/{station}` shows what is taught now, `/sessions/{station}/{session}` what was."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import run, ui
+from nicegui.events import GenericEventArguments
+
+from caesura_clients.dashboard.apps import timeline
+from caesura_clients.dashboard.drawing import run_lengths
+from caesura_clients.dashboard.editing import Refused, correct
+from caesura_clients.dashboard.elements import Program, SessionView
+from caesura_clients.dashboard.glance import Glance, glance
+from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.results import Update
+
+
+class SessionPage:
+    """One browser's view of one session. session: None follows what the station teaches."""
+
+    def __init__(self, site: Site, station: str, session: str | None) -> None:
+        self._gateway, self._corrector = site.gateway, site.corrector
+        self._station, self._session = station, session
+        title = f"Station {station}" if session is None else f"{station} · {session}"
+        with page(title, "/" if session is None else "/sessions"):
+            self._banner = Banner()
+            self._line = text("p", "").classes("state-line").props('aria-label="State"')
+            self._view = SessionView(
+                editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
+            )
+            self._program = Program()
+        self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
+        self._tick()
+        ui.timer(TICK_S, self._tick)
+
+    def _tick(self) -> None:
+        gateway = self._gateway
+        world, heard = gateway.world, gateway.heard.get(self._station)
+        update = world.update(self._station, self._session)
+        seen = glance(world, self._station, heard, gateway.clock(), gateway.began)
+        live = self._session is None
+        self._banner.say(f"Stale: {seen.why}. What is shown is old." if live and seen.why else world.trouble)
+        line = line_of(seen, update) if live else line_of_past(update)
+        if line != self._line.text:
+            self._line.set_text(line)
+        signals = gateway.signals(self._station, self._view.seen_rows)
+        self._view.follow(update, signals, self._more(update))
+        if update is not None:
+            self._program.show(timeline(update.program))
+
+    def _more(self, update: Update | None) -> dict[str, Any]:
+        """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""
+        if update is None or not self._view.is_free:
+            return {}
+        more = self._view.standing(update)
+        if self._view.wants_run_lengths:
+            more |= self._run_lengths(update)
+        else:
+            self._columns_from = -1.0
+        return more
+
+    def _run_lengths(self, update: Update) -> dict[str, Any]:
+        held = self._gateway.posteriors(self._station, update.session)
+        fresh = [one for one in held if one.t > self._columns_from]
+        if not fresh:
+            return {}
+        first, self._columns_from = self._columns_from < 0.0, fresh[-1].t
+        return {"columns" if first else "newColumns": run_lengths(fresh)}
+
+    async def _edit(self, event: GenericEventArguments) -> None:
+        """Pass a correction on, without holding up anybody else's page."""
+        if self._corrector is None or not isinstance(event.args, dict):
+            return
+        try:
+            said = await run.io_bound(correct, self._corrector, self._station, event.args)
+        except Refused as refused:
+            self._view.answered(str(refused), failed=True)
+        else:
+            self._view.answered(said or "", failed=False)
+
+
+def line_of(seen: Glance, update: Update | None) -> str:
+    """How the station is, in a line."""
+    if update is None:
+        return f"{seen.said}."
+    parts = [seen.said, f"session {update.session}", f"{update.t:.0f} s", _gaps(seen.gaps)]
+    if seen.age_s is not None and seen.age_s >= 1.0:
+        parts.append(f"last sample {seen.age_s:.0f} s ago")
+    if seen.overloaded:
+        parts.append("overloaded")
+    return " · ".join(parts)
+
+
+def line_of_past(update: Update | None) -> str:
+    """What there is to say of a session that was asked for by its name."""
+    if update is None:
+        return "The service does not know this session, or it was deleted."
+    state = "closed" if update.closed else "being taught"
+    gaps = len(update.status.gaps) + update.status.gaps_before
+    return f"{state} · {update.t:.1f} s · {len(update.segments)} segments · {_gaps(gaps)}"
+
+
+def _gaps(count: int) -> str:
+    return "no gaps" if count == 0 else f"{count} gap{'' if count == 1 else 's'}"

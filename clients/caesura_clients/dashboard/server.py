@@ -1,0 +1,114 @@
+"""Puts pages, guard and web server together. NiceGUI has one application a process, so this runs once."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fastapi import HTTPException
+from nicegui import app, ui
+
+from caesura_clients.dashboard.elements import WEB
+from caesura_clients.dashboard.guard import LOOPBACK, Guard
+from caesura_clients.dashboard.pages import lists, overview
+from caesura_clients.dashboard.pages.layout import ASSETS, Site
+from caesura_clients.dashboard.pages.session import SessionPage
+from caesura_clients.errors import CaesuraError
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import check_name
+
+FAVICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
+    'fill="#0b57a4"/><path d="M5 3v10M11 3v10" stroke="#fff" stroke-width="2.4"/></svg>'
+)
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where it listens, and who may ask. names: further hosts that it is known as, by a proxy for example."""
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    names: tuple[str, ...] = ()
+    password: str | None = None
+
+    @property
+    def is_local(self) -> bool:
+        """Can nobody but this machine reach it?"""
+        return self.host in LOOPBACK
+
+    @property
+    def known_as(self) -> Iterable[str] | None:
+        """Hosts that a request may ask for; any where the network is trusted or a password is asked for."""
+        return (*LOOPBACK, self.host, *self.names) if self.is_local or self.names else None
+
+    def url(self) -> str:
+        """Where a browser on this machine finds it."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]", "::1": "[::1]"}.get(self.host, self.host)
+        return f"http://{host}:{self.port}/"
+
+
+def check_free(address: Address) -> None:
+    """Raise CaesuraError where somebody listens there already."""
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((address.host, address.port))
+        except OSError as error:
+            where = f"{address.host}:{address.port}"
+            raise CaesuraError(f"{where}: {error.strerror or error}; choose another with --port") from error
+
+
+def serve(site: Site, address: Address) -> None:
+    """Serve until the process is told to end."""
+    declare(site)
+    app.add_middleware(Guard, names=address.known_as, password=address.password)
+    app.on_startup(lambda: print(f"ready: {address.url()}", flush=True))
+    ui.run(
+        host=address.host,
+        port=address.port,
+        title="Caesura",
+        favicon=FAVICON,
+        language="en-US",
+        dark=False,
+        reload=False,
+        show=False,
+        tailwind=False,
+        show_welcome_message=False,
+        message_history_length=0,
+        reconnect_timeout=5.0,
+    )
+
+
+def declare(site: Site) -> None:
+    """Every page, by its path."""
+    app.add_static_files(ASSETS, WEB)
+
+    @ui.page("/")
+    def _overview() -> None:
+        overview.build(site)
+
+    @ui.page("/station/{station}")
+    def _station(station: str) -> None:
+        SessionPage(site, _checked(station), None)
+
+    @ui.page("/sessions")
+    def _sessions() -> None:
+        lists.build_sessions(site)
+
+    @ui.page("/sessions/{station}/{session}")
+    def _session(station: str, session: str) -> None:
+        SessionPage(site, _checked(station), _checked(session))
+
+    @ui.page("/system")
+    def _system() -> None:
+        lists.build_system(site)
+
+
+def _checked(name: str) -> str:
+    try:
+        return check_name(name, "name")
+    except ProtocolError as error:
+        raise HTTPException(404, str(error)) from error

@@ -1,0 +1,238 @@
+// One picture: panels of signals, segments shaded behind them, changepoints across them, gaps, cursor.
+import { KINDS, patternOf } from "caesura-dashboard/palette.js";
+import { ticks } from "caesura-dashboard/scale.js";
+
+const FONT = "12px system-ui, sans-serif";
+const DASHES = [[], [7, 2], [3, 2, 1, 2]]; // x, y, z
+const SIGNALS = [
+  { name: "position", unit: () => "m", columns: [1, 2, 3], least: 0.1 },
+  { name: "speed", unit: (unit) => unit, columns: [4], least: 0.1, zero: true },
+  { name: "force", unit: () => "N", columns: [5, 6, 7], least: 5 },
+];
+
+// state: segments, changepoints, gaps, signals, unit, columns (run lengths or null), cursor, selected, ghost
+export function draw(context, scale, state, ink) {
+  context.clearRect(0, 0, scale.width, scale.height);
+  context.font = FONT;
+  context.lineWidth = 1;
+  shadeSegments(context, scale, state, ink);
+  shadeGaps(context, scale, state, ink);
+  SIGNALS.forEach((signal, i) => drawPanel(context, scale, scale.panels[i], signal, state, ink));
+  if (state.columns) drawRunLengths(context, scale, scale.panels[3], state.columns, ink);
+  drawTime(context, scale, ink);
+  drawChangepoints(context, scale, state, ink);
+  drawCursor(context, scale, state, ink);
+}
+
+function shadeSegments(context, scale, { segments }, ink) {
+  const height = scale.bottom - scale.top;
+  for (const [t0, tn, kind, probability, isFinal, corrected] of segments) {
+    if (tn < scale.from || t0 > scale.to) continue;
+    const x0 = Math.max(scale.x(t0), scale.x0);
+    const width = Math.min(scale.x(tn), scale.x1) - x0;
+    if (width <= 0) continue;
+    context.globalAlpha = 0.06 + 0.3 * probability;
+    context.fillStyle = KINDS[kind].colour;
+    context.fillRect(x0, scale.top, width, height);
+    const pattern = patternOf(context, kind);
+    if (pattern) {
+      context.globalAlpha = 0.15 + 0.45 * probability;
+      context.fillStyle = pattern;
+      context.fillRect(x0, scale.top, width, height);
+    }
+    context.globalAlpha = 1;
+    context.fillStyle = KINDS[kind].colour;
+    context.fillRect(x0, scale.top - 5, width, 4);
+    label(context, `${kind}${corrected ? " ✎" : ""}${isFinal ? "" : " ~"}`, KINDS[kind].letter, x0, width, scale, ink);
+  }
+}
+
+function label(context, long, short, x0, width, scale, ink) {
+  const room = width - 4;
+  const text = [long, short].find((words) => context.measureText(words).width <= room);
+  if (!text) return;
+  context.fillStyle = ink.text;
+  context.textAlign = "center";
+  context.textBaseline = "alphabetic";
+  context.fillText(text, x0 + width / 2, scale.top - 10);
+}
+
+function shadeGaps(context, scale, { gaps }, ink) {
+  for (const [t0, tn] of gaps) {
+    if (tn < scale.from || t0 > scale.to) continue;
+    const x0 = Math.max(scale.x(t0), scale.x0);
+    const width = Math.max(Math.min(scale.x(tn), scale.x1) - x0, 3);
+    context.fillStyle = ink.paper;
+    context.fillRect(x0, scale.top, width, scale.bottom - scale.top);
+    context.strokeStyle = ink.alarm;
+    context.strokeRect(x0 + 0.5, scale.top + 0.5, width - 1, scale.bottom - scale.top - 1);
+    if (width > 30) {
+      context.fillStyle = ink.text;
+      context.textAlign = "center";
+      context.fillText("gap", x0 + width / 2, (scale.top + scale.bottom) / 2);
+    }
+  }
+}
+
+function extent(rows, columns, least, zero) {
+  let low = zero ? 0 : Infinity, high = -Infinity;
+  for (const row of rows) {
+    for (const column of columns) {
+      const value = row[column];
+      if (value === null) continue;
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  if (low > high) [low, high] = [0, least];
+  const middle = (low + high) / 2, half = Math.max(high - low, least) * 0.55;
+  return zero ? [0, Math.max(high, least) * 1.1] : [middle - half, middle + half];
+}
+
+function drawPanel(context, scale, [y0, y1], signal, state, ink) {
+  const rows = state.signals.filter((row) => row[0] >= scale.from - 0.1 && row[0] <= scale.to + 0.1);
+  const [low, high] = extent(rows, signal.columns, signal.least, signal.zero);
+  const y = (value) => y1 - ((value - low) / (high - low)) * (y1 - y0);
+  frame(context, scale, [y0, y1], ink, `${signal.name} [${signal.unit(state.unit)}]`);
+  yTicks(context, scale, low, high, y, ink);
+  signal.columns.forEach((column, i) => {
+    context.strokeStyle = ink.lines[signal.columns.length === 1 ? 0 : i];
+    context.setLineDash(signal.columns.length === 1 ? [] : DASHES[i]);
+    context.lineWidth = 1.6;
+    line(context, scale, rows, column, y);
+  });
+  context.setLineDash([]);
+  context.lineWidth = 1;
+  if (!rows.some((row) => row[signal.columns[0]] !== null)) {
+    context.fillStyle = ink.faint;
+    context.textAlign = "center";
+    context.fillText(`${signal.name} is not held for this time`, (scale.x0 + scale.x1) / 2, (y0 + y1) / 2);
+  }
+}
+
+function line(context, scale, rows, column, y) {
+  context.save();
+  context.beginPath();
+  context.rect(scale.x0, 0, scale.x1 - scale.x0, scale.height);
+  context.clip();
+  context.beginPath();
+  let last = -Infinity;
+  for (const row of rows) {
+    if (row[column] === null) continue;
+    if (row[0] - last > 0.5) context.moveTo(scale.x(row[0]), y(row[column]));
+    else context.lineTo(scale.x(row[0]), y(row[column]));
+    last = row[0];
+  }
+  context.stroke();
+  context.restore();
+}
+
+function frame(context, scale, [y0, y1], ink, title) {
+  context.strokeStyle = ink.rule;
+  context.strokeRect(scale.x0 + 0.5, Math.round(y0) + 0.5, scale.x1 - scale.x0 - 1, Math.round(y1 - y0) - 1);
+  const width = context.measureText(title).width;
+  context.fillStyle = ink.paper;
+  context.globalAlpha = 0.8;
+  context.fillRect(scale.x0 + 4, y0 + 4, width + 8, 17);
+  context.globalAlpha = 1;
+  context.fillStyle = ink.text;
+  context.textAlign = "left";
+  context.textBaseline = "alphabetic";
+  context.fillText(title, scale.x0 + 8, y0 + 17);
+}
+
+function yTicks(context, scale, low, high, y, ink) {
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  for (const [value, text] of ticks(low, high, 3)) {
+    context.fillStyle = ink.faint;
+    context.fillText(text, scale.x0 - 6, y(value));
+    context.fillStyle = ink.rule;
+    context.fillRect(scale.x0 - 3, Math.round(y(value)), 3, 1);
+  }
+}
+
+function drawTime(context, scale, ink) {
+  context.textAlign = "center";
+  context.textBaseline = "top";
+  context.fillStyle = ink.faint;
+  for (const [t, text] of ticks(scale.from, scale.to, Math.max(2, (scale.x1 - scale.x0) / 90))) {
+    context.fillText(`${text} s`, Math.min(scale.x(t), scale.x1 - 12), scale.bottom + 6);
+    context.fillRect(Math.round(scale.x(t)), scale.bottom, 1, 4);
+  }
+}
+
+function drawChangepoints(context, scale, { changepoints, selected }, ink) {
+  for (const [t, probability, isFinal, low, high, corrected] of changepoints) {
+    if (t < scale.from || t > scale.to) continue;
+    if (!isFinal && low !== null) {
+      context.globalAlpha = 0.12;
+      context.fillStyle = ink.text;
+      context.fillRect(scale.x(low), scale.top, scale.x(high) - scale.x(low), scale.bottom - scale.top);
+    }
+    context.globalAlpha = isFinal ? 1 : 0.4 + 0.6 * probability;
+    const isSelected = t === selected;
+    context.strokeStyle = isSelected ? ink.accent : ink.text;
+    context.lineWidth = isSelected ? 3 : 1.5;
+    context.setLineDash(isFinal ? [] : [5, 4]);
+    vertical(context, scale, t);
+    context.setLineDash([]);
+    if (corrected || isSelected) diamond(context, scale.x(t), scale.top, isSelected ? ink.accent : ink.text);
+    context.globalAlpha = 1;
+  }
+  context.lineWidth = 1;
+}
+
+function vertical(context, scale, t) {
+  context.beginPath();
+  context.moveTo(scale.x(t), scale.top - 5);
+  context.lineTo(scale.x(t), scale.bottom);
+  context.stroke();
+}
+
+function diamond(context, x, y, colour) {
+  context.fillStyle = colour;
+  context.beginPath();
+  [[0, -7], [6, 0], [0, 7], [-6, 0]].forEach(([dx, dy]) => context.lineTo(x + dx, y + dy));
+  context.fill();
+}
+
+function drawCursor(context, scale, { cursor, ghost }, ink) {
+  const t = ghost ?? cursor;
+  if (t === null || t < scale.from || t > scale.to) return;
+  context.strokeStyle = ink.accent;
+  context.setLineDash([2, 2]);
+  context.lineWidth = ghost === null ? 1.5 : 2.5;
+  vertical(context, scale, t);
+  context.setLineDash([]);
+  context.lineWidth = 1;
+  const text = `${t.toFixed(2)} s`;
+  const width = context.measureText(text).width + 8;
+  const x = Math.min(scale.x(t) + 3, scale.x1 - width);
+  context.fillStyle = ink.accent;
+  context.fillRect(x, scale.bottom - 18, width, 17);
+  context.fillStyle = ink.onAccent;
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  context.fillText(text, x + 4, scale.bottom - 9);
+}
+
+function drawRunLengths(context, scale, [y0, y1], columns, ink) {
+  const shown = columns.filter(([t]) => t >= scale.from && t <= scale.to);
+  const longest = Math.max(2, ...shown.map(([, cells]) => Math.max(0, ...cells.map(([length]) => length))));
+  const y = (length) => y1 - (length / longest) * (y1 - y0);
+  context.fillStyle = ink.paper;
+  context.fillRect(scale.x0, y0, scale.x1 - scale.x0, y1 - y0);
+  const width = Math.max(1.5, scale.x(scale.from + 0.1) - scale.x(scale.from));
+  const cell = Math.max(2, ((y1 - y0) / longest) * 0.1);
+  context.fillStyle = ink.text;
+  for (const [t, cells] of shown) {
+    for (const [length, probability] of cells) {
+      context.globalAlpha = Math.min(1, 0.08 + probability ** 0.5);
+      context.fillRect(Math.max(scale.x(t) - width, scale.x0), y(length) - cell / 2, width, cell);
+    }
+  }
+  context.globalAlpha = 1;
+  frame(context, scale, [y0, y1], ink, "run length [s]");
+  yTicks(context, scale, 0, longest, y, ink);
+}

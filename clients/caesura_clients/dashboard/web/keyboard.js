@@ -1,0 +1,51 @@
+// What the keys do in the plot. Everything that a pointer can do, and nothing that the browser uses itself.
+export const keyboard = {
+  methods: {
+    key(event) {
+      const command = event.ctrlKey || event.metaKey;
+      const name = command ? `ctrl+${event.shiftKey ? "shift+" : ""}${event.key.toLowerCase()}` : event.key;
+      const step = event.shiftKey ? 1 : 0.1;
+      const actions = {
+        ArrowLeft: () => this.step(-step),
+        ArrowRight: () => this.step(step),
+        Home: () => this.goto(0),
+        End: () => this.goto(this.newest),
+        PageUp: () => this.hop(-1),
+        PageDown: () => this.hop(1),
+        Enter: () => this.insert(),
+        Insert: () => this.insert(),
+        Delete: () => this.remove(),
+        m: () => this.move(),
+        r: () => this.$refs.kind && this.$refs.kind.focus(),
+        l: () => this.follow(),
+        Escape: () => Object.assign(this, { selected: null, ghost: null, dragging: false }),
+        "ctrl+z": () => this.undo(),
+        "ctrl+y": () => this.redo(),
+        "ctrl+shift+z": () => this.redo(),
+      };
+      if (!(name in actions)) return;
+      event.preventDefault();
+      actions[name]();
+    },
+    step(by) {
+      this.goto((this.cursor ?? this.shownEnd) + by);
+    },
+    goto(t) {
+      this.cursor = this.within(t);
+      this.reveal(this.cursor);
+    },
+    hop(by) {
+      const times = this.changepoints.map(([t]) => t);
+      const from = this.selected ?? this.cursor ?? this.shownEnd;
+      const found = by > 0 ? times.find((t) => t > from) : times.filter((t) => t < from).pop();
+      if (found === undefined) return;
+      this.selected = this.cursor = found;
+      this.reveal(found);
+    },
+    reveal(t) {
+      const { from, to } = this.scale();
+      if (t < from) this.end = Math.min(t + this.span / 2, this.newest);
+      if (t > to) this.end = t;
+    },
+  },
+};

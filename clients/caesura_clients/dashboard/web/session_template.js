@@ -1,0 +1,67 @@
+// What the session view consists of. Tab goes through it from the top: tools, plot, time, table.
+const legend = `
+  <ul class="legend" aria-label="Legend">
+    <li v-for="(look, name) in kinds" :key="name"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</li>
+    <li><i class="stroke stroke-final"></i>final</li>
+    <li><i class="stroke stroke-provisional"></i>provisional</li>
+    <li><i class="axis axis-x"></i>x</li><li><i class="axis axis-y"></i>y</li><li><i class="axis axis-z"></i>z</li>
+  </ul>`;
+
+const tools = `
+  <fieldset v-if="editable" class="tools">
+    <legend>Correct</legend>
+    <label>Your name <input ref="author" class="author" v-model="author" maxlength="64" autocomplete="name"></label>
+    <label>Time [s] <input class="time" type="number" step="0.1" min="0" v-model.number="cursor"></label>
+    <button class="insert" :disabled="!ready || cursor === null" @click="insert">Insert</button>
+    <button class="remove" :disabled="!ready || selected === null" @click="remove">Remove</button>
+    <button class="move" :disabled="!ready || selected === null || selected === cursor" @click="move">Move here</button>
+    <span class="group"><label>Kind <select ref="kind" class="kind" v-model="kind">
+      <option v-for="(look, name) in kinds" :key="name" :value="name">{{ name }}</option></select></label>
+    <button class="relabel" :disabled="!ready || !segmentAtCursor" @click="relabel">Relabel</button></span>
+    <span class="group"><label>Limit [N] <input class="newton" type="number" min="0" step="1" v-model.number="newton"></label>
+    <button class="limit" :disabled="!ready || cursor === null" @click="limit(newton)">Limit force</button>
+    <button class="unlimit" :disabled="!ready || cursor === null" @click="limit(null)">No limit</button></span>
+    <span class="group"><button class="undo" :disabled="!ready || !undoable" @click="undo">Undo</button>
+    <button class="redo" :disabled="!ready || !redoable" @click="redo">Redo</button></span>
+  </fieldset>
+  <p v-else class="empty">Corrections are off: this dashboard only reads.</p>`;
+
+const time = `
+  <div class="scrub">
+    <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
+    <label class="slider">Show until <input type="range" min="0" :max="newest.toFixed(1)" step="0.1" :value="shownEnd"
+      :aria-valuetext="shownEnd.toFixed(1) + ' seconds'" @input="scrub"></label>
+    <output>{{ shownEnd.toFixed(1) }} of {{ newest.toFixed(1) }} s</output>
+    <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button>
+    <label>Window <select v-model.number="span"><option :value="15">15 s</option><option :value="30">30 s</option>
+      <option :value="60">60 s</option><option :value="120">2 min</option></select></label>
+    <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">Run lengths</button>
+  </div>`;
+
+const table = `
+  <details class="table"><summary>Segments as a table</summary>
+    <table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
+      <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
+    <tbody><tr v-for="one in newestFirst" :key="one[0]">
+      <td>{{ one[0].toFixed(2) }} s</td><td>{{ one[1].toFixed(2) }} s</td>
+      <td><i class="swatch" :class="'kind-' + one[2]"></i>{{ one[2] }}</td><td>{{ percent(one[3]) }}</td>
+      <td>{{ one[6] || "–" }}</td><td>{{ one[5] ? "corrected" : one[4] ? "final" : "provisional" }}</td>
+      <td><button @click="choose(one)" :aria-label="'select the segment from ' + one[0].toFixed(2) + ' s'">select</button></td>
+    </tr></tbody></table>
+  </details>`;
+
+export const template = `
+  <section class="session-view" aria-label="Signals and segments">
+    ${tools}
+    <p class="message" role="status" :class="{ failed }">{{ message }}</p>
+    ${legend}
+    <canvas ref="canvas" class="plot" :class="{ tall: columns !== null }" tabindex="0" role="application"
+      aria-label="Position, speed and force against time, with segments and changepoints"
+      aria-describedby="plot-help" @pointerdown="pressed" @pointermove="dragged" @pointerup="released" @keydown="key"></canvas>
+    <p class="selection" role="status">{{ selection }}</p>
+    ${time}
+    <p id="plot-help" class="help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
+      Enter inserts, Delete removes, M moves the selected one to the time, R relabels, Ctrl Z and Ctrl Y undo and redo,
+      L follows.</p>
+    ${table}
+  </section>`;

@@ -1,0 +1,30 @@
+import { live } from "caesura-dashboard/live.js";
+
+export default {
+  mixins: [live],
+  data: () => ({ warnings: [], tables: [] }),
+  template: `
+    <div>
+      <ul class="warnings" role="status" aria-label="Warnings"><li v-for="one in warnings" :key="one" class="banner">{{ one }}</li></ul>
+      <section v-for="table in tables" :key="table.title">
+        <h2>{{ table.title }}</h2>
+        <p v-if="table.rows.length === 0" class="empty">{{ table.empty }}</p>
+        <div v-else class="scroll" tabindex="0" role="region" :aria-label="table.title">
+          <table><thead><tr><th v-for="[key, title] in table.columns" :key="key" scope="col">{{ title }}</th></tr></thead>
+          <tbody><tr v-for="(row, i) in table.rows" :key="i">
+            <td v-for="[key] in table.columns" :key="key" :class="{ alarm: alarming(key, row[key]) }">
+              <a v-if="key === table.link" :href="row.href">{{ row[key] }}</a><template v-else>{{ row[key] }}</template></td>
+          </tr></tbody></table>
+        </div>
+      </section>
+    </div>`,
+  methods: {
+    apply(payload) {
+      this.warnings = payload.warnings;
+      this.tables = payload.tables;
+    },
+    alarming(key, value) {
+      return ["overloaded", "gone", "stale"].includes(value) || (["gaps", "lost", "dropped"].includes(key) && value !== "0");
+    },
+  },
+};

@@ -34,7 +34,9 @@ class History:
     def append(self, observation: Observation) -> None:
         """Keep one more observation."""
         if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+            grown = np.empty((2 * self._count, _COLUMNS))  # memory that nothing is written to costs nothing
+            grown[: self._count] = self._rows
+            self._rows = grown
         row = self._rows[self._count]
         row[_T] = observation.t
         row[_POSITION], row[_FORCE] = observation.position_base, observation.force_base

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
-from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, scratch_of
+from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
 from caesura_service.changepoint.kernels.layout import fresh_state, with_more_nodes
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import Observed
@@ -51,7 +51,7 @@ class CompiledFilter:
             len(lattice.kinds),
             len(lattice.channels),
             fields_of(lattice),
-            scratch_of(lattice),
+            profiled_of(lattice),
         )
         self._observation = np.zeros(7)
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
@@ -72,15 +72,16 @@ class CompiledFilter:
             self._make_room()
         self._room -= 1
         known = steps.UNKNOWN if changepoint is None else int(changepoint)
-        steps.step(self._model, self._state, z, boundary and self.count > 0, known)
+        leaving, left, settled, certain = steps.step(
+            self._model, self._state, z, boundary and self.count > 0, known
+        )
         self.count += 1
-        me = self._state.counters[0]
         window = self._state.smoothed[: min(self.count, self.parameters.window)]
-        self._smoothing.leave([float(me["left"])] if me["leaving"] else (), window)
-        if me["settled"]:
+        self._smoothing.leave((left,) if leaving else (), window)
+        if settled:
             self._settle()
-        if me["certain"] >= 0:
-            self.condition(int(me["certain"]))
+        if certain >= 0:
+            self.condition(certain)
 
     def condition(self, start: int) -> None:
         """Take it for certain that a segment starts at observation `start`; what lies before it is final.

@@ -99,10 +99,13 @@ class OnlineThreshold:
         self._undecided = 0  # the first sample that may yet be part of a changepoint
         self._runs: list[Run] = []
         self._tapes: dict[int, _Tape] = {}
+        self._said: set[int] = set()  # starts that somebody knows of
 
-    def step(self, observed: Observed, boundary: bool = False) -> None:
+    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. Raises ValueError as `OnlineFilter.step`."""
-        self.online.step(observed, boundary=boundary)
+        if changepoint:
+            self._said.add(self.online.count)
+        self.online.step(observed, boundary=boundary, changepoint=changepoint)
         self._data.append(observed)
         for tape in self._tapes.values():
             tape.extend(observed)
@@ -124,7 +127,7 @@ class OnlineThreshold:
             [self.online.changepoint_probability(s) for s in undecided],
             self.level,
             offset=self._undecided,
-            boundaries=self.online.boundaries,
+            boundaries=self._said.union(self.online.boundaries),
         )
         self._tapes = {start: self._tapes.get(start) or self._tape(start) for start in self._starts}
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from caesura_service.changepoint.kernels.compiling import compiled, reducing
-from caesura_service.changepoint.kernels.elementary import log, log_sum_exp
+from caesura_service.changepoint.kernels.elementary import log, log_sum_exp, log_sum_exp_of_rows
 from caesura_service.changepoint.kernels.layout import (
     BIASED,
     CARRIED,
@@ -103,162 +103,171 @@ def begin(origin, row, at, signal, z, previous, joins):
 
 @compiled
 def profiled(model, state, c, z, joins):
-    """`Profiled`. Fields: origin 3, y 3, log pace, Σwy², Σwyφ 3 a profile.
+    """`Profiled`. Fields: origin 3, y 3, log pace; beside them Σwy² and Σwyφ of every profile.
 
-    Σwy² is one a profile, or one for all where they are even; and that for each axis, unless they are pooled.
+    Σwy² is one for all profiles where they are even, and that for each axis, unless they are pooled.
     """
     me, channel = state.counters[0], model.channels[c]
-    at, signal = channel.field, channel.signal
+    at, signal, origin, rho = channel.field, channel.signal, channel.origin, channel.rho
+    offset, end = 1 if origin == PREVIOUS else 0, model.values.shape[1] - 1
     reach2, least, constant = channel.reach2, channel.least, channel.constant
+    best_only = channel.maximum and channel.even and not channel.joint and channel.shares == 1
     paced = 0.0
     if channel.pace and joins:
         paced = log_presence(step_squared(signal, z, state.previous, joins), channel.pace)
+    library, new, joint = channel.library, state.fresh, channel.joint
+    half0, halves = 0.5 * channel.nu0, 0.5 * (AXES if joint else 1)
     for place in range(me.living):
         slot = state.order[place]
         n = me.count - state.starts[slot]
-        row = state.rows[slot, at:]
+        row = state.rows[slot]
         if n == 0:
-            begin(channel.origin, row, 0, signal, z, state.previous, joins)
-        row[6] += paced
-        told = row[6] + one_profiled(model, state, c, row, z, n)
+            begin(origin, row, at, signal, z, state.previous, joins)
+        last = n + offset
+        tabled = min(last, end)
+        values, norms = model.values[library, tabled], model.squares[library, tabled]
+        if last > end:
+            go_on_squares(model, state.continued[0], library, last - end)
+            norms = state.continued[0]
+        moved2 = 0.0
+        for a in range(AXES):
+            y = z[signal + a] - row[at + a]
+            new[a] = fresh(origin, rho, y, row[at + 3 + a], n)
+            row[at + 3 + a] = y
+            moved2 += y * y
+        squares, moments = state.squares[channel.place, slot], state.moments[channel.place, slot]
+        half = half0 + halves * (n + 1 - channel.explained)
+        if best_only:
+            told = best_profile(channel, squares, moments, values, norms, new, row, half, moved2)
+        else:
+            accumulate(channel, squares, moments, values, model.precisions[library, tabled], new)
+            last = max(last - channel.explained, 0)
+            scales = model.log_scales[library, min(last, end)]
+            if last > end:
+                go_on_scales(model, state.continued[1], library, last - end)
+                scales = state.continued[1]
+            ssr, each = state.squared, state.told
+            told = all_profiles(channel, squares, moments, norms, scales, row, half, moved2, ssr, each)
+        row[at + 6] += paced
+        told += (1 if joint else AXES) * model.by_length[c, n + 1] + row[at + 6]
         if reach2:
-            moved2 = row[3] ** 2 + row[4] ** 2 + row[5] ** 2
             told += log_presence(moved2, least) - 0.5 * moved2 / reach2 + constant
         state.channel[c, slot] = told
 
 
 @compiled
-def one_profiled(model, state, c, row, z, n):
-    """Log evidence over all profiles after sample n (from 0) of one hypothesis."""
-    channel = model.channels[c]
-    library, signal, joint, even = channel.library, channel.signal, channel.joint, channel.even
-    count = model.profiles[library]
-    last = n + (1 if channel.origin == PREVIOUS else 0)
-    tabled = min(last, model.values.shape[1] - 1)
-    values, norms = model.values[library, tabled, :count], model.squares[library, tabled, :count]
-    if last > tabled:
-        go_on_squares(model, state.continued, library, last - tabled)
-        norms = state.continued[0, :count]
-    width = 1 if even else count
-    moments = 7 + (1 if joint else AXES) * width
-    half = 0.5 * (channel.nu0 + (AXES if joint else 1) * (n + 1 - channel.explained))
-    evidence = (1 if joint else AXES) * model.by_length[c, n + 1]
-    moved2 = (z[signal] - row[0]) ** 2 + (z[signal + 1] - row[1]) ** 2 + (z[signal + 2] - row[2]) ** 2
-    best_only = channel.maximum and even and not joint and channel.shares == 1
+def best_profile(channel, squares, moments, values, norms, new, row, half, moved2):
+    """Log evidence of the best profile on each axis, all precisions being 1, but for what n alone says."""
     prior = channel.nu0 * (channel.floor2 + channel.share2[0] * moved2)
-    if best_only:
-        evidence += AXES * 0.5 * channel.nu0 * math.log(prior)
-    ssr = state.squared[:count]
+    told = AXES * 0.5 * channel.nu0 * math.log(prior)
     for a in range(AXES):
-        y = z[signal + a] - row[a]
-        new = fresh(channel.origin, channel.rho, y, row[3 + a], n)
-        row[3 + a] = y
-        mine = 7 if joint else 7 + a * width
-        moment = row[moments + a * count : moments + (a + 1) * count]
-        if even:
-            row[mine] += new * new
-            accumulate_even(moment, values, new)
-        else:
-            precisions = model.precisions[library, tabled, :count]
-            accumulate(row[mine : mine + width], moment, values, precisions, new)
-        if best_only:
-            least = row[mine] + least_explained(moment, norms, y)
-            evidence -= half * math.log(prior + max(least, 0.0))
-        else:
-            explain(ssr, moment, norms, y, a > 0 and joint)
-            if not joint:
-                add(ssr, row, mine, even)
-                evidence += over_profiles(model, state, c, ssr, last, half, moved2)
-    if joint:
-        add(ssr, row, 7, even)
-        evidence += over_profiles(model, state, c, ssr, last, half, moved2)
-    return evidence
-
-
-@compiled
-def go_on_squares(model, continued, library, beyond):
-    """`ProfileLibrary.sums_of_squares` so far behind the table's end: they go on evenly."""
-    end = model.values.shape[1] - 1
-    for k in range(model.profiles[library]):
-        step = model.values[library, end, k] ** 2 * model.precisions[library, end, k]
-        continued[0, k] = model.squares[library, end, k] + beyond * step
-
-
-@compiled
-def go_on_scales(model, continued, library, beyond):
-    """The same of `ProfileLibrary.log_scales`."""
-    end = model.values.shape[1] - 1
-    for k in range(model.profiles[library]):
-        step = -0.5 * math.log(model.precisions[library, end, k])
-        continued[1, k] = model.log_scales[library, end, k] + beyond * step
-
-
-@compiled
-def accumulate_even(moment, values, new):
-    """One more value in the sums of every profile, all precisions being 1."""
-    for k in range(values.size):
-        moment[k] += new * values[k]
-
-
-@compiled
-def accumulate(square, moment, values, precisions, new):
-    """One more value in the sums of every profile."""
-    for k in range(values.size):
-        weighed = new * precisions[k]
-        square[k] += new * weighed
-        moment[k] += values[k] * weighed
-
-
-@compiled
-def explain(ssr, moment, norms, y, more):
-    """What every profile explains of an axis, negative; `more` of that."""
-    for k in range(ssr.size):
-        explained = y * (y * norms[k] - 2.0 * moment[k])
-        ssr[k] = explained + (ssr[k] if more else 0.0)
+        squares[a, 0] += new[a] * new[a]
+        y = row[channel.field + 3 + a]
+        least = squares[a, 0] + accumulate_least(moments[a], values, norms, new[a], y)
+        told -= half * math.log(prior + max(least, 0.0))
+    return told
 
 
 @reducing
-def least_explained(moment, norms, y):
-    """What the best profile explains of an axis, negative."""
+def accumulate_least(moments, values, norms, new, y):
+    """One more value in the sums of every profile; what the best one explains of the axis, negative."""
     least = math.inf
-    for k in range(norms.size):
-        least = min(least, y * (y * norms[k] - 2.0 * moment[k]))
+    for k in range(moments.size):
+        moment = moments[k] + new * values[k]
+        moments[k] = moment
+        least = min(least, y * (y * norms[k] - 2.0 * moment))
     return least
 
 
 @compiled
-def add(ssr, row, at, even):
-    """The sums of squares proper: one for all profiles, or one each."""
-    if even:
-        for k in range(ssr.size):
-            ssr[k] += row[at]
-    else:
-        square = row[at : at + ssr.size]
-        for k in range(ssr.size):
-            ssr[k] += square[k]
+def accumulate(channel, squares, moments, values, precisions, new):
+    """One more value an axis in the sums of every profile."""
+    for a in range(AXES):
+        group = 0 if channel.joint else a
+        if channel.even:
+            squares[group, 0] += new[a] ** 2
+            accumulate_even(moments[a], values, new[a])
+        else:
+            accumulate_weighed(squares[group], moments[a], values, precisions, new[a])
 
 
 @compiled
-def over_profiles(model, state, c, ssr, last, half, moved2):
-    """Mixture or maximum over profiles and shares, but for what depends on length alone."""
-    channel, told = model.channels[c], state.told
-    count, shares, pooled = ssr.size, channel.shares, AXES if channel.joint else 1
-    last = max(last - channel.explained, 0)
-    tabled = min(last, model.values.shape[1] - 1)
-    scales = model.log_scales[channel.library, tabled, :count]
-    if last > tabled:
-        go_on_scales(model, state.continued, channel.library, last - tabled)
-        scales = state.continued[1, :count]
+def accumulate_even(moments, values, new):
+    """All precisions being 1."""
+    for k in range(moments.size):
+        moments[k] += new * values[k]
+
+
+@compiled
+def accumulate_weighed(squares, moments, values, precisions, new):
+    """With the library's precisions."""
+    for k in range(moments.size):
+        weighed = new * precisions[k]
+        squares[k] += new * weighed
+        moments[k] += values[k] * weighed
+
+
+@compiled
+def all_profiles(channel, squares, moments, norms, scales, row, half, moved2, ssr, told):
+    """Log evidence over all profiles, of every axis or of all together. ssr, told: scratch."""
+    joint, evidence = channel.joint, 0.0
+    for a in range(AXES):
+        y = row[channel.field + 3 + a]
+        if a == 0 or not joint:
+            explain(ssr, squares[a], channel.even, moments[a], norms, y)
+        else:
+            explain_more(ssr, moments[a], norms, y)
+        if a == AXES - 1 or not joint:
+            evidence += over_profiles(channel, ssr, scales, half, moved2, told)
+    return evidence
+
+
+@compiled
+def explain(ssr, squares, even, moments, norms, y):
+    """What every profile leaves of the sums of squares; these are one for all where even."""
+    if even:
+        for k in range(ssr.size):
+            ssr[k] = squares[0] + y * (y * norms[k] - 2.0 * moments[k])
+    else:
+        for k in range(ssr.size):
+            ssr[k] = squares[k] + y * (y * norms[k] - 2.0 * moments[k])
+
+
+@compiled
+def explain_more(ssr, moments, norms, y):
+    """What it leaves once it explains one more axis."""
+    for k in range(ssr.size):
+        ssr[k] += y * (y * norms[k] - 2.0 * moments[k])
+
+
+@compiled
+def go_on_squares(model, sums, library, beyond):
+    """`ProfileLibrary.sums_of_squares` so far behind the table's end: they go on evenly."""
+    end = model.values.shape[1] - 1
+    for k in range(sums.size):
+        step = model.values[library, end, k] ** 2 * model.precisions[library, end, k]
+        sums[k] = model.squares[library, end, k] + beyond * step
+
+
+@compiled
+def go_on_scales(model, sums, library, beyond):
+    """The same of `ProfileLibrary.log_scales`."""
+    end = model.values.shape[1] - 1
+    for k in range(sums.size):
+        step = -0.5 * math.log(model.precisions[library, end, k])
+        sums[k] = model.log_scales[library, end, k] + beyond * step
+
+
+@compiled
+def over_profiles(channel, ssr, scales, half, moved2, told):
+    """Mixture or maximum over profiles and shares, but for what depends on length alone. told: scratch."""
+    shares, pooled = channel.shares, AXES if channel.joint else 1
     for s in range(shares):
         prior = channel.nu0 * (channel.floor2 + channel.share2[s] * moved2)
-        constant = 0.5 * channel.nu0 * math.log(prior)
-        weigh(told[s * count : (s + 1) * count], ssr, scales, prior, constant, half, pooled)
-    if not channel.maximum:
-        return log_sum_exp(told[: shares * count]) - channel.log_count
-    best = -math.inf
-    for k in range(count):
-        best = max(best, mean_of_shares(told, k, count, shares))
-    return best
+        weigh(told[s], ssr, scales, prior, 0.5 * channel.nu0 * math.log(prior), half, pooled)
+    if channel.maximum:
+        return best_mean(told, shares)
+    return log_sum_exp_of_rows(told, shares) - channel.log_count
 
 
 @compiled
@@ -269,14 +278,18 @@ def weigh(told, ssr, scales, prior, constant, half, pooled):
 
 
 @compiled
-def mean_of_shares(told, k, count, shares):
-    """Log of the mean over shares, of profile k."""
-    peak, total = -math.inf, 0.0
-    for s in range(shares):
-        peak = max(peak, told[s * count + k])
-    for s in range(shares):
-        total += math.exp(told[s * count + k] - peak)
-    return peak + math.log(total / shares)
+def best_mean(told, shares):
+    """Over profiles the maximum, over shares the mean; told: (shares, profiles)."""
+    best = -math.inf
+    for k in range(told.shape[1]):
+        peak, total = -math.inf, 0.0
+        for s in range(shares):
+            peak = max(peak, told[s, k])
+        if peak > -math.inf:
+            for s in range(shares):
+                total += math.exp(told[s, k] - peak)
+            best = max(best, peak + math.log(total / shares))
+    return best
 
 
 @compiled
@@ -415,7 +428,7 @@ def held(model, state, c, z):
 @compiled
 def contact(model, state, c, z):
     """`ContactShare`. Fields: Σf_z, log evidence, counts 3."""
-    me, channel, rows, joint = state.counters[0], model.channels[c], state.rows, state.told
+    me, channel, rows, joint = state.counters[0], model.channels[c], state.rows, state.scratch
     at, signal = channel.field, channel.signal
     sideways2, down = z[signal] ** 2 + z[signal + 1] ** 2, z[signal + 2]
     for place in range(me.living):

@@ -37,10 +37,21 @@ def cache_directory() -> Path:
     ours = HERE / "__pycache__" / digest()
     if os.access(ours if ours.exists() else HERE, os.W_OK):
         return ours
-    copy = Path(tempfile.gettempdir()) / f"caesura-{os.getuid()}" / digest()
+    copy = _own_directory() / digest()
     if ours.exists() and not copy.exists():
         shutil.copytree(ours, copy, dirs_exist_ok=True)
     return copy
+
+
+def _own_directory() -> Path:
+    """Where this user alone writes: what lies there is run."""
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    mine = Path(caches) / "caesura" / "kernels"
+    try:
+        mine.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="caesura-"))
+    return mine if os.access(mine, os.W_OK) else Path(tempfile.mkdtemp(prefix="caesura-"))
 
 
 config.CACHE_DIR = str(cache_directory())

@@ -52,7 +52,6 @@ def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, len
         np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
         _log_weights(lattice),
         *_stacked(libraries, n),
-        np.array([_padded(library) for library in libraries], np.int64),
         np.array([_by_length(model, n) for model in models]),
         hazard.log_mass(np.maximum(n, 1)),
         hazard.log_survival(n),
@@ -64,11 +63,10 @@ def fields_of(lattice: Lattice) -> int:
     return sum(_width(model) for model in lattice.channels.values())
 
 
-def scratch_of(lattice: Lattice) -> int:
-    """Numbers that one hypothesis needs on the way."""
-    profiled = [model for model in lattice.channels.values() if isinstance(model, Profiled)]
-    each = [_padded(model.library) * len(model.noise.shares) for model in profiled]
-    return max(2 * layout.STATES, len(lattice.kinds), *each)
+def profiled_of(lattice: Lattice) -> tuple[int, int]:
+    """How many channels have profiles, and how many profiles one has, in whole vectors."""
+    libraries = [model.library for model in lattice.channels.values() if isinstance(model, Profiled)]
+    return len(libraries), _most(libraries)
 
 
 def _settings(lattice: Lattice, p: FilterParameters) -> NDArray[Any]:
@@ -91,7 +89,13 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
     field = library = 0
     for record, model in zip(records, models, strict=True):
         of_noise = {} if type(model) not in _NOISY else _record_of_noise(_noise(model))
-        told = {"field": field, "library": library, **of_noise, **RECORDS[type(model)](model)}
+        told = {
+            "field": field,
+            "library": library,
+            "place": library,
+            **of_noise,
+            **RECORDS[type(model)](model),
+        }
         for name, value in told.items():
             record[name] = value
         field += _width(model)
@@ -101,22 +105,22 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
 
 def _stacked(libraries: Sequence[ProfileLibrary], n: Ints) -> tuple[Floats, Floats, Floats, Floats]:
     """(libraries, rows, profiles) of each table, up to where all profiles rest."""
-    most = max((_padded(library) for library in libraries), default=0)
     n = n[: 1 + max((library.last_row(n.size - 1) for library in libraries), default=0)]
+    most = _most(libraries)
     tables = tuple(np.zeros((len(libraries), n.size, most)) for _ in range(4))
     for i, library in enumerate(libraries):
-        columns = np.minimum(np.arange(_padded(library)), len(library) - 1)
+        columns = np.minimum(np.arange(most), len(library) - 1)
         parts = (library.values, library.precisions, library.sums_of_squares, library.log_scales)
         for table, part in zip(tables, parts, strict=True):
-            table[i, :, : columns.size] = part(n)[:, columns]
-        tables[3][i, :, len(library) : columns.size] = np.inf
+            table[i] = part(n)[:, columns]
+        tables[3][i, :, len(library) :] = np.inf
     values, precisions, squares, log_scales = tables
     return values, precisions, squares, log_scales
 
 
-def _padded(library: ProfileLibrary) -> int:
-    """Profiles, in whole vectors: the last one repeats, infinitely improbable."""
-    return -(-len(library) // VECTOR) * VECTOR
+def _most(libraries: Sequence[ProfileLibrary]) -> int:
+    """Profiles, in whole vectors: the last one of a smaller library repeats, infinitely improbable."""
+    return -(-max((len(library) for library in libraries), default=0) // VECTOR) * VECTOR
 
 
 # --- channel by channel ---------------------------------------------------------------------------------
@@ -240,6 +244,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
+    Profiled: 7,
     Walk: 1,
     Constant: 9,
     Biased: 8,
@@ -258,11 +263,7 @@ def _noise(model: ChannelModel) -> Noise:
 
 def _width(model: ChannelModel) -> int:
     """Numbers that a hypothesis keeps of a channel."""
-    if not isinstance(model, Profiled):
-        return _WIDTHS[type(model)]
-    groups = 1 if model.noise.joint else AXES
-    count = _padded(model.library)
-    return 7 + groups * (1 if model.library.calm == 1.0 else count) + AXES * count
+    return _WIDTHS[type(model)]
 
 
 def _by_length(model: ChannelModel, n: Ints) -> Floats:

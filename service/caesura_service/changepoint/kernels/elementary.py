@@ -102,6 +102,23 @@ def log_sum_exp(values):
     return peak + math.log(total_of(values))
 
 
+@compiled
+def log_sum_exp_of_rows(values, rows):
+    """The same of the first rows of a matrix."""
+    peak = -math.inf
+    for i in range(rows):
+        peak = max(peak, most_of(values[i]))
+    if peak == -math.inf:
+        return peak
+    total = 0.0
+    for i in range(rows):
+        row = values[i]
+        for k in range(row.size):
+            row[k] = exp_of_negative(row[k] - peak)
+        total += total_of(row)
+    return peak + math.log(total)
+
+
 @reducing
 def total_of(values):
     """Their sum."""

@@ -30,6 +30,7 @@ CHANNEL = np.dtype(
         ("signal", "i8"),  # where its values begin in an observation
         ("origin", "i8"),
         ("library", "i8"),
+        ("place", "i8"),  # among the channels with profiles
         ("maximum", "i8"),  # over profiles; otherwise their mixture
         ("joint", "i8"),
         ("even", "i8"),  # all precisions are 1
@@ -83,7 +84,6 @@ COUNTERS = np.dtype(
         ("next", "i8"),  # node of the next hypothesis
         ("capped", "i8"),
         ("settled", "i8"),  # segments that became final in this step
-        ("certain", "i8"),  # the start that is certain now, -1 without one
         ("leaving", "i8"),  # did an observation leave the window in this step?
         ("left", "f8"),  # smoothed probability of the one that left last
         ("nodes", "i8"),  # that are not free
@@ -100,11 +100,10 @@ class Model(NamedTuple):
     channels: NDArray[Any]  # (c,) CHANNEL
     members: NDArray[np.bool_]  # (kinds, c)
     log_weight: Floats  # (kinds,)
-    values: Floats  # (libraries, rows, profiles) whitened
+    values: Floats  # (libraries, rows, k) whitened; k profiles, in whole vectors
     precisions: Floats
     squares: Floats  # Σ, weighted by the precisions
     log_scales: Floats
-    profiles: Ints  # (libraries,) whole vectors of them
     by_length: Floats  # (c, n) what of a channel's evidence depends on the number of samples alone
     log_mass: Floats  # (n,) of the hazard
     log_survival: Floats  # (n,)
@@ -124,9 +123,13 @@ class State(NamedTuple):
     evidence: Floats  # (s,) over all kinds
     joint: Floats  # (s,) by place in `order`
     channel: Floats  # (c, s) log evidence of each channel
-    squared: Floats  # scratch
-    told: Floats  # scratch
-    continued: Floats  # (2, profiles) scratch
+    moments: Floats  # (channels with profiles, s, 3, k) Σwyφ
+    squares: Floats  # (channels with profiles, s, 3, k) Σwy²
+    fresh: Floats  # (3,) scratch
+    squared: Floats  # (k,) scratch
+    told: Floats  # (MOST_SHARES, k) scratch
+    continued: Floats  # (2, k) scratch
+    scratch: Floats
     node_start: Ints  # (n,) -1: free
     node_parent: Ints  # (n,)
     node_references: Ints  # (n,)
@@ -142,7 +145,9 @@ class State(NamedTuple):
     settled_kinds: Floats  # (n, kinds)
 
 
-def fresh_state(settings: NDArray[Any], kinds: int, channels: int, fields: int, scratch: int) -> State:
+def fresh_state(
+    settings: NDArray[Any], kinds: int, channels: int, fields: int, profiled: tuple[int, int]
+) -> State:
     """Before the first observation: one node, the root, where the first segment starts."""
     window = int(settings["window"][0])
     slots, nodes = int(settings["cap"][0]) + 1, 4 * (window + 2)
@@ -158,9 +163,13 @@ def fresh_state(settings: NDArray[Any], kinds: int, channels: int, fields: int, 
         evidence=np.zeros(slots),
         joint=np.zeros(slots),
         channel=np.zeros((channels, slots)),
-        squared=np.zeros(scratch),
-        told=np.zeros(scratch),
-        continued=np.zeros((2, scratch)),
+        moments=np.zeros((profiled[0], slots, 3, profiled[1])),
+        squares=np.zeros((profiled[0], slots, 3, profiled[1])),
+        fresh=np.zeros(3),
+        squared=np.zeros(profiled[1]),
+        told=np.zeros((MOST_SHARES, profiled[1])),
+        continued=np.zeros((2, profiled[1])),
+        scratch=np.zeros(2 * STATES),
         node_start=np.full(nodes, -1),
         node_parent=np.full(nodes, -1),
         node_references=np.zeros(nodes, np.int64),
@@ -175,7 +184,6 @@ def fresh_state(settings: NDArray[Any], kinds: int, channels: int, fields: int, 
         settled_start=np.zeros(nodes, np.int64),
         settled_kinds=np.zeros((nodes, kinds)),
     )
-    state.counters["certain"] = -1
     state.counters["nodes"] = 1
     state.node_start[0], state.node_references[0] = 0, 1
     return state

@@ -10,6 +10,7 @@ from caesura_service.changepoint.kernels.elementary import exp_of_negative, log_
 
 FREE = -1
 UNKNOWN = -1
+NEGLIGIBLE = -45.0  # a term so far below the largest, in logarithms, changes no sum
 
 
 @compiled
@@ -18,6 +19,9 @@ def step(model, state, z, boundary, changepoint):
 
     changepoint: 1 or 0 where it is known whether a segment starts here, else UNKNOWN. There has to be room
     for one more hypothesis and one more node, and the tables have to reach far enough.
+
+    Returns whether an observation left the window, its smoothed probability, how many segments became final,
+    and the start that is certain now, -1 without one.
     """
     me = state.counters[0]
     me.settled = 0
@@ -32,7 +36,7 @@ def step(model, state, z, boundary, changepoint):
     if me.leaving:
         me.left = state.smoothed[0]
     smooth(model, state)
-    me.certain = certain(model, state)
+    return me.leaving, me.left, me.settled, certain(model, state)
 
 
 @compiled
@@ -122,6 +126,8 @@ def grow(model, state, z, changepoint):
     state.nodes[newborn] = me.next  # its reference goes over
     state.priors[newborn, 0], state.priors[newborn, 1] = me.next_prior, me.next_map
     state.rows[newborn] = 0.0
+    state.moments[:, newborn] = 0.0
+    state.squares[:, newborn] = 0.0
     me.living += 1
     for c in range(model.channels.shape[0]):
         take(model, state, c, z, joins)
@@ -140,7 +146,7 @@ def grow(model, state, z, changepoint):
 @compiled
 def weigh_kinds(model, state):
     """`Lattice.kind_log_evidence` and `combine`."""
-    count, scratch, maximum = model.members.shape[0], state.told, model.settings[0].maximum
+    count, maximum = model.members.shape[0], model.settings[0].maximum
     for place in range(state.counters[0].living):
         slot = state.order[place]
         best = -math.inf
@@ -149,9 +155,19 @@ def weigh_kinds(model, state):
             for c in range(model.members.shape[1]):
                 if model.members[k, c]:
                     told += state.channel[c, slot]
-            state.kinds[slot, k] = scratch[k] = told
+            state.kinds[slot, k] = told
             best = max(best, told)
-        state.evidence[slot] = best if maximum else log_sum_exp(scratch[:count])
+        state.evidence[slot] = best if maximum else best + math.log(share_of_best(state.kinds[slot], best))
+
+
+@compiled
+def share_of_best(kinds, best):
+    """Σ exp(kind − best)."""
+    total = 0.0
+    for k in range(kinds.size):
+        if kinds[k] - best > NEGLIGIBLE:
+            total += math.exp(kinds[k] - best)
+    return total
 
 
 @compiled
@@ -254,13 +270,20 @@ def smooth(model, state):
     total = log_sum_exp(terms[: me.living])
     for i in range(span - 1, -1, -1):
         begun, last = (first + i) % size, span - 1 - i
-        for age in range(last):
-            terms[age] = model.log_mass[age + 1] + state.window_evidence[begun, age] + backward[i + 1 + age]
-        terms[last] = model.log_survival[last] + state.window_evidence[begun, last]
+        evidence = state.window_evidence[begun]
+        follow(terms[:last], model.log_mass[1:], evidence, backward[i + 1 :])
+        terms[last] = model.log_survival[last] + evidence[last]
         backward[i] = log_sum_exp(terms[: last + 1])
     for i in range(span):
         prior = state.window_priors[(first + i) % size, 0]
         state.smoothed[i] = exp_of_negative(min(prior + backward[i] - total, 0.0))
+
+
+@compiled
+def follow(terms, log_mass, evidence, backward):
+    """That a segment of each age ended, and what came then."""
+    for age in range(terms.size):
+        terms[age] = log_mass[age] + evidence[age] + backward[age]
 
 
 @compiled

@@ -38,6 +38,7 @@ BATCH = 20
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 STATION, SESSION = "cell-1", "hour"
 MINUTE_S = 60.0
+WARM_UP_S = 5.0
 SHOWN_MINUTES = 10
 MEMORY_LIMIT, STEP_LIMIT = 1.05, 1.2
 Array = NDArray[np.float64]
@@ -92,7 +93,9 @@ def show(name: str, minutes: list[Minute]) -> None:
 
 
 def measure(name: str, minutes: int) -> list[Minute]:
-    """An hour of one kind of work."""
+    """An hour of one kind of work, once everything is loaded and compiled."""
+    if minutes:
+        measure(name, 0)
     with (
         tempfile.TemporaryDirectory() as directory,
         SqliteJournal(Path(directory) / "hour.sqlite") as journal,
@@ -107,13 +110,14 @@ def measure(name: str, minutes: int) -> list[Minute]:
         opening = Open(session=SESSION, columns=COLUMNS)
         registry.command(STATION, opening, 0.0)
         work = batches(WORK[name](np.random.default_rng(0)))
+        one_minute(registry, work, seconds=0.0 if minutes else WARM_UP_S)
         return [one_minute(registry, work) for _ in range(minutes)]
 
 
-def one_minute(registry: Registry, work: Iterator[tuple[int, Array]]) -> Minute:
+def one_minute(registry: Registry, work: Iterator[tuple[int, Array]], seconds: float = MINUTE_S) -> Minute:
     """Take the batches of a minute."""
-    spent = []
-    for _ in range(round(MINUTE_S * RATE_HZ / BATCH)):
+    spent = [0.0] * (not seconds)
+    for _ in range(round(seconds * RATE_HZ / BATCH)):
         seq, rows = next(work)
         batch = pack_samples(rows, COLUMNS, session=SESSION, epoch=0, seq=seq)
         before = time.thread_time()

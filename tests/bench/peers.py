@@ -8,6 +8,7 @@ all.
 from __future__ import annotations
 
 import sys
+import types
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -88,10 +89,9 @@ def bcd_online() -> Any:
 
 def bcd_offline() -> Any:
     """Its offline recursion over a series of numbers; it wants a function from where SciPy once had it."""
-    sys.modules.setdefault("scipy.misc", sys.modules["scipy"])
-    scipy.misc = getattr(scipy, "misc", scipy)
-    scipy.misc.comb = scipy.special.comb
-    sys.modules["scipy.misc"] = scipy.misc
+    once = types.ModuleType("scipy.misc")
+    once.comb = scipy.special.comb  # type: ignore[attr-defined]
+    sys.modules["scipy.misc"] = once
     try:
         from bayesian_changepoint_detection import offline_changepoint_detection as offline  # noqa: PLC0415
     except ImportError:

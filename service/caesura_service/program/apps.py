@@ -24,6 +24,8 @@ from caesura_service.program.gaps import observed_share
 FORCE_LIMIT_N = 10.0
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+ACROSS_M = 0.015  # a stroke along a surface is longer than this
+TOUCHED_S = 0.05  # a boundary lies midway between two observations of 10 Hz: that far on is the next one
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 
 GRIP_APPS: dict[str, AppKind] = {
@@ -91,7 +93,7 @@ def task_program(
     apps: list[App] = []
     for number, group in enumerate(groups):
         following = groups[number + 1][0].segment if number + 1 < len(groups) else None
-        build = _BUILDERS.get(group[0].segment.kind)
+        build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
             apps += build(_Group(group, following, rest, moment_at, force_limit_n))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
@@ -135,13 +137,20 @@ class _Group:
         }
         return App.model_validate(fields | changes)
 
+    def touch(self) -> dict[str, object]:
+        """Where a contact that follows was made: at its first observation, not at the last one before it."""
+        moment = self.moment_at(self.steps[-1].segment.tn + TOUCHED_S)
+        return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
+
 
 def _motions(group: _Group) -> Iterable[App]:
     """One app a movement; the last one is stopped by the contact that follows."""
     touches = group.following is not None and group.following.contact == "contact"
     for step in group.steps:
-        last = step is group.steps[-1]
-        yield group.app("move_to_contact" if touches and last else "cartesian_motion", [step])
+        if touches and step is group.steps[-1]:
+            yield group.app("move_to_contact", [step], **group.touch())
+        else:
+            yield group.app("cartesian_motion", [step])
 
 
 def _contacts(group: _Group) -> Iterable[App]:
@@ -152,7 +161,8 @@ def _contacts(group: _Group) -> Iterable[App]:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
         yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
-    taught = max((step.segment.force for step in group.steps), key=_length)
+    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
+    taught = max((step.segment.force for step in held), key=_length)
     if not mine and _length(taught) >= LEAST_CONTACT_N:
         yield group.app("apply_force", group.steps, **_forces(taught, group.force_limit_n))
 
@@ -172,8 +182,10 @@ def _carries(group: _Group) -> Iterable[App]:
         loads = [(step.segment.load_kg, step.segment.load_sd_kg) for step in weighed]
         kg, sd_kg = np.average(np.array(loads, float), axis=0, weights=seconds).tolist()
         load = {"load_kg": kg, "load_sd_kg": sd_kg}
+    sets_down = group.following is not None and group.following.contact == "contact"
     for step in group.steps:
-        yield group.app("transport" if step.segment.kind == "transport" else "hold", [step], **load)
+        where = group.touch() if sets_down and step is group.steps[-1] else {}
+        yield group.app("transport" if step.segment.kind == "transport" else "hold", [step], **load, **where)
 
 
 _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
@@ -186,8 +198,18 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
 
 
 def _group_key(step: Step) -> str:
-    """Transport and hold are one carry."""
-    return "transport" if step.segment.kind == "hold" else step.segment.kind
+    """Transport and hold are one carry; pushing in what gives way is part of the press."""
+    kind = step.segment.kind
+    if kind == "sliding" and _gives_way(step.segment):
+        return "contact"
+    return "transport" if kind == "hold" else kind
+
+
+def _gives_way(segment: Segment) -> bool:
+    """Does what is touched move with the force, a pump or a button, rather than the hand along a surface?"""
+    moved = np.subtract(segment.position_end, segment.position_start)
+    along = np.asarray(segment.force) / max(_length(segment.force), 1e-12)
+    return _length(moved - along * float(along @ moved)) < ACROSS_M
 
 
 def _lets_go(before: Step | None, step: Step) -> bool:

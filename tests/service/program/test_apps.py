@@ -163,3 +163,34 @@ def test_targets_carry_the_orientation_of_their_time():
     assert app.target == (0.0, 0.0, 0.2)
     assert app.orientation == (0.0, 0.0, 0.0, 1.0)
     assert app.confidence == 0.9
+
+
+@pytest.mark.parametrize("kind", ["motion", "transport"])
+def test_what_a_contact_ends_has_its_target_where_the_contact_was_made(kind: str) -> None:
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01} if kind == "transport" else {}
+    pressed = segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))
+    touching, *_ = program(segment(kind, 0.0, 2.0, **load), pressed)
+    assert touching.target == pytest.approx((0.0, 0.0, 0.205))
+    parting, *_ = program(segment(kind, 0.0, 2.0, **load), segment("steady", 2.0, 3.0))
+    assert parting.target == pytest.approx((0.0, 0.0, 0.2))
+
+
+def test_pushing_in_what_gives_way_is_one_press_with_the_force_that_was_held() -> None:
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 2.5, force_held=(0.5, 0.0, 34.0)),
+        segment("contact", 2.5, 4.0, force_held=(0.0, 0.0, 21.0)),
+    )
+    assert kinds(apps) == ["move_to_contact", "apply_force"]
+    assert apps[1].segments == (1, 2)
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -21.0))
+
+
+def test_a_stroke_along_a_surface_stays_a_stroke() -> None:
+    across: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0)),
+        segment("sliding", 3.0, 4.5, force_held=(2.0, 0.0, 9.0), **across),
+    )
+    assert kinds(apps) == ["move_to_contact", "apply_force", "apply_force"]

@@ -155,9 +155,15 @@ def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[A
 
 
 def velocity_change(
-    arm: HandDynamics, v: Array, given: Array, friction_nm: Array, load_kg: float, lever: Array
+    arm: HandDynamics,
+    v: Array,
+    given: Array,
+    friction_nm: Array,
+    load_kg: float,
+    lever: Array,
+    torques: Array | float = 0.0,
 ) -> Array:
-    """Change of joint velocity v (7,) in one tick under a wrench (6,) at the flange.
+    """Change of joint velocity v (7,) in one tick under a wrench (6,) at the flange and torques (7,) [Nm].
 
     friction_nm: (7,) Coulomb friction of the joints; a load at the end of the lever (3,) adds its mass.
     """
@@ -166,7 +172,7 @@ def velocity_change(
         at_tip = tip_jacobian(arm.jacobian, lever)
         mass = mass + load_kg * at_tip.T @ at_tip
     resist: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
-    push: Array = DT * (arm.jacobian.T @ given - resist * v)
+    push: Array = DT * (arm.jacobian.T @ given + torques - resist * v)
     return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
 
 

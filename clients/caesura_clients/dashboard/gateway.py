@@ -35,6 +35,7 @@ from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
 POLL_S = 1.0
 TICK_S = 0.2  # how soon a thread sees that it is over
 RETRY_S = 1.0
+REFRESH_S = 2.0  # of silence, then what is known is asked for again
 POSTERIORS = 600  # a station: one minute of run lengths
 STATIONS = 256  # that signals are kept of; as many as a service takes
 
@@ -42,13 +43,20 @@ STATIONS = 256  # that signals are kept of; as many as a service takes
 class Gateway:
     """Follows everything while its context lasts.
 
-    transport: its owner closes it, after the gateway. clock: monotonic [s].
+    transport: its owner closes it, after the gateway. clock: monotonic [s]. Leaving takes up to refresh_s.
     """
 
-    def __init__(self, transport: Transport, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        refresh_s: float = REFRESH_S,
+    ) -> None:
         self.transport = transport
         self.clock = clock
         self.began = clock()
+        self._refresh_s = refresh_s
         self.world = World()
         self.heard: dict[str, Heard] = {}
         self._rings: dict[str, SignalRing] = {}
@@ -102,7 +110,7 @@ class Gateway:
     # --- results ---
 
     def _follow_results(self) -> None:
-        with closing(events(self.transport, over=self._over)) as told:
+        with closing(events(self.transport, refresh_s=self._refresh_s, over=self._over)) as told:
             for event in told:
                 self._take(event)
                 self._trouble("results")

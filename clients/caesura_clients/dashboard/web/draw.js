@@ -5,7 +5,7 @@ import { ticks } from "caesura-dashboard/scale.js";
 const FONT = "12px system-ui, sans-serif";
 const DASHES = [[], [7, 2], [3, 2, 1, 2]]; // x, y, z
 const SIGNALS = [
-  { name: "position", unit: () => "m", columns: [1, 2, 3], least: 0.1 },
+  { name: "position from the start", unit: () => "m", columns: [1, 2, 3], least: 0.1, relative: true },
   { name: "speed", unit: (unit) => unit, columns: [4], least: 0.1, zero: true },
   { name: "force", unit: () => "N", columns: [5, 6, 7], least: 5 },
 ];
@@ -90,7 +90,7 @@ function extent(rows, columns, least, zero) {
 }
 
 function drawPanel(context, scale, [y0, y1], signal, state, ink) {
-  const rows = state.signals.filter((row) => row[0] >= scale.from - 0.1 && row[0] <= scale.to + 0.1);
+  const rows = shownRows(scale, signal, state);
   const [low, high] = extent(rows, signal.columns, signal.least, signal.zero);
   const y = (value) => y1 - ((value - low) / (high - low)) * (y1 - y0);
   frame(context, scale, [y0, y1], ink, `${signal.name} [${signal.unit(state.unit)}]`);
@@ -106,8 +106,15 @@ function drawPanel(context, scale, [y0, y1], signal, state, ink) {
   if (!rows.some((row) => row[signal.columns[0]] !== null)) {
     context.fillStyle = ink.faint;
     context.textAlign = "center";
-    context.fillText(`${signal.name} is not held for this time`, (scale.x0 + scale.x1) / 2, (y0 + y1) / 2);
+    context.fillText("not held for this time", (scale.x0 + scale.x1) / 2, (y0 + y1) / 2);
   }
+}
+
+// Axes that lie far apart would flatten each other, so positions are drawn from where the session began.
+function shownRows(scale, signal, { signals, origin }) {
+  const rows = signals.filter((row) => row[0] >= scale.from - 0.1 && row[0] <= scale.to + 0.1);
+  if (!signal.relative || !origin) return rows;
+  return rows.map((row) => row.map((value, i) => (signal.columns.includes(i) && value !== null ? value - origin[i] : value)));
 }
 
 function line(context, scale, rows, column, y) {
@@ -144,7 +151,7 @@ function frame(context, scale, [y0, y1], ink, title) {
 function yTicks(context, scale, low, high, y, ink) {
   context.textAlign = "right";
   context.textBaseline = "middle";
-  for (const [value, text] of ticks(low, high, 3)) {
+  for (const [value, text] of ticks(low, high, 4)) {
     context.fillStyle = ink.faint;
     context.fillText(text, scale.x0 - 6, y(value));
     context.fillStyle = ink.rule;

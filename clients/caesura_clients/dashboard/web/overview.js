@@ -24,7 +24,7 @@ export default {
             <div><dt>segments</dt><dd>{{ one.segments }}</dd></div>
             <div><dt>apps</dt><dd>{{ one.apps }}</dd></div>
             <div><dt>gaps</dt><dd :class="{ alarm: one.gaps > 0 }">{{ one.gaps }}</dd></div>
-            <div><dt>last sample</dt><dd :class="{ alarm: one.state === 'stale' }">{{ age(one) }}</dd></div>
+            <div><dt>sample</dt><dd :class="{ alarm: one.state === 'stale' }">{{ age(one) }}</dd></div>
           </dl>
         </li>
       </ul>

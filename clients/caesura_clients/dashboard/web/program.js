@@ -16,7 +16,7 @@ export default {
           <h3>{{ app.number }} · {{ app.title }}</h3>
           <p class="when">{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
           <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>
-          <p v-if="app.limited" class="limited">force limited by hand</p>
+          <p v-if="app.limited" class="limited">force limited</p>
           <p class="confidence"><span aria-hidden="true" class="bar"><i :style="{ width: 100 * app.confidence + '%' }"></i></span>
             confidence {{ percent(app.confidence) }}</p>
         </li>

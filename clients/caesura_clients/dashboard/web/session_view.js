@@ -12,7 +12,7 @@ const PLAY_S = 0.1;
 
 const empty = () => ({
   segments: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
-  t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  origin: null, t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
 
 export default {
@@ -77,13 +77,14 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null });
+      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, busy: false });
       for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
+      if (payload.signals && !this.origin) this.origin = payload.signals.find((row) => row[1] !== null) || null;
       if (payload.signals) this.signals = Object.freeze([...this.signals, ...payload.signals].slice(-HELD_ROWS));
       if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_ROWS));
       this.forgetWhatIsGone();

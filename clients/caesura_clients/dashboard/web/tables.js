@@ -5,7 +5,7 @@ export default {
   data: () => ({ warnings: [], tables: [] }),
   template: `
     <div>
-      <ul class="warnings" role="status" aria-label="Warnings"><li v-for="one in warnings" :key="one" class="banner">{{ one }}</li></ul>
+      <div role="alert"><p v-for="one in warnings" :key="one" class="banner">{{ one }}</p></div>
       <section v-for="table in tables" :key="table.title">
         <h2>{{ table.title }}</h2>
         <p v-if="table.rows.length === 0" class="empty">{{ table.empty }}</p>

@@ -1,0 +1,54 @@
+"""A program in words and units."""
+
+from __future__ import annotations
+
+import pytest
+
+from caesura_clients.dashboard.apps import TITLE, card, timeline, vector
+from caesura_protocol.messages import App, AppKind, Program
+from clients.examples import example
+
+
+def app(**changes):
+    return example(App).model_copy(update=changes)
+
+
+def lines(one):
+    return dict(map(tuple, card(1, one)["lines"]))
+
+
+def test_every_kind_of_app_has_a_title():
+    assert set(TITLE) == set(AppKind.__args__)
+
+
+def test_what_an_app_does_not_have_is_not_shown():
+    bare = app(target=None, force=None, force_taught=None, load_kg=None, load_sd_kg=None, gripper_width=None)
+    assert lines(bare) == {}
+
+
+def test_targets_forces_and_loads_have_their_units():
+    one = app(
+        target=(0.3, -0.1, 0.25), force=(0.0, 0.0, -9.0), force_taught=(0.0, 0.0, -12.0),
+        load_kg=0.25, load_sd_kg=0.01, gripper_width=0.04,
+    )  # fmt: skip
+    assert lines(one) == {
+        "target": "(0.300, -0.100, 0.250) m",
+        "force": "(0.0, 0.0, -9.0) N",
+        "taught": "(0.0, 0.0, -12.0) N",
+        "load": "250 ± 10 g",
+        "gripper": "40 mm",
+    }
+    assert card(1, one)["limited"]
+
+
+@pytest.mark.parametrize("values", [(-0.0001, 0.0, -0.0), (0.0, 0.0, 0.0)])
+def test_zero_has_no_sign(values):
+    assert vector(values, "N", 1) == "(0.0, 0.0, 0.0) N"
+
+
+def test_a_timeline_has_its_version_and_what_a_reader_must_know():
+    program = example(Program).model_copy(update={"version": 7, "notes": ("a gap from 1 s to 2 s",)})
+    shown = timeline(program)
+    assert shown["version"] == 7
+    assert shown["notes"] == ["a gap from 1 s to 2 s"]
+    assert [one["number"] for one in shown["apps"]] == list(range(1, len(program.apps) + 1))

@@ -1,0 +1,103 @@
+"""A browser that applies the differences has what the session has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from caesura_clients.dashboard.drawing import Sent, delta, run_lengths, segment_row
+from caesura_clients.dashboard.signals import Rows, SignalRing
+from caesura_protocol.messages import Posterior
+from clients.examples import changepoint, example, segment
+
+NOTHING = Rows("", "m/s", 0, ())
+COLUMNS = ("t", "px", "py", "pz")
+
+
+class Browser:
+    """What `session_view.js` does with a payload."""
+
+    def __init__(self) -> None:
+        self.segments: list = []
+        self.changepoints: list = []
+        self.signals: list = []
+        self.session = ""
+
+    def apply(self, payload: dict) -> None:
+        if payload.get("reset"):
+            self.__init__()
+        self.session = payload.get("session", self.session)
+        for name in ("segments", "changepoints"):
+            if name in payload:
+                part = payload[name]
+                setattr(self, name, getattr(self, name)[: part["first"]] + part["rows"])
+        self.signals += payload.get("signals", [])
+
+
+@pytest.fixture
+def updates(update):
+    """A session as it grows, is revised, and gives way to the next one."""
+    one = update("motion")
+    two = replace(
+        one, segments=(segment("motion"), segment("contact", 1.0)), changepoints=(changepoint(1.0),)
+    )
+    revised = replace(two, segments=(segment("steady"), segment("contact", 1.0)))
+    shorter = replace(revised, segments=(segment("motion"),), changepoints=())
+    return [one, two, revised, shorter, update("transport", session="another")]
+
+
+def test_a_browser_that_takes_every_difference_has_everything(updates):
+    browser, sent = Browser(), Sent()
+    for one in updates:
+        sent, payload = delta(sent, one, NOTHING)
+        browser.apply(payload)
+        assert browser.session == one.session
+        assert browser.segments == [segment_row(part) for part in one.segments]
+        assert [row[0] for row in browser.changepoints] == [point.t for point in one.changepoints]
+
+
+def test_a_browser_that_missed_some_catches_up_at_once(updates):
+    browser = Browser()
+    sent, payload = delta(Sent(), updates[0], NOTHING)
+    browser.apply(payload)
+    _, payload = delta(sent, updates[3], NOTHING)
+    browser.apply(payload)
+    assert browser.segments == [segment_row(part) for part in updates[3].segments]
+
+
+def test_nothing_new_is_nothing_to_send(updates):
+    sent, _ = delta(Sent(), updates[1], NOTHING)
+    assert delta(sent, updates[1], NOTHING) == (sent, {})
+
+
+def test_only_what_changed_is_sent(updates):
+    sent, _ = delta(Sent(), updates[0], NOTHING)
+    _, payload = delta(sent, updates[1], NOTHING)
+    assert payload["segments"]["first"] == 1
+    assert len(payload["segments"]["rows"]) == 1
+
+
+def test_signals_are_sent_once_and_only_those_of_the_session(updates):
+    ring, session = SignalRing(), updates[0].session
+    t = np.arange(1000) / 1000.0
+    ring.receive(session, COLUMNS, np.column_stack([t, t, t, t]))
+    sent, payload = delta(Sent(), updates[0], ring.after(0))
+    assert len(payload["signals"]) == 24
+    assert delta(sent, updates[0], ring.after(sent.rows))[1] == {}
+    other = ring.after(0)._replace(session="another")
+    assert "signals" not in delta(Sent(), updates[0], other)[1]
+
+
+def test_a_session_that_is_gone_leaves_nothing_behind(updates):
+    sent, _ = delta(Sent(), updates[0], NOTHING)
+    assert delta(sent, None, NOTHING) == (Sent(), {"reset": True})
+    assert delta(Sent(), None, NOTHING) == (Sent(), {})
+
+
+def test_run_lengths_are_times_back_from_their_observation():
+    one = example(Posterior).model_copy(
+        update={"t": 2.0, "starts": (0.5, 1.5), "probabilities": (0.9999, 0.0001)}
+    )
+    assert run_lengths([one]) == [[2.0, [[1.5, 1.0]]]]

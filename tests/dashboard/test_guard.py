@@ -1,0 +1,97 @@
+"""Who gets in: no page of another site, nobody without the password, and nothing from outside."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from caesura_clients.dashboard import guard
+from caesura_clients.dashboard.guard import LOOPBACK, Guard
+
+PASSWORD = "correct horse"
+
+
+async def inner(scope: Any, receive: Any, send: Any) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"inside"})
+
+
+def ask(guarded, path="/", *, method="GET", kind="http", body=b"", **headers):
+    """Status (or close code), headers and body of an answer."""
+    sent: list[dict[str, Any]] = []
+
+    async def receive():
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    async def send(event):
+        sent.append(event)
+
+    named = {"host": "127.0.0.1:8080", **headers}
+    scope = {
+        "type": kind,
+        "method": method,
+        "path": path,
+        "headers": [(name.encode(), value.encode()) for name, value in named.items()],
+    }
+    asyncio.run(guarded(scope, receive, send))
+    first = sent[0]
+    if kind == "websocket":
+        return first.get("code", first.get("status")), {}, b""
+    answered = {name.decode(): value.decode() for name, value in first["headers"]}
+    return first["status"], answered, b"".join(event.get("body", b"") for event in sent[1:])
+
+
+@pytest.fixture
+def local():
+    return Guard(inner, names=LOOPBACK, password=None)
+
+
+@pytest.fixture
+def locked(monkeypatch):
+    monkeypatch.setattr(guard, "WRONG_S", 0.0)
+    return Guard(inner, names=None, password=PASSWORD)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1:8080", "localhost:8080", "[::1]:8080"])
+def test_it_is_asked_by_its_own_names(local, host):
+    assert ask(local, host=host)[0] == 200
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example:8080", "", "192.168.1.10:8080"])
+def test_another_name_is_refused_because_dns_can_be_bent(local, host):
+    assert ask(local, host=host)[0] == 403
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_a_page_of_another_site_is_refused(local, kind):
+    status, _, _ = ask(local, kind=kind, origin="http://evil.example")
+    assert status in {403, 1008}
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_its_own_page_is_not(local, kind):
+    assert ask(local, kind=kind, origin="http://127.0.0.1:8080")[0] == 200
+
+
+def test_a_browser_is_told_to_load_nothing_from_outside(local):
+    policy = ask(local)[1]["content-security-policy"]
+    assert "default-src 'self'" in policy
+    assert "http" not in policy
+
+
+@pytest.mark.parametrize(("kind", "answer"), [("http", 303), ("websocket", 1008)])
+@pytest.mark.parametrize("cookie", ["", "caesura=guess", "caesura=", "no cookie at all;;="])
+def test_without_its_cookie_nothing_is_answered(locked, kind, answer, cookie):
+    assert ask(locked, "/system", kind=kind, cookie=cookie)[0] == answer
+
+
+def test_the_password_opens_it_and_another_does_not(locked):
+    assert ask(locked, "/login")[0] == 200
+    assert ask(locked, "/login", method="POST", body=b"password=wrong")[0] == 401
+    assert ask(locked, "/login", method="POST", body=b"")[0] == 401
+    status, headers, _ = ask(locked, "/login", method="POST", body=b"password=correct+horse")
+    assert (status, headers["location"]) == (303, "/")
+    assert "HttpOnly; SameSite=Strict" in headers["set-cookie"]
+    assert ask(locked, "/system", cookie=headers["set-cookie"].partition(";")[0])[2] == b"inside"

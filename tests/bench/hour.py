@@ -3,7 +3,8 @@
 An hour of samples goes through registry, journal on disk and the real models as fast as they go, and what is
 said is encoded as it would be for the wire; once while a person works, once while the robot stands still.
 Each runs in a process of its own. A step is one batch, and its time is that of the thread that takes it, so
-that other work on the machine does not count. The last minute is compared with the second; the first warms up.
+that other work on the machine does not count. The last minute is compared with the second: the first warms
+up.
 
 Usage: python tests/bench/hour.py [--minutes 60] [--only varied|still]
 """

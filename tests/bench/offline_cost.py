@@ -1,4 +1,4 @@
-"""A whole recording at once: ours beside ruptures PELT and bayesian-changepoint-detection's offline recursion.
+"""A whole recording at once: ours beside ruptures PELT and bayesian-changepoint-detection's recursion.
 
 15 s and 10 min of observations at 10 Hz. PELT (linear model, jump 1) and ours see the same six signals; the
 peer's recursion takes one signal, a level with Gaussian noise. Each runs in a process of its own and is

@@ -88,9 +88,9 @@ def bcd_online() -> Any:
 
 
 def bcd_offline() -> Any:
-    """Its offline recursion over a series of numbers; it wants a function from where SciPy once had it."""
+    """Its offline recursion over a series of numbers; it wants functions from where SciPy once had them."""
     once = types.ModuleType("scipy.misc")
-    once.comb = scipy.special.comb  # type: ignore[attr-defined]
+    once.comb, once.logsumexp = scipy.special.comb, scipy.special.logsumexp  # type: ignore[attr-defined]
     sys.modules["scipy.misc"] = once
     try:
         from bayesian_changepoint_detection import offline_changepoint_detection as offline  # noqa: PLC0415

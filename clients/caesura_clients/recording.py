@@ -1,7 +1,7 @@
 """A recording: everything one robot reported during one demonstration.
 
-The same names are used in npz files, csv files, on the wire and in a live source, so that a recording
-and a live robot are the same thing to whoever reads them. A signal is a matrix with one row a sample:
+The same names are used in npz, csv and MCAP files, on the wire and in a live source, so that a recording and
+a live robot are the same thing to whoever reads them. A signal is a matrix with one row a sample:
 
     pos (n, 3)   flange position in the base frame, in `length_unit`
     quat (n, 4)  flange orientation in the base frame, x y z w
@@ -19,18 +19,18 @@ from __future__ import annotations
 
 import csv
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
-from numpy.typing import NDArray
 
-from caesura_clients.errors import CaesuraError
+from caesura_clients.errors import BadSource, CaesuraError
+from caesura_clients.formats.content import Array, Content
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -40,8 +40,6 @@ from caesura_protocol.messages import (
     LengthUnit,
     WrenchSource,
 )
-
-Array = NDArray[np.float64]
 
 
 class RecordingError(CaesuraError, ValueError):
@@ -85,7 +83,7 @@ class Recording:
             expected = (self.t.size, len(COLUMNS_OF_SIGNAL[signal]))
             if values.shape != expected:
                 raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
-        for key, known in _OPTIONS.items():
+        for key, known in OPTIONS.items():
             if getattr(self, key) not in known:
                 raise RecordingError(
                     f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
@@ -103,11 +101,11 @@ class Recording:
     def save(self, path: Path) -> None:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
-        options = {key: np.array(getattr(self, key)) for key in _OPTIONS}
+        options = {key: np.array(getattr(self, key)) for key in OPTIONS}
         np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
 
 
-_OPTIONS: Mapping[str, tuple[str, ...]] = {
+OPTIONS: Mapping[str, tuple[str, ...]] = {
     "wrench_source": WRENCH_SOURCES,
     "force_frame": FORCE_FRAMES,
     "length_unit": LENGTH_UNITS,
@@ -118,24 +116,21 @@ _OPTIONS: Mapping[str, tuple[str, ...]] = {
 _UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFile, zlib.error, csv.Error)
 
 
-class _Content(NamedTuple):
-    """What a file holds of a recording, and the names of the rest."""
-
-    arrays: dict[str, Array]
-    options: dict[str, str]
-    ignored: list[str]
-
-
 def load_recording(
-    path: Path, *, wrench_source: str | None = None, length_unit: str | None = None
+    path: Path,
+    *,
+    wrench_source: str | None = None,
+    length_unit: str | None = None,
+    mapping: Path | None = None,
 ) -> Recording:
-    """Read a recording from an npz or csv file; the arguments override what the file declares.
+    """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
 
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
-    options in leading comment lines such as `# length_unit: mm`.
-    Raises RecordingError for anything that is not a recording.
+    options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
+    a csv or a rosbag2 of somebody else (`formats.mapping`).
+    Raises RecordingError for anything that is not a recording, BadSource where an extra is missing.
     """
-    arrays, options, ignored = _read(path)
+    arrays, options, ignored = _read(path, mapping, wrench_source)
     if "t" not in arrays:
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
     if "force_base" in arrays:
@@ -159,44 +154,54 @@ def did_you_mean(name: str) -> str | None:
     ('length_unit', None)
     """
     columns = (column for names in COLUMNS_OF_SIGNAL.values() for column in names if len(column) > 2)
-    close = get_close_matches(name.lower(), [*_ARRAYS, *_OPTIONS, *columns], n=1, cutoff=0.8)
+    close = get_close_matches(name.lower(), [*_ARRAYS, *OPTIONS, *columns], n=1, cutoff=0.8)
     return close[0] if close else None
 
 
 _ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")
 
 
-def _read(path: Path) -> _Content:
-    if path.is_dir():
-        raise RecordingError(f"{path}: a directory, expected a file")
-    readers = {".npz": _read_npz, ".csv": _read_csv}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise RecordingError(f"{path}: suffix {path.suffix!r}, expected one of {list(readers)}")
-    if not path.exists():
+def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+    if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
+    reader = _READERS.get(path.suffix.lower())
+    if path.is_dir():
+        reader = _read_rosbag if (path / "metadata.yaml").exists() else None
+    if reader is None:
+        found = "a directory without metadata.yaml" if path.is_dir() else f"suffix {path.suffix!r}"
+        known = ", ".join(_READERS)
+        raise RecordingError(f"{path}: {found}, expected one of {known}, or the directory of a rosbag2")
     try:
-        return reader(path)
+        return reader(path, mapping, wrench_source)
+    except RecordingError:
+        raise
     except _UNREADABLE as error:
         why = " ".join(str(error).split())
-        raise RecordingError(f"{path}: not a readable {path.suffix[1:]} file ({why})") from error
+        kind = f"{path.suffix[1:]} file" if path.is_file() else "rosbag2"
+        raise RecordingError(f"{path}: not a readable {kind} ({why})") from error
 
 
 def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path) -> _Content:
+def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+    _no_mapping(path, mapping)
     if not is_zipfile(path):
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
     with np.load(path, allow_pickle=False) as file:
         arrays = {key: np.asarray(file[key], dtype=np.float64) for key in _ARRAYS if key in file.files}
-        options = {key: str(file[key]) for key in _OPTIONS if key in file.files}
-        ignored = [key for key in file.files if key not in {*_ARRAYS, *_OPTIONS}]
-    return _Content(arrays, options, ignored)
+        options = {key: str(file[key]) for key in OPTIONS if key in file.files}
+        ignored = [key for key in file.files if key not in {*_ARRAYS, *OPTIONS}]
+    return Content(arrays, options, ignored)
 
 
-def _read_csv(path: Path) -> _Content:
+def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+    if mapping is not None:
+        from caesura_clients.formats.foreign_csv import read_foreign_csv  # noqa: PLC0415 - it imports us
+        from caesura_clients.formats.mapping import load_mapping  # noqa: PLC0415
+
+        return read_foreign_csv(path, load_mapping(mapping))
     lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
     stated = {key.strip(): value.strip() for key, separator, value in comments if separator}
@@ -212,10 +217,10 @@ def _read_csv(path: Path) -> _Content:
     if "t" in column:
         arrays["t"] = column["t"]
     known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
-    options = {key: value for key, value in stated.items() if key in _OPTIONS}
+    options = {key: value for key, value in stated.items() if key in OPTIONS}
     # Other comments are for people, unless they look like an option.
-    mistyped = [key for key in stated if key not in _OPTIONS and did_you_mean(key) in _OPTIONS]
-    return _Content(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+    mistyped = [key for key in stated if key not in OPTIONS and did_you_mean(key) in OPTIONS]
+    return Content(arrays, options, [*mistyped, *(name for name in column if name not in known)])
 
 
 def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
@@ -238,3 +243,46 @@ def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
     if found and missing:
         raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
     return not missing
+
+
+def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+    """Ours, or a rosbag2 that is one file."""
+    with needing("mcap", path):
+        from caesura_clients.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
+    if profile_of(path) == ROS2:
+        return _read_rosbag(path, mapping, wrench_source)
+    _no_mapping(path, mapping)
+    return read_mcap(path)
+
+
+def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+    from caesura_clients.formats.mapping import load_mapping  # noqa: PLC0415 - it imports us
+
+    with needing("ros2", path):
+        from caesura_clients.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
+    return read_rosbag(path, None if mapping is None else load_mapping(mapping), wrench_source)
+
+
+def _no_mapping(path: Path, mapping: Path | None) -> None:
+    if mapping is not None:
+        raise RecordingError(f"{path}: says itself what is what; {mapping} is for csv files and rosbag2")
+
+
+@contextmanager
+def needing(extra: str, what: object) -> Iterator[None]:
+    """Import what an extra brings. Raises BadSource, which names the extra, where it is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in {"caesura_clients", "caesura_protocol"}:
+            raise
+        raise BadSource(f"{what} needs {error.name}: pip install 'caesura[{extra}]'") from error
+
+
+_Reader = Callable[[Path, Path | None, str | None], Content]
+_READERS: Mapping[str, _Reader] = {
+    ".npz": _read_npz,
+    ".csv": _read_csv,
+    ".mcap": _read_mcap,
+    ".db3": _read_rosbag,
+}

@@ -14,7 +14,7 @@ from caesura_clients.cli.sessions import sessions, stand_in
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
-    "service": ("serve", "certs", "segment", "demo", "evaluate", "report"),
+    "service": ("serve", "certs", "segment", "demo", "evaluate", "export", "report"),
     "teacher": ("teach",),
 }
 OWN_PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients")

@@ -5,6 +5,7 @@ import typer
 from caesura_service.commands.certs import certs
 from caesura_service.commands.demo import demo
 from caesura_service.commands.evaluate import evaluate
+from caesura_service.commands.export import export_recording
 from caesura_service.commands.report import report
 from caesura_service.commands.segment import segment
 from caesura_service.commands.serve import serve
@@ -17,3 +18,4 @@ def register(app: typer.Typer) -> None:
     """Add every command of the service."""
     for command in (serve, certs, segment, evaluate, report, demo):
         app.command(command.__name__)(command)
+    app.command("export")(export_recording)

@@ -13,7 +13,7 @@ from caesura_clients.cli.options import reported
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
 from caesura_service.report.truth import Truth, annotation_beside, load_truth
@@ -28,25 +28,28 @@ def report(
     ] = None,
     wrench_source: WrenchSource = None,
     length_unit: LengthUnit = None,
+    mapping: Mapping = None,
 ) -> None:
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
     with reported():
-        _report(file, out, preset, truth, wrench_source, length_unit)
+        _writable(out)
+        recording = load_recording(
+            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+        )
+        _report(recording, out, preset, truth or annotation_beside(file))
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
-def _report(
-    file: Path, out: Path, preset: str, truth: Path | None, wrench_source: str | None, length_unit: str | None
-) -> None:
-    writers = _writers()
-    writers.writer_of(out)
+def _writable(out: Path) -> None:
+    _writers().writer_of(out)
     if not out.resolve().parent.is_dir():
         raise CaesuraError(f"cannot write {out}: no such directory")
-    recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
-    annotation = truth or annotation_beside(file)
+
+
+def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
     content = _gathered(recording, preset, None if annotation is None else load_truth(annotation))
     try:
-        writers.write_report(content, out)
+        _writers().write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 

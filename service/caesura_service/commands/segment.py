@@ -16,7 +16,7 @@ from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
@@ -36,19 +36,23 @@ def segment(
     ] = None,
     wrench_source: WrenchSource = None,
     length_unit: LengthUnit = None,
+    mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
     with reported():
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise BadSource(f"cannot write {json_out}: no such directory")
-        recording = load_recording(file, wrench_source=wrench_source, length_unit=length_unit)
-        view = _segmented(recording, preset, threshold)
+        recording = load_recording(
+            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+        )
+        view = segmented(recording, preset, threshold)
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))
 
 
-def _segmented(recording: Recording, preset: str, threshold: float | None) -> View:
+def segmented(recording: Recording, preset: str, threshold: float | None = None) -> View:
+    """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:

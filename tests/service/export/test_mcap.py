@@ -13,10 +13,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
+from caesura_clients.formats.channels import CHANNELS, schema_of
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import App, Changepoint, Close, Error, Gap, Open, Segment
-from caesura_service.export.channels import CHANNELS, schema_of
 from caesura_service.export.mcap_file import entries, write_mcap
 from caesura_service.export.taught import taught_from
 from caesura_service.journal import Journal, MemoryJournal, Record

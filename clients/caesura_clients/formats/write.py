@@ -1,0 +1,37 @@
+"""A recording as a file, by its suffix. What is read back is the same, bit for bit."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from caesura_clients.errors import CaesuraError
+from caesura_clients.recording import OPTIONS, Recording
+
+
+def write_csv(path: Path, recording: Recording) -> None:
+    """One column a component, options in leading comments; numbers as short as reads as equal."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        for key in OPTIONS:
+            stream.write(f"# {key}: {getattr(recording, key)}\n")
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow(recording.columns)
+        rows.writerows([map(repr, row) for row in recording.matrix().tolist()])
+
+
+def write_npz(path: Path, recording: Recording) -> None:
+    """Arrays by signal."""
+    recording.save(path)
+
+
+WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, ".csv": write_csv}
+
+
+def check_writable(path: Path, *others: str) -> None:
+    """Raises CaesuraError for a suffix without a writer (`others` have theirs elsewhere), or no directory."""
+    known = (*WRITERS, *others)
+    if path.suffix not in known:
+        raise CaesuraError(f"cannot write {path}: suffix {path.suffix!r}, expected one of {', '.join(known)}")
+    if not path.resolve().parent.is_dir():
+        raise CaesuraError(f"cannot write {path}: no such directory")

@@ -1,0 +1,64 @@
+"""`caesura export`: a recording in another format; as MCAP with its segments and its program."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import reported
+from caesura_clients.errors import CaesuraError
+from caesura_clients.formats.write import WRITERS, check_writable
+from caesura_clients.recording import Recording, load_recording, needing
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.segment import segmented
+from caesura_service.config import DEFAULT_PRESET
+from caesura_service.recordings import opening_of
+
+STATION = "file"  # what a file that came from no station is said to be of
+
+
+def export_recording(
+    file: RecordingFile,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
+    preset: PresetName = DEFAULT_PRESET,
+    wrench_source: WrenchSource = None,
+    length_unit: LengthUnit = None,
+    mapping: Mapping = None,
+) -> None:
+    """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.
+
+    A rosbag2, a csv of somebody else or an MCAP of ours comes out as what everything here reads. A session
+    that was taught over the wire is exported by `caesura sessions export`.
+    """
+    with reported():
+        check_writable(out, ".mcap")
+        recording = load_recording(
+            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+        )
+        try:
+            if out.suffix == ".mcap":
+                _write_mcap(out, recording, preset)
+            else:
+                WRITERS[out.suffix](out, recording)
+        except OSError as error:
+            raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    typer.echo(f"{out}: {recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s")
+
+
+def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
+    with needing("mcap", "writing .mcap"):
+        written = import_module("caesura_service.export.mcap_file")
+    view = segmented(recording, preset)
+    taught = import_module("caesura_service.export.taught").Taught(
+        station=STATION,
+        opening=opening_of(recording, preset),
+        recording=recording,
+        began_s=max(0.0, -float(recording.t.min())),  # nobody knows; before 1970 is not to be written
+        view=view,
+        notes=view.notes,
+        complete=True,
+    )
+    written.write_mcap(out, taught)

@@ -1,0 +1,132 @@
+"""What goes out as MCAP comes in again: the same samples, bit for bit, and the same results."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from mcap.writer import Writer
+from typer.testing import CliRunner
+
+from caesura_clients.cli import build
+from caesura_clients.errors import CaesuraError
+from caesura_clients.formats.mcap_write import Demonstration, write_mcap
+from caesura_clients.formats.write import write_csv
+from caesura_clients.recording import Recording, load_recording
+from caesura_service.export.mcap_file import write_mcap as write_session
+from caesura_service.export.taught import taught_from
+from caesura_service.recordings import as_json, segment_recording
+from harness.demonstrations import guided
+from service.export.test_mcap import kept
+
+DATA = Path(__file__).resolve().parents[3] / "data"
+
+
+def assert_same(one: Recording, other: Recording) -> None:
+    assert np.array_equal(one.t, other.t)
+    assert list(one.signals) == list(other.signals)
+    for name, values in one.signals.items():
+        assert np.array_equal(values, other.signals[name]), name
+    for option in ("wrench_source", "force_frame", "length_unit"):
+        assert getattr(one, option) == getattr(other, option)
+    assert other.ignored == ()
+
+
+def caesura(*args: object):
+    return CliRunner().invoke(build(), [str(arg) for arg in args])
+
+
+def test_a_session_that_is_exported_and_imported_gives_identical_results(tmp_path):
+    taught = taught_from(kept(guided()), "cell-1", "s1")
+    write_session(tmp_path / "s1.mcap", taught)
+    again = load_recording(tmp_path / "s1.mcap")
+    assert_same(taught.recording, again)
+    view = segment_recording(again)
+    assert (view.segments, view.changepoints, view.apps) == (
+        taught.view.segments,
+        taught.view.changepoints,
+        taught.view.apps,
+    )
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    data=arrays(np.float64, (7, 15), elements=st.floats(-1e12, 1e12, allow_subnormal=True)),
+    began=st.floats(0.0, 2e9),
+    unit=st.sampled_from(["m", "cm", "mm"]),
+    frame=st.sampled_from(["base", "flange"]),
+)
+def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, frame):
+    t = 1e-9 * data[:, 0]  # in any order, before and after the session's zero
+    signals = {"pos": data[:, 1:4], "q": data[:, 4:11], "force": data[:, 11:14], "gripper": data[:, 14:]}
+    recording = Recording(t=t, signals=signals, length_unit=unit, force_frame=frame)
+    began = max(began, -float(t.min()) + 1.0)
+    told = Demonstration("cell-1", "s1", "default", recording, began, recording.columns)
+    write_mcap(tmp_path / "any.mcap", told)
+    assert_same(recording, load_recording(tmp_path / "any.mcap"))
+    write_csv(tmp_path / "any.csv", recording)
+    assert_same(recording, load_recording(tmp_path / "any.csv"))
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "csv", "npz"])
+def test_the_command_exports_and_segment_gives_the_same_numbers(tmp_path, suffix):
+    short = load_recording(DATA / "pick_and_place.npz")
+    part = replace(short, t=short.t[:4000], signals={s: v[:4000] for s, v in short.signals.items()})
+    part.save(tmp_path / "part.npz")
+    out = tmp_path / f"out.{suffix}"
+    result = caesura("export", tmp_path / "part.npz", "-o", out)
+    assert result.exit_code == 0, result.output
+    assert_same(part, load_recording(out))
+    assert caesura("segment", out, "--json", tmp_path / "a.json").exit_code == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found == json.loads(json.dumps(as_json(segment_recording(part))))
+
+
+@pytest.mark.parametrize(
+    ("file", "out", "message"),
+    [
+        (DATA / "button.npz", "out.txt", "expected one of .npz, .csv, .mcap"),
+        (DATA / "button.npz", "nowhere/out.csv", "no such directory"),
+        ("missing.mcap", "out.csv", "no such file"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line(tmp_path, file, out, message):
+    result = caesura("export", tmp_path / file, "-o", tmp_path / out)
+    assert result.exit_code == 1
+    assert message in result.stderr
+    assert not (tmp_path / out).exists()
+
+
+def test_somebody_elses_mcap_is_refused_with_what_it_has(tmp_path):
+    with (tmp_path / "foreign.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.register_channel(topic="/camera", message_encoding="json", schema_id=0)
+        writer.finish()
+    with pytest.raises(CaesuraError, match=r"neither ours nor a rosbag2.*/camera"):
+        load_recording(tmp_path / "foreign.mcap")
+
+
+@pytest.mark.parametrize("length", [0, 8, 500, -1])
+def test_a_file_that_was_cut_short_is_refused_in_one_line(tmp_path, length):
+    write_session(tmp_path / "s1.mcap", taught_from(kept(guided()), "cell-1", "s1"))
+    whole = (tmp_path / "s1.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:length])
+    with pytest.raises(CaesuraError, match="not a readable mcap file") as caught:
+        load_recording(tmp_path / "cut.mcap")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    write_session(tmp_path / "s1.mcap", taught_from(kept(guided()), "cell-1", "s1"))
+    whole = bytearray((tmp_path / "s1.mcap").read_bytes())
+    whole[len(whole) // 2] ^= 0xFF
+    (tmp_path / "bad.mcap").write_bytes(whole)
+    with pytest.raises(CaesuraError, match="not a readable mcap file"):
+        load_recording(tmp_path / "bad.mcap")

@@ -1,0 +1,76 @@
+"""Chromium as the tests drive it, what it is asked for, and the pictures that it leaves behind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+from urllib.parse import urlsplit
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, sync_playwright
+
+CHROMIUM = Path(os.environ.get("CAESURA_CHROMIUM", "/usr/bin/chromium"))
+ARTEFACTS = Path(__file__).parent / "artefacts"
+# Without the last four Chromium asks Google's hosts at every start.
+FLAGS = (
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+TABLET = {"width": 1180, "height": 820}
+PATIENCE_MS = 30_000
+Theme = Literal["light", "dark"]
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser without a screen."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=list(FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Visitor:
+    """One page of a browser; remembers which hosts it asked for and what went wrong in it."""
+
+    def __init__(self, browser: Browser, theme: Theme = "light") -> None:
+        self.theme = theme
+        self.hosts: set[str] = set()
+        self.errors: list[str] = []
+        self._context = browser.new_context(viewport=TABLET, color_scheme=theme)
+        self._context.on("request", lambda request: self._ask(request.url))
+        self.page: Page = self._context.new_page()
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.on("websocket", lambda socket: self._ask(socket.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda said: self._hear(said.type, said.text))
+
+    def close(self) -> None:
+        self._context.close()
+
+    def picture(self, name: str) -> None:
+        """Keep what is on the page, to be looked at."""
+        ARTEFACTS.mkdir(exist_ok=True)
+        self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
+
+    def barriers(self) -> list[str]:
+        """What axe finds on the page that keeps somebody out."""
+        found = Axe().run(self.page).response["violations"]
+        return [
+            f"{one['id']}: {one['help']}: {[node['target'] for node in one['nodes']][:3]}"
+            for one in found
+            if one["impact"] in {"serious", "critical"}
+        ]
+
+    def _ask(self, url: str) -> None:
+        if urlsplit(url).scheme not in {"data", "blob"}:
+            self.hosts.add(urlsplit(url).hostname or "")
+
+    def _hear(self, kind: str, text: str) -> None:
+        if kind == "error":
+            self.errors.append(text)

@@ -1,0 +1,98 @@
+"""A service, bridges and the dashboard, each a process of its own, and a demonstration that goes on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients import Caesura
+from caesura_clients.recording import Recording
+from caesura_clients.transport import ZenohTransport
+from clients.conftest import free_port
+from harness.demonstrations import RATE_HZ, guided
+from harness.processes import DEADLINE_S, Process, Service, running
+
+PYTEST = "PYTEST_CURRENT_TEST"  # by which NiceGUI would take itself for a test of its own
+CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
+REST_S = 120.0  # for which the hand rests afterwards: as long as a test may take
+KINDS = ("steady", "motion", "contact")  # how the demonstration begins
+
+
+def patient(seed: int = 0) -> Recording:
+    """Reach, press, lift away, go back, and then hold still for long: the demonstration goes on."""
+    taught, rng = guided(seed), np.random.default_rng(seed + 100)
+    count = round(REST_S * RATE_HZ)
+    pos = taught.signals["pos"][-20:].mean(axis=0) + 3e-4 * rng.standard_normal((count, 3))
+    force = 0.2 * rng.standard_normal((count, 3))
+    t = taught.t[-1] + (1 + np.arange(count)) / RATE_HZ
+    signals = {
+        "pos": np.concatenate([taught.signals["pos"], pos]),
+        "force": np.concatenate([taught.signals["force"], force]),
+    }
+    return Recording(t=np.concatenate([taught.t, t]), signals=signals, name="patient")
+
+
+class Dashboard(Process):
+    """`caesura dashboard` on a free port."""
+
+    def __init__(self, endpoint: str, *options: str) -> None:
+        port = free_port()
+        self.url = f"http://127.0.0.1:{port}"
+        super().__init__(
+            ["env", "-u", PYTEST, *CAESURA, "dashboard", "--connect", endpoint, "--port", str(port), *options]
+        )
+
+
+class Stage:
+    """Everything that a browser looks at."""
+
+    def __init__(self, service: Service, dashboard: Dashboard, folder: Path) -> None:
+        self.service, self.dashboard, self.folder = service, dashboard, folder
+        self._bridges: dict[str, subprocess.Popen[bytes]] = {}
+
+    def teach(self, station: str, recording: Recording, *, session: str = "s1", pace: str = "real") -> None:
+        """A bridge in a process of its own."""
+        file = self.folder / f"{station}-{session}.npz"
+        recording.save(file)
+        command = [
+            *CAESURA, "bridge", "--connect", self.service.endpoint, "--station", station,
+            "--session", session, "--source", "file", "--file", str(file), "--pace", pace,
+        ]  # fmt: skip
+        self._bridges[station] = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    def wait(self, station: str) -> None:
+        """Until its bridge has ended by itself."""
+        assert self._bridges[station].wait(DEADLINE_S) == 0
+
+    def kill(self, station: str) -> None:
+        """−9."""
+        self._bridges[station].kill()
+        self._bridges[station].wait(DEADLINE_S)
+
+    def close(self) -> None:
+        for station in self._bridges:
+            self.kill(station)
+
+    @contextmanager
+    def reader(self) -> Iterator[Caesura]:
+        """A client of its own, which sees what is on the wire."""
+        with ZenohTransport(self.service.endpoint, timeout_s=DEADLINE_S) as transport:
+            yield Caesura(transport)
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Stage]:
+    """Service and dashboard, ready."""
+    with running(Service(folder / "journal")) as service, running(Dashboard(service.endpoint)) as dashboard:
+        stage = Stage(service, dashboard, folder)
+        try:
+            yield stage
+        finally:
+            stage.close()

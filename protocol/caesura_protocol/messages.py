@@ -113,14 +113,14 @@ class Close(Message):
 
 
 class Insert(Message):
-    """A segment ends here and the next begins: at the observation nearest to `t`."""
+    """A segment ends here and the next begins, as near to `t` as there are observations."""
 
     do: Literal["insert"] = "insert"
     t: Seconds  # [s]
 
 
 class Remove(Message):
-    """There is no changepoint where the one nearest to `t` was shown."""
+    """The two segments that meet in the changepoint nearest to `t` are one."""
 
     do: Literal["remove"] = "remove"
     t: Seconds  # [s]

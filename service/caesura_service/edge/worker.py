@@ -88,12 +88,14 @@ class Worker:
     def _run(self) -> None:
         due = self._clock() + TICK_S
         while not self._stopped.is_set():
-            arrival = self._inbox.get(min(TICK_S, self._steward.patience_s()))
+            patience_s = 0.0 if self._registry.is_busy else self._steward.patience_s()
+            arrival = self._inbox.get(min(TICK_S, patience_s))
             if arrival is not None:
                 self._guarded(lambda taken=arrival: self._take(taken))  # type: ignore[misc]
             if self._inbox.news != self._news:
                 self._guarded(self._tell_of_overload)
             self._guarded(lambda: self.say(self._steward.step()))
+            self._guarded(lambda: self.say(self._registry.step()))
             if (now := self._clock()) >= due:
                 due = now + TICK_S
                 self._guarded(lambda: self.say(self._registry.tick(self._clock())))

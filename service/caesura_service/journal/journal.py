@@ -1,8 +1,8 @@
 """The journal's interface. A record is written before it is processed, and never changed.
 
 What changes a session is recorded in the order in which it was taken: the opening, every batch that was
-news, every hole that was given up (an `evicted` error), the close. What came twice, and what was refused
-without touching the session, is not.
+news, every hole that was given up (an `evicted` error), every edit, the close. What came twice, and what was
+refused without touching the session, is not.
 
 When a record is safe. Batches may be processed, and their results told, a little before: whoever sent
 them still has them, and the same batches give the same results. What nobody could send again, or would
@@ -16,9 +16,9 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
+from caesura_protocol.messages import Close, Edit, Error, JournalReport, Open, SampleBatch, Snapshot
 
-Recordable = Open | SampleBatch | Error | Close
+Recordable = Open | SampleBatch | Edit | Error | Close
 Key = tuple[str, str]  # station and session
 
 
@@ -59,6 +59,7 @@ class Copy(NamedTuple):
     closed: bool
     last_seq: int  # the highest number of a batch; -1 without one
     size: int  # [bytes]
+    edits: int = 0
 
     @property
     def key(self) -> Key:
@@ -66,9 +67,9 @@ class Copy(NamedTuple):
         return self.station, self.session
 
     @property
-    def progress(self) -> tuple[bool, int, int]:
+    def progress(self) -> tuple[bool, int, int, int]:
         """Of two copies the greater is further along."""
-        return self.closed, self.last_seq, self.size
+        return self.closed, self.last_seq, self.edits, self.size
 
 
 class Journal(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Set
 
-from caesura_protocol.messages import Close, JournalReport, SampleBatch
+from caesura_protocol.messages import Close, Edit, JournalReport, SampleBatch
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
@@ -107,7 +107,8 @@ class MemoryJournal:
         numbers = [record.message.seq for record in records if isinstance(record.message, SampleBatch)]
         opened, touched = records[0].at, records[-1].at
         closed, size = key in self.closed(), self._sizes[key]
-        return Copy(*key, opened, touched, closed, max(numbers, default=-1), size)
+        edits = sum(isinstance(record.message, Edit) for record in records)
+        return Copy(*key, opened, touched, closed, max(numbers, default=-1), size, edits)
 
 
 def _size(record: Record) -> int:

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Error, Open, SampleBatch, Snapshot
+from caesura_protocol.messages import Close, Edit, Error, Open, SampleBatch, Snapshot
 from caesura_service.journal.journal import Copy, Outcome, Record, Recordable
 from caesura_service.journal.schema import SELECT_COPIES, SELECT_EPOCH
 
 ROW_BYTES = 100  # of a record beside its payload
-_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Error, Close)
+_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
 
 
 class Row(NamedTuple):
@@ -63,8 +63,8 @@ def copies_in(database: sqlite3.Connection, station: str | None) -> tuple[Copy, 
     """What a journal has of every session, or of those of one station, oldest first."""
     rows = database.execute(SELECT_COPIES, {"station": station})
     return tuple(
-        Copy(name, session, opened, touched, bool(closed), last_seq, size)
-        for name, session, opened, touched, closed, last_seq, size in rows
+        Copy(name, session, opened, touched, bool(closed), last_seq, size, edits)
+        for name, session, opened, touched, closed, last_seq, size, edits in rows
     )
 
 

@@ -12,11 +12,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from caesura_protocol.codec import encoding_of
+from caesura_protocol.messages import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 LOCK_SUFFIX = ".lock"
+EDIT = encoding_of(Edit)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -54,6 +57,9 @@ CREATE TABLE IF NOT EXISTS stations (
     station TEXT PRIMARY KEY,
     epoch INTEGER NOT NULL              -- the last one under which this instance had it
 )"""
+# What came with version 3: records may be edits, which are few and have to be counted.
+SCHEMA_3 = f"""
+CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
 
 INSERT_SESSION = """
 INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
@@ -77,14 +83,15 @@ INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station =
 SELECT_OUTCOME = """
 SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
 WHERE station = ? AND session = ?"""
-SELECT_COPIES = """
+SELECT_COPIES = f"""
 SELECT station, session, opened, touched, closed,
     coalesce((
         SELECT max(seq) FROM records WHERE session_id = known.id AND seq IS NOT NULL AND epoch = (
             SELECT max(epoch) FROM records WHERE session_id = known.id AND seq IS NOT NULL
         )
     ), -1),
-    size
+    size,
+    (SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{EDIT}')
 FROM sessions AS known WHERE :station IS NULL OR station = :station ORDER BY id"""
 SELECT_EPOCH = "SELECT coalesce(max(epoch), -1) FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch) VALUES (?, ?)"
@@ -171,6 +178,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
         database.execute(f"PRAGMA {pragma}")
     with transaction(database):  # whoever cannot write shall know now
         database.execute(SCHEMA_2)
+        database.execute(SCHEMA_3)
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 

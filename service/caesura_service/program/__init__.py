@@ -10,6 +10,7 @@ from caesura_service.program.apps import (
     task_program,
 )
 from caesura_service.program.gaps import Gaps, observed_share
+from caesura_service.program.limiting import with_force_limit
 
 __all__ = [
     "FORCE_LIMIT_N",
@@ -21,4 +22,5 @@ __all__ = [
     "Step",
     "observed_share",
     "task_program",
+    "with_force_limit",
 ]

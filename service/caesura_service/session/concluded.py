@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Snapshot
+from caesura_service.session.corrections import Change, Correction
 from caesura_service.session.ports import Owner
 from caesura_service.session.standing import Standing, Stream, Tally
-from caesura_service.session.view import View
+from caesura_service.session.view import Pipeline, View
 
 
 class Concluded:
@@ -28,6 +31,14 @@ class Concluded:
     def finish(self) -> None:
         """A closed session has finished."""
         raise RuntimeError("the session is closed")
+
+    def resolve(self, change: Change) -> Correction:
+        """Only what has been folded can be corrected."""
+        raise RuntimeError("the session has to be rebuilt from the journal first")
+
+    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+        """Only what has been folded can be corrected."""
+        raise RuntimeError("the session has to be rebuilt from the journal first")
 
 
 def view_of(snapshot: Snapshot) -> View:
@@ -72,4 +83,7 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
         waiting_for=None,
         last_seq=last_seq,
         program=snapshot.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch}),
+        revision=status.revision,
+        undoable=status.undoable,
+        redoable=status.redoable,
     )

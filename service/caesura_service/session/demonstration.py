@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Open
+from caesura_protocol.messages import Action, Open
 from caesura_service.session import results
+from caesura_service.session.corrections import Corrections
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
 from caesura_service.session.standing import Standing, Tally, time_of
@@ -28,6 +29,7 @@ class Demonstration:
     def __init__(
         self, station: str, opening: Open, pipeline: Pipeline, *, owner: Owner, limits: Limits
     ) -> None:
+        self.corrections = Corrections()
         self._pipeline = pipeline
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
@@ -81,6 +83,31 @@ class Demonstration:
             return [*self._look(), self.status()]
 
         return self._guarded(step)
+
+    def corrected(self, action: Action) -> tuple[Corrections, Pipeline]:
+        """The corrections with one edit more, and what comes of them; nothing changes.
+
+        Raises ProtocolError where the edit makes no sense.
+        """
+        corrections = self.corrections.after(action, self._pipeline.resolve)
+        return corrections, self._pipeline.corrected(corrections.active)
+
+    def correct(self, edited: results.Edited, pipeline: Pipeline) -> list[Output]:
+        """Go on as corrected, and say so at once."""
+        self.corrections, self._pipeline = edited.corrections, pipeline
+        self.standing, said = results.with_edit(self.standing, pipeline.view, edited)
+        self._status_t = max(self._status_t, self.standing.view.t)
+        self._program_t, self._program_unsaid = time_of(self.standing.view), False
+        return [*said]
+
+    def pass_over_edit(self) -> None:
+        """One that was made once, and makes no sense any more: it has counted nevertheless."""
+        self.corrections = self.corrections.passed_over()
+        self.standing = replace(self.standing, revision=self.corrections.revision)
+
+    def revive(self, rebuilt: Demonstration) -> None:
+        """Have the mathematics of the same demonstration, folded again; what has been said of it stands."""
+        self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""

@@ -8,14 +8,16 @@ provisional until the next one comes.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
+from caesura_protocol.messages import App, Changepoint, Gap, Insert, Open, Segment, WrenchReport
+from caesura_service.session.corrections import Change, Correction
 from caesura_service.session.view import Pipeline, View
 
 PRESETS = ("fake", "default", "raising", "raising-at-the-end", "unspeakable")
@@ -48,6 +50,7 @@ class FakePipeline:
     repeats: int = 0
     observations: int = 0
     jumps: tuple[float, ...] = ()
+    inserted: tuple[float, ...] = ()
     gaps: tuple[Gap, ...] = ()
     finished: bool = False
     _start: float = 0.0
@@ -88,6 +91,18 @@ class FakePipeline:
         """Remember to close the gap at the next sample, or at the end."""
         self._gap_pending = True
 
+    def resolve(self, change: Change) -> Correction:
+        """A jump can be inserted where it has been; that is all."""
+        if not isinstance(change, Insert):
+            raise ProtocolError("conflict", "the fake inserts only", value=change.do)
+        if not 0.0 <= change.t <= self.t:
+            raise ProtocolError("malformed", "outside", value=change.t, limit=[0.0, max(self.t, 0.0)])
+        return Correction(inserted=change.t)
+
+    def corrected(self, corrections: Sequence[Correction]) -> FakePipeline:
+        """With these jumps more."""
+        return replace(self, inserted=tuple(one.inserted for one in corrections if one.inserted is not None))
+
     def finish(self) -> None:
         """Make everything final. Raises RuntimeError in the preset `raising-at-the-end`."""
         if self.preset == "raising-at-the-end":
@@ -96,6 +111,10 @@ class FakePipeline:
         self.finished = True
         if self._gap_pending and self._last_t is not None:
             self._end_gap(self._last_t)
+
+    @property
+    def _all(self) -> tuple[float, ...]:
+        return tuple(sorted({*self.jumps, *self.inserted}))
 
     def _latest_start(self) -> Any:
         """In the preset `unspeakable`, nothing that a message takes from the third observation on."""
@@ -131,20 +150,20 @@ class FakePipeline:
         self._value = value
 
     def _changepoints(self) -> tuple[Changepoint, ...]:
-        final = len(self.jumps) if self.finished else len(self.jumps) - 1
+        final = len(self._all) if self.finished else len(self._all) - 1
         return tuple(
             Changepoint(
                 t=t,
                 probability=1.0 if index < final else 0.8,
                 certainty="final" if index < final else "provisional",
             )
-            for index, t in enumerate(self.jumps)
+            for index, t in enumerate(self._all)
         )
 
     def _segments(self) -> tuple[Segment, ...]:
         if not self.observations:
             return ()
-        bounds = (0.0, *self.jumps, self.t)
+        bounds = (0.0, *self._all, self.t)
         pairs = itertools.pairwise(bounds)
         return tuple(self._segment(*pair, final=pair[1] < self.t or self.finished) for pair in pairs)
 
@@ -169,7 +188,7 @@ class FakePipeline:
         )
 
     def _apps(self) -> tuple[App, ...]:
-        bounds = (0.0, *self.jumps)
+        bounds = (0.0, *self._all)
         return tuple(
             App(
                 kind="cartesian_motion",

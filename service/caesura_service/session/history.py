@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.models import Observed
 from caesura_service.program import Moment
 from caesura_service.signals import Observation
 
@@ -12,8 +13,10 @@ Array = NDArray[np.float64]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _ORIENTATION, _JOINTS, _WIDTH, _SUM, _SUM2 = slice(7, 11), slice(11, 18), 18, 19, 20
-_COLUMNS = 21
+_HOLDING, _AFTER_GAP = 21, 22
+_COLUMNS = 23
 PRESS_SHARE, PRESS_LOOKS = 0.7, 600
+EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 class History:
@@ -43,10 +46,20 @@ class History:
         row[_ORIENTATION] = np.nan if observation.orientation is None else observation.orientation
         row[_JOINTS] = np.nan if observation.joints is None else observation.joints
         row[_WIDTH] = np.nan if observation.gripper_width is None else observation.gripper_width
+        row[_HOLDING], row[_AFTER_GAP] = holding(observation), observation.after_gap
         before = self._rows[self._count - 1, _SUM : _SUM2 + 1] if self._count else np.zeros(2)
         fz = float(observation.force_base[2])
         row[_SUM], row[_SUM2] = before[0] + fz, before[1] + fz * fz
         self._count += 1
+
+    def observed(self, index: int) -> Observed:
+        """What the segment models see of an observation."""
+        row = self._rows[index]
+        return Observed(row[_POSITION].copy(), row[_FORCE].copy(), float(row[_HOLDING]))
+
+    def after_gap(self, index: int) -> bool:
+        """Are samples missing before it?"""
+        return bool(self._rows[index, _AFTER_GAP])
 
     def t(self, index: int) -> float:
         """[s] time of an observation."""
@@ -97,3 +110,11 @@ class History:
             joints=None if np.isnan(joints[0]) else tuple(joints),
             gripper_width=None if np.isnan(row[_WIDTH]) else float(row[_WIDTH]),
         )
+
+
+def holding(observation: Observation) -> float:
+    """1 the gripper holds something, 0 it does not, nan unknown."""
+    if observation.gripper_closed is None:
+        return np.nan
+    empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M
+    return float(observation.gripper_closed and not empty)

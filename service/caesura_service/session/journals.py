@@ -16,8 +16,8 @@ class Copies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """The furthest of all; one's own where it has the same batches."""
-        return max(self._all, key=lambda copy: (copy.closed, copy.last_seq))
+        """The furthest of all; one's own where it has the same batches and edits."""
+        return max(self._all, key=lambda copy: (copy.closed, copy.last_seq, copy.edits))
 
     @property
     def _all(self) -> list[Copy]:

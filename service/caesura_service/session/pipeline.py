@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +15,23 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.preset import TARED_BIAS_N, UNTARED_BIAS_N, Preset
+from caesura_service.changepoint.preset import STEP_S, TARED_BIAS_N, UNTARED_BIAS_N, Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
-from caesura_service.changepoint.segments import Stretch, stretches
+from caesura_service.changepoint.segments import Stretch, Verdict, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold, check_level
-from caesura_service.program import Gaps, Grip, Step
+from caesura_service.program import Gaps, Grip, Step, with_force_limit
 from caesura_service.robot import load_panda
+from caesura_service.session.corrections import (
+    Change,
+    Correction,
+    Heeded,
+    Mark,
+    Shown,
+    Span,
+    resolved,
+)
 from caesura_service.session.growing import GrowingProgram
-from caesura_service.session.history import History
+from caesura_service.session.history import History, holding
 from caesura_service.session.settled import Part, Settled
 from caesura_service.session.view import Pipeline, View
 from caesura_service.session.weighing import is_baseline, weigh
@@ -32,7 +45,6 @@ from caesura_service.signals import (
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -80,7 +92,7 @@ def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> Filter:
 
 def observed(observation: Observation) -> Observed:
     """What the segment models see of an observation."""
-    return Observed(observation.position_base, observation.force_base, _holding(observation))
+    return Observed(observation.position_base, observation.force_base, holding(observation))
 
 
 class SegmentationPipeline:
@@ -91,6 +103,7 @@ class SegmentationPipeline:
         self._preset = preset
         self._source = WRENCH_SOURCES[layout.wrench_source]
         self._conditioner = Conditioner(layout)
+        self._heeded = Heeded()
         self._begin(tared=True)
         self._history = History()
         self._gaps = Gaps()
@@ -127,6 +140,22 @@ class SegmentationPipeline:
             self._gaps.add(Gap(t0=self._latest, tn=self._latest, reason="evicted"))
         self._take(self._conditioner.finish())
 
+    def resolve(self, change: Change) -> Correction:
+        """What a correction comes to. Raises ProtocolError where it points at nothing."""
+        return resolved(change, self._shown())
+
+    def corrected(self, corrections: Sequence[Correction]) -> Self:
+        """The same demonstration with these corrections from its first sample on; takes the place of this."""
+        other = copy(self)
+        other._heeded = Heeded(corrections)
+        other._settled = Settled()
+        other._program = other._growing()
+        other._begin(tared=self._tared)
+        for index in range(len(self._history)):
+            other._step(index)
+        other._view = other._look()
+        return other
+
     def _note_beginning(self, t: float) -> None:
         """Where the first sample was not the first one sent, say so; it divides nothing."""
         if np.isinf(self._began):
@@ -140,6 +169,7 @@ class SegmentationPipeline:
 
     def _begin(self, *, tared: bool) -> None:
         level = self._preset.threshold
+        self._tared = tared
         self._online = filter_of(self._preset, self._source, tared=tared)
         self._decided = None if level is None else OnlineThreshold(self._online, level)
 
@@ -155,20 +185,28 @@ class SegmentationPipeline:
             self._begin(tared=False)
         for observation in conditioned.observations:
             self._history.append(observation)
-            follower = self._decided or self._online
-            follower.step(observed(observation), boundary=observation.after_gap)
+            self._step(len(self._history) - 1)
         if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
             self._view = self._look()
         else:
             counts = self._conditioner
             self._view = replace(self._view, samples=counts.samples, repeats=counts.repeats)
 
+    def _step(self, index: int) -> None:
+        """Let the filter take an observation, with what somebody has said of it."""
+        history, after_gap = self._history, self._history.after_gap(index)
+        joins = index and self._preset.continuous and not after_gap
+        place = 0.5 * (history.t(index - 1) + history.t(index)) if joins else history.t(index)
+        said = self._heeded.start(index, place + 0.5 * STEP_S)
+        follower = self._decided or self._online
+        follower.step(history.observed(index), boundary=after_gap, changepoint=said)
+
     @property
     def _bias_n(self) -> float:
         return UNTARED_BIAS_N if self._conditioner.tare is None else TARED_BIAS_N
 
     def _look(self) -> View:
-        parts = self._parts()
+        self._parts_shown = parts = self._parts()
         return View(
             t=self._history.t_last,
             samples=self._conditioner.samples,
@@ -192,7 +230,8 @@ class SegmentationPipeline:
         if not self._online.count:
             return []
         known = len(self._settled)
-        fresh = stretches(self._online, known, decided=self._decided)
+        found = stretches(self._online, known, decided=self._decided)
+        fresh = [self._as_said(stretch) for stretch in found]
         every = [*self._settled.stretches, *fresh]
         parts = [
             Part(stretch, self._segment(every, known + i), self._changepoint(stretch))
@@ -201,6 +240,16 @@ class SegmentationPipeline:
         whole = [*self._settled.parts, *parts]
         self._settled.take(parts[: self._settling(fresh)])
         return whole
+
+    def _as_said(self, stretch: Stretch) -> Stretch:
+        """As somebody has placed and named it: given its ends, a name is the whole inference."""
+        if self._heeded.is_certain(start := stretch.start):
+            stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
+        label = self._heeded.label(start, stretch.end)
+        if label is None:
+            return stretch
+        kind = next(kind for kind in self._online.lattice.kinds if kind.name == label)
+        return replace(stretch, verdict=Verdict(kind, 1.0, None, 0.0))
 
     def _settling(self, fresh: list[Stretch]) -> int:
         """How many of these nothing can change any more, not even a later comparison of their load."""
@@ -236,6 +285,7 @@ class SegmentationPipeline:
             force_held=history.press(stretch.start, stretch.end) if found.kind.contact == "contact" else None,
             load_kg=None if load is None else load.kg,
             load_sd_kg=None if load is None else load.sd_kg,
+            corrected=self._heeded.label(stretch.start, stretch.end) is not None,
         )
 
     def _joins(self, start: int) -> bool:
@@ -260,6 +310,7 @@ class SegmentationPipeline:
             certainty="final" if final else "provisional",
             t_low=self._boundary(stretch.start_interval[0]),
             t_high=self._boundary(stretch.start_interval[1]),
+            corrected=self._heeded.is_certain(stretch.start),
         )
 
     def _apps(self, parts: list[Part]) -> tuple[App, ...]:
@@ -270,7 +321,47 @@ class SegmentationPipeline:
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts[first:])
         ]
-        return self._program.apps(steps, len(self._settled), self._grips, self._gaps.all)
+        apps = self._program.apps(steps, len(self._settled), self._grips, self._gaps.all)
+        return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
+
+    def _limited(self, app: App) -> App:
+        limit_n = self._heeded.force_limit(app)
+        return app if limit_n is None else with_force_limit(app, limit_n)
+
+    def _shown(self) -> Shown:
+        """What there is to correct."""
+        parts, last = self._parts_shown, len(self._parts_shown) - 1
+        spans = [
+            Span(
+                t0=part.segment.t0,
+                tn=part.segment.tn,
+                start=part.stretch.start,
+                end=part.stretch.end,
+                grows=i == last and not self._finished,
+            )
+            for i, part in enumerate(parts)
+        ]
+        return Shown(
+            t_first=self._history.t(0) if parts else 0.0,
+            t_last=self._view.t,
+            finished=self._finished,
+            marks=[self._mark(before, part) for before, part in pairwise(parts)],
+            spans=spans,
+            kinds=[kind.name for kind in self._online.lattice.kinds],
+            apps=self._view.apps,
+        )
+
+    def _mark(self, before: Part, part: Part) -> Mark:
+        """A changepoint, with what lies between its neighbours."""
+        between = range(before.stretch.start + 1, part.stretch.end)
+        gaps = self._online.boundaries
+        return Mark(
+            t=part.changepoint.t,
+            t_low=self._boundary(part.stretch.start_interval[0]),
+            t_high=self._boundary(part.stretch.start_interval[1]),
+            between=tuple(index for index in between if index not in gaps),
+            after_gap=part.stretch.start in gaps,
+        )
 
     def _notes(self) -> tuple[str, ...]:
         """What somebody must know who runs the program."""
@@ -286,11 +377,3 @@ class SegmentationPipeline:
             tare=self._conditioner.tare,
             note=f"{source.note} {self._conditioner.tare_note}",
         )
-
-
-def _holding(observation: Observation) -> float:
-    """1 the gripper holds something, 0 it does not, nan unknown."""
-    if observation.gripper_closed is None:
-        return np.nan
-    empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M
-    return float(observation.gripper_closed and not empty)

@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from itertools import islice
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.messages import Close, Command, Heartbeat, JournalReport, Open, SampleBatch
+from caesura_protocol.messages import Close, Command, Edit, Heartbeat, JournalReport, Open, SampleBatch
 from caesura_service.journal import Journal, JournalError, Key, Siblings
 from caesura_service.session.board import Board
 from caesura_service.session.custody import Custody
@@ -38,6 +38,7 @@ from caesura_service.session.ports import (
     ReplayEnded,
     Taken,
 )
+from caesura_service.session.reviving import Reviving
 from caesura_service.session.session import Session
 from caesura_service.session.standing import Tally, status_of
 from caesura_service.session.takeover import Builder, Takeover, is_behind
@@ -63,6 +64,7 @@ class Registry:
         self.custody = Custody(owner, journal, self._journals)
         self._builder = Builder(pipeline_factory, default_preset, journal, limits)
         self._takeover = Takeover(self._builder, self._journals, journal)
+        self._reviving = Reviving(self._takeover, self._journals)
         self._stations: dict[str, dict[str, Session]] = {}
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = self._look_at = float("-inf")  # [s]
@@ -103,6 +105,7 @@ class Registry:
         self, station: str, now: float, wanted: Mapping[str, Copies]
     ) -> Generator[list[Output], None, None]:
         self.custody.bar(station)
+        self._reviving.leave(station)
         held, owner = self._stations.get(station, {}), self.custody.acquire(station, now)
         taken = {name: session for name, session in held.items() if name not in wanted}
         for name, copies in wanted.items():
@@ -124,6 +127,7 @@ class Registry:
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
         self.custody.leave(station)
+        self._reviving.leave(station)
         with suppress(JournalError):  # which the journal has said already
             self._journal.commit()
         if (left := self._stations.pop(station, None)) is not None:
@@ -147,6 +151,9 @@ class Registry:
                 return self._open(station, command, now)
             session = self._session(station, command.session)
             with _recording():
+                if isinstance(command, Edit) and not session.is_folded:
+                    owner = self.custody.owner(station, now)
+                    return [Answer(self._reviving.ask(station, session, owner))]
                 return self._minded(session, session.receive(command, now))
         except ProtocolError as error:
             return [*self._charge(station, command.session, error), Answer(error)]
@@ -197,6 +204,15 @@ class Registry:
             self._tidy_at = now + self._limits.tidy_interval_s
             said += self._tidy(now)
         return said
+
+    @property
+    def is_busy(self) -> bool:
+        """Is there something to do, for which `step` is to be called?"""
+        return self._reviving.is_busy
+
+    def step(self) -> list[Output]:
+        """Do the next little thing, and say what comes of it."""
+        return self._reviving.step()
 
     def journal_report(self) -> JournalReport:
         """How the journal is doing; may be asked from any thread."""

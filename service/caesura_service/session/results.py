@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 from caesura_protocol.messages import Program
+from caesura_service.session.corrections import Corrections
 from caesura_service.session.ports import Owner, Publish
 from caesura_service.session.standing import (
     Standing,
@@ -18,6 +20,15 @@ from caesura_service.session.standing import (
     time_of,
 )
 from caesura_service.session.view import View
+
+
+@dataclass(frozen=True)
+class Edited:
+    """The corrections of a session after an edit, whose it was, and when [s, time of day]."""
+
+    corrections: Corrections
+    author: str
+    at: float
 
 
 def beginning(station: str, session: str, owner: Owner, preset: str, view: View) -> Standing:
@@ -72,7 +83,7 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     if (first := first_difference(old.segments, view.segments)) is not None:
         standing = _bump(standing, "segments")
         said.append(Publish(segments_of(standing, first)))
-    if view.observations != old.observations:
+    if _posterior(view) != _posterior(old):
         standing = _bump(standing, "posterior")
         said.append(Publish(posterior_of(standing)))
     return standing, said
@@ -85,16 +96,37 @@ def with_program(standing: Standing, *, note: str | None = None) -> tuple[Standi
     complete = not standing.is_open
     if (view.apps, notes, complete) == (program.apps, program.notes, program.complete):
         return standing, []
-    fresh = program.model_copy(
-        update={
-            "version": program.version + 1,
-            "t": time_of(view),
-            "complete": complete,
-            "apps": view.apps,
-            "notes": notes,
-        }
+    return _next_program(standing, apps=view.apps, notes=notes, complete=complete)
+
+
+def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing, list[Publish]]:
+    """What an edit makes of it: what differs, a version of the program with its author, and a status."""
+    standing, changes = with_view(standing, view, standing.tally)
+    done = edited.corrections
+    standing = replace(
+        standing, revision=done.revision, undoable=bool(done.active), redoable=bool(done.undone)
     )
+    standing, program = _next_program(
+        standing,
+        apps=view.apps,
+        notes=view.notes,
+        complete=not standing.is_open,
+        revision=done.revision,
+        author=edited.author,
+        edited=edited.at,
+    )
+    standing, status = with_status(standing)
+    return standing, [*changes, *program, status]
+
+
+def _next_program(standing: Standing, **changes: Any) -> tuple[Standing, list[Publish]]:
+    program, t = standing.program, time_of(standing.view)
+    fresh = program.model_copy(update={"version": program.version + 1, "t": t, **changes})
     return replace(standing, program=fresh), [Publish(fresh)]
+
+
+def _posterior(view: View) -> tuple[object, ...]:
+    return view.observations, view.posterior_starts, view.posterior_probabilities
 
 
 def first_difference(old: Sequence[object], new: Sequence[object]) -> int | None:

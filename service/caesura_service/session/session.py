@@ -31,6 +31,7 @@ from caesura_service.session.demonstration import Demonstration
 from caesura_service.session.limits import Limits
 from caesura_service.session.ordering import Asking, Ordering
 from caesura_service.session.ports import Answer, AskReplay, Incoming, Output, Owner, Refused, ReplayEnded
+from caesura_service.session.results import Edited
 from caesura_service.session.standing import Standing, snapshot_of
 from caesura_service.session.state import after
 from caesura_service.session.view import Pipeline
@@ -61,6 +62,7 @@ class Session:
             limits.held_batches, limits.held_bytes
         )
         self._asking = Asking(limits)
+        self._folded = True  # is there more of it than its outcome?
         self._unrecorded = False  # did a batch come since the last answer that could not be recorded?
 
     @property
@@ -77,6 +79,16 @@ class Session:
     def is_open(self) -> bool:
         """Does it take samples?"""
         return self.standing.is_open
+
+    @property
+    def is_folded(self) -> bool:
+        """Is there more of it than its outcome, so that it can be corrected?"""
+        return self._folded
+
+    @property
+    def revision(self) -> int:
+        """Edits so far."""
+        return self.standing.revision
 
     @property
     def next_seq(self) -> int:
@@ -96,6 +108,8 @@ class Session:
             match record.message:
                 case Error(limit=int() as target):
                     self._give_up(target)
+                case Edit() as edit:
+                    self._edit_again(edit, record.at)
                 case Open() | SampleBatch() | Close() as message:
                     self.receive(message, record.at)
             yield
@@ -110,7 +124,7 @@ class Session:
         """
         try:
             for record in records:
-                if self.is_open:
+                if self.is_open or isinstance(record.message, Edit):
                     self._follow(record)
                 yield
         finally:
@@ -124,6 +138,12 @@ class Session:
         """Be the closed session of an outcome: as `restore`, without folding anything."""
         self._demonstration.standing = standing
         self._ordering.skip_to(outcome.last_seq + 1)
+        self._folded = False
+
+    def revive(self, rebuilt: Session) -> None:
+        """Be what has been folded again from the records: it can be corrected then."""
+        self._demonstration.revive(rebuilt._demonstration)
+        self._folded = True
 
     def receive(self, message: Incoming, now: float) -> list[Output]:
         """Take a message.
@@ -143,7 +163,7 @@ class Session:
             case Close():
                 return self._receive_close(message, now)
             case Edit():
-                raise ProtocolError("internal", "this instance of the service takes no corrections")
+                return self._receive_edit(message, now)
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal that is charged to this session, and show it."""
@@ -244,6 +264,36 @@ class Session:
         self._record(close, now)
         return self._finish()
 
+    def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
+        after(self.standing.state, "edit")
+        if edit.revision != self.revision:
+            why = "somebody else has corrected the session meanwhile: look at it again"
+            raise ProtocolError("conflict", why, value=edit.revision, limit=self.revision)
+        self._check_kept()
+        corrections, pipeline = self._demonstration.corrected(edit.action)
+        self._record(edit, now)
+        said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
+        self._conclude()
+        return [*said, self._ack()]
+
+    def _check_kept(self) -> None:
+        """Of a closed session an edit alone would be no record."""
+        if self._journal is None or self.is_open:
+            return
+        if (self._station, self.name) not in self._journal.closed():
+            why = "the journal no longer has the session's samples: it cannot be corrected"
+            raise ProtocolError("conflict", why, value=self.name)
+
+    def _edit_again(self, edit: Edit, at: float) -> None:
+        """As it was made once. Where it makes no sense any more the samples are still worth having."""
+        try:
+            corrections, pipeline = self._demonstration.corrected(edit.action)
+        except ProtocolError as error:
+            self._demonstration.pass_over_edit()
+            self.refuse(error)
+        else:
+            self._demonstration.correct(Edited(corrections, edit.author, at), pipeline)
+
     def _follow(self, record: Record) -> None:
         match record.message:
             case SampleBatch() as batch if not self._ordering.is_duplicate(batch.seq):
@@ -255,6 +305,10 @@ class Session:
                 self.receive(again, record.at)
             case Close() as close:
                 self.receive(close, record.at)
+            case Edit() as edit if edit.revision == self.revision:
+                self._record(edit, record.at)
+                self._edit_again(edit, record.at)
+                self._conclude()
 
     # --- steps ------------------------------------------------------------------------------------------
 
@@ -356,6 +410,7 @@ class Session:
                 session=self._opening.session,
                 next_seq=self.next_seq,
                 state="open" if state == "open" else "closed",
+                revision=self.revision,
             )
         )
 

@@ -60,6 +60,9 @@ class Standing:
     waiting_for: int | None  # the batch that is missing
     last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
     program: Program
+    revision: int = 0  # edits so far
+    undoable: bool = False
+    redoable: bool = False
 
     @property
     def is_open(self) -> bool:
@@ -106,6 +109,9 @@ def status_of(standing: Standing) -> SessionStatus:
         capped=view.capped,
         lost=tally.lost,
         dropped=tally.dropped,
+        revision=standing.revision,
+        undoable=standing.undoable,
+        redoable=standing.redoable,
     )
 
 

@@ -2,6 +2,7 @@
 
 A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
 has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
+It can be corrected as long as it is kept.
 `failed` is a session whose pipeline raised: closed for the world, with the reason in its status.
 """
 
@@ -13,7 +14,7 @@ from typing import Literal
 from caesura_protocol.errors import ProtocolError
 
 State = Literal["open", "closed", "failed"]
-Move = Literal["open", "samples", "heartbeat", "replayed", "close", "fail"]
+Move = Literal["open", "samples", "heartbeat", "replayed", "close", "edit", "fail"]
 
 MOVES: Mapping[tuple[State, Move], State] = {
     ("open", "open"): "open",
@@ -21,10 +22,12 @@ MOVES: Mapping[tuple[State, Move], State] = {
     ("open", "heartbeat"): "open",
     ("open", "replayed"): "open",
     ("open", "close"): "closed",
+    ("open", "edit"): "open",
     ("open", "fail"): "failed",
     ("closed", "close"): "closed",
     ("closed", "heartbeat"): "closed",
     ("closed", "replayed"): "closed",
+    ("closed", "edit"): "closed",
     ("failed", "heartbeat"): "failed",
     ("failed", "replayed"): "failed",
 }

@@ -68,11 +68,21 @@ class Takeover:
 
     def session(self, copies: Copies, held: Session | None, owner: Owner) -> Steps:
         """The session, None where it cannot be had. held: what is in memory of it."""
-        if copies.best.closed and (held is None or held.is_open):
+        ended_elsewhere = copies.best.closed and (held is None or held.is_open)
+        behind = ended_elsewhere or (held is not None and is_behind(held, copies))
+        if copies.best.closed and behind:
             ended = self._ended(copies, owner)
             if ended is not None:
                 return ended
-        session = held or (yield from self._rebuilt(copies, owner))
+        if held is not None and not (behind and not held.is_folded):
+            if behind:
+                yield from self._followed(held, copies)
+            return held
+        return (yield from self.rebuilt(copies, owner))
+
+    def rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+        """The session, folded from its records as far as anybody has them; None where it cannot be had."""
+        session = yield from self._rebuilt(copies, owner)
         if session is not None and is_behind(session, copies):
             yield from self._followed(session, copies)
         return session
@@ -88,8 +98,8 @@ class Takeover:
         """From how it ended, where the best copy says so; a copy of one's own that does not is of no use."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
-        if outcome is None:
-            return None
+        if outcome is None or outcome.snapshot.status.revision != copies.best.edits:
+            return None  # or it was corrected after that, and the power went before it was kept anew
         if copies.best is not copies.own:
             self._borrowed.add((station, name))
             with suppress(JournalError):
@@ -133,9 +143,11 @@ class Takeover:
 
 def is_behind(session: Session, copies: Copies) -> bool:
     """Has another instance gone further than what is in memory here?"""
-    if copies.furthest is None or not session.is_open:
+    if copies.furthest is None:
         return False
-    return copies.furthest.copy.closed or copies.furthest.copy.last_seq >= session.next_seq
+    theirs = copies.furthest.copy
+    further = theirs.closed or theirs.last_seq >= session.next_seq
+    return (session.is_open and further) or theirs.edits > session.revision
 
 
 def _opening(message: object) -> Open:

@@ -6,6 +6,7 @@ and the program lie behind it; ordering, numbering and the wire lie before it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Changepoint, Gap, Segment, WrenchReport
+from caesura_service.session.corrections import Change, Correction
 
 
 @dataclass(frozen=True)
@@ -51,3 +53,11 @@ class Pipeline(Protocol):
 
     def finish(self) -> None:
         """The demonstration is over: decide what is still open."""
+
+    def resolve(self, change: Change) -> Correction:
+        """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
+
+    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+        """As if these had been known from the first sample on. It takes the place of this one, which is
+        not to be used any more where it does.
+        """

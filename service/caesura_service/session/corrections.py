@@ -1,0 +1,236 @@
+"""What people have corrected, as plain values: resolved to what the filter and the program heed.
+
+Rules
+- A correction is resolved once, against what is shown when it is made, to observations and times. Those never
+  change, so the same corrections mean the same from the first sample on as after the last one.
+- What is removed is gone: from the changepoint before it to the one after it there is none. Were only its
+  own place forbidden, what made it one would put it right beside.
+- Of two that speak of one observation the later one counts.
+- A kind and a force limit hold for the segment, or the app, that covers the middle of what they were given
+  to: they are found again there after its ends have moved.
+- Undo takes the last one away, redo puts it back, and a new one ends what could be put back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    Action,
+    App,
+    Insert,
+    LimitForce,
+    Move,
+    Redo,
+    Relabel,
+    Remove,
+    Undo,
+)
+from caesura_service.program import FORCE_LIMIT_N
+
+Change = Insert | Remove | Move | Relabel | LimitForce
+
+REACH_S = 0.5  # a changepoint this close is meant
+AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
+MAX_CORRECTIONS = 1000
+NAMED = 3  # changepoints that a refusal names
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What one correction comes to. Observations by their number."""
+
+    inserted: float | None = None  # [s] the first start whose place on the grid ends after this
+    starts: tuple[int, ...] = ()  # a segment starts there
+    none: tuple[int, ...] = ()  # none starts there
+    label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
+    force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A changepoint that is shown."""
+
+    t: float  # [s]
+    t_low: float
+    t_high: float
+    between: tuple[int, ...]  # observations between the changepoint before it and the one after it
+    after_gap: bool
+
+
+@dataclass(frozen=True)
+class Span:
+    """A segment that is shown: observations start to end, the end not included."""
+
+    t0: float  # [s]
+    tn: float
+    start: int
+    end: int
+    grows: bool  # its end is not known yet
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What there is to correct."""
+
+    t_first: float  # [s] of the first observation and of the last one
+    t_last: float
+    finished: bool
+    marks: Sequence[Mark]
+    spans: Sequence[Span]
+    kinds: Sequence[str]
+    apps: Sequence[App]
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Those of a session, oldest first."""
+
+    active: tuple[Correction, ...] = ()
+    undone: tuple[Correction, ...] = ()
+    revision: int = 0  # edits so far
+
+    def after(self, action: Action, resolve: Callable[[Change], Correction]) -> Corrections:
+        """With one edit more. Raises ProtocolError where it makes no sense."""
+        if isinstance(action, Undo):
+            if not self.active:
+                raise ProtocolError("conflict", "there is nothing to undo", value=self.revision)
+            active, undone = self.active[:-1], (*self.undone, self.active[-1])
+        elif isinstance(action, Redo):
+            if not self.undone:
+                raise ProtocolError("conflict", "there is nothing to redo", value=self.revision)
+            active, undone = (*self.active, self.undone[-1]), self.undone[:-1]
+        else:
+            if len(self.active) >= MAX_CORRECTIONS:
+                why = "the session has too many corrections: undo some"
+                raise ProtocolError("conflict", why, value=len(self.active), limit=MAX_CORRECTIONS)
+            active, undone = (*self.active, resolve(action)), ()
+        return Corrections(active, undone, self.revision + 1)
+
+    def passed_over(self) -> Corrections:
+        """An edit that cannot be made again has counted nevertheless."""
+        return replace(self, revision=self.revision + 1)
+
+
+class Heeded:
+    """The corrections of a session, as the filter is told of them: observation by observation, in order."""
+
+    def __init__(self, corrections: Sequence[Correction] = ()) -> None:
+        known: dict[int, tuple[int, bool]] = {}
+        for order, one in enumerate(corrections):
+            known |= dict.fromkeys(one.none, (order, False)) | dict.fromkeys(one.starts, (order, True))
+        inserted = [
+            (one.inserted, order) for order, one in enumerate(corrections) if one.inserted is not None
+        ]
+        self._known = known
+        self._inserted = sorted(inserted, reverse=True)
+        self._certain: set[int] = set()
+        self._labels = [one.label for one in corrections if one.label is not None]
+        self._forces = [one.force for one in corrections if one.force is not None]
+
+    def start(self, index: int, until: float) -> bool | None:
+        """Does a segment start at observation `index`? None: nobody said.
+
+        until: [s] up to which a time means this observation, or one before it. To be asked once for each.
+        """
+        if index == 0:
+            return None
+        said = [self._known[index]] if index in self._known else []
+        while self._inserted and self._inserted[-1][0] < until:
+            said.append((self._inserted.pop()[1], True))
+        answer = max(said)[1] if said else None
+        if answer:
+            self._certain.add(index)
+        return answer
+
+    def is_certain(self, index: int) -> bool:
+        """Has somebody said that a segment starts there?"""
+        return index in self._certain
+
+    def label(self, start: int, end: int) -> str | None:
+        """What a segment was said to be."""
+        given = [kind for index, kind in self._labels if start <= index < end]
+        return given[-1] if given else None
+
+    def force_limit(self, app: App) -> float | None:
+        """[N] What an app shall not exceed; None where nobody said."""
+        given = [newton for t, newton in self._forces if app.t0 <= t <= app.tn]
+        return given[-1] if given else None
+
+    @property
+    def limits_forces(self) -> bool:
+        """Has somebody limited a force?"""
+        return bool(self._forces)
+
+
+def resolved(action: Change, shown: Shown) -> Correction:
+    """What a correction comes to. Raises ProtocolError, with what there is, where it points at nothing."""
+    match action:
+        case Insert(t=t):
+            _check_time(t, shown, ahead=True)
+            return Correction(inserted=t)
+        case Remove(t=t):
+            return Correction(none=_meant(t, shown).between)
+        case Move(t=t, to=to):
+            _check_time(to, shown, ahead=True)
+            return Correction(inserted=to, none=_meant(t, shown).between)
+        case Relabel(t=t, kind=kind):
+            return _relabelled(t, kind, shown)
+        case LimitForce(t=t, newton=newton):
+            return Correction(force=(_limited(t, newton, shown), newton))
+
+
+def _check_time(t: float, shown: Shown, *, ahead: bool = False) -> None:
+    last = shown.t_last + (AHEAD_S if ahead and not shown.finished else 0.0)
+    if not shown.spans:
+        raise ProtocolError("conflict", "nothing has been observed yet", value=t)
+    if not shown.t_first <= t <= last:
+        limit = [shown.t_first, last]
+        raise ProtocolError("malformed", "the time is outside the demonstration", value=t, limit=limit)
+
+
+def _meant(t: float, shown: Shown) -> Mark:
+    """The changepoint that somebody points at."""
+    _check_time(t, shown)
+    near = sorted(shown.marks, key=lambda mark: abs(mark.t - t))
+    for mark in near:
+        if abs(mark.t - t) <= REACH_S or mark.t_low <= t <= mark.t_high:
+            break
+    else:
+        raise _nothing_near("there is no changepoint near that", t, [round(mark.t, 3) for mark in near])
+    if mark.after_gap:
+        why = "samples are missing there: behind a gap a segment always begins"
+        raise ProtocolError("conflict", why, value=t, limit=mark.t)
+    return mark
+
+
+def _relabelled(t: float, kind: str, shown: Shown) -> Correction:
+    _check_time(t, shown)
+    if kind not in shown.kinds:
+        why = "this session knows no such kind of segment"
+        raise ProtocolError("malformed", why, value=kind, expected=list(shown.kinds))
+    span = next((span for span in shown.spans if span.t0 <= t < span.tn), shown.spans[-1])
+    ends = (span.start,) if span.grows else (span.start, span.end)
+    inside = tuple(range(span.start + 1, span.end))
+    return Correction(starts=ends, none=inside, label=((span.start + span.end) // 2, kind))
+
+
+def _limited(t: float, newton: float | None, shown: Shown) -> float:
+    """[s] The middle of the app that is meant."""
+    _check_time(t, shown)
+    if newton is not None and newton > FORCE_LIMIT_N:
+        why = "the service lets no app exert more than its own limit"
+        raise ProtocolError("malformed", why, value=newton, limit=FORCE_LIMIT_N)
+    exerting = [app for app in shown.apps if app.force is not None]
+    near = sorted(exerting, key=lambda app: max(app.t0 - t, t - app.tn))
+    if not near or not near[0].t0 <= t <= near[0].tn:
+        spans = [[round(app.t0, 3), round(app.tn, 3)] for app in near]
+        raise _nothing_near("no app exerts a force there", t, spans)
+    return 0.5 * (near[0].t0 + near[0].tn)
+
+
+def _nothing_near(what: str, t: float, nearest: list[Any]) -> ProtocolError:
+    return ProtocolError("conflict", what, value=t, limit=REACH_S, expected=nearest[:NAMED])

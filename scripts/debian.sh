@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
-# What the project needs from Debian, where it is missing: the venv module and make.
+# What the project needs from Debian, where it is missing: the venv module and make, and what is named besides.
+# Usage: scripts/debian.sh [PACKAGE...], of packages that are called as their command (chromium, for browser tests)
 set -euo pipefail
 missing=()
 python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
-command -v make >/dev/null || missing+=(make)
+for command in make "$@"; do
+  command -v "$command" >/dev/null || missing+=("$command")
+done
 [ ${#missing[@]} -eq 0 ] && exit 0
 command -v apt-get >/dev/null || { echo "please install: ${missing[*]}" >&2; exit 1; }
 apt-get update -q

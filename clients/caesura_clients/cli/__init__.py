@@ -16,6 +16,7 @@ GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
     "service": ("serve", "certs", "segment", "demo", "evaluate", "export", "report"),
     "teacher": ("teach",),
+    "dashboard": ("dashboard",),
 }
 OWN_PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients")
 

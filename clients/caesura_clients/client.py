@@ -9,11 +9,26 @@ from typing import Self
 
 from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.editing import edit
 from caesura_clients.network import DEFAULT_ENDPOINT, Transport
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update, follow
 from caesura_clients.transport import ZenohTransport
-from caesura_protocol.messages import Program, ServiceStatus, Snapshot
+from caesura_protocol.messages import (
+    Ack,
+    Action,
+    Insert,
+    Kind,
+    LimitForce,
+    Move,
+    Program,
+    Redo,
+    Relabel,
+    Remove,
+    ServiceStatus,
+    Snapshot,
+    Undo,
+)
 
 
 class Caesura:
@@ -47,6 +62,54 @@ class Caesura:
     def snapshot(self, station: str, session: str | None = None) -> Snapshot:
         """Everything about one session; without a name the one that `program` speaks of."""
         return query.snapshot(self.transport, station, session)
+
+    def insert(
+        self, station: str, session: str, t: float, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """End a segment at a time [s] and begin the next; for all seven see `editing.edit`."""
+        return self._edit(station, session, Insert(t=t), author, revision)
+
+    def remove(
+        self, station: str, session: str, t: float, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """Make one segment of the two that meet in the changepoint near a time [s]."""
+        return self._edit(station, session, Remove(t=t), author, revision)
+
+    def move(
+        self, station: str, session: str, t: float, to: float, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """Put the changepoint near a time [s] somewhere else."""
+        return self._edit(station, session, Move(t=t, to=to), author, revision)
+
+    def relabel(
+        self, station: str, session: str, t: float, kind: Kind, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """Say what the segment is in which a time [s] lies."""
+        return self._edit(station, session, Relabel(t=t, kind=kind), author, revision)
+
+    def limit_force(
+        self,
+        station: str,
+        session: str,
+        t: float,
+        newton: float | None,
+        *,
+        author: str,
+        revision: int | None = None,
+    ) -> Ack:
+        """Limit the force [N] of the app in whose time t [s] lies; None: the service's own limit."""
+        return self._edit(station, session, LimitForce(t=t, newton=newton), author, revision)
+
+    def undo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
+        """Take the last correction back."""
+        return self._edit(station, session, Undo(), author, revision)
+
+    def redo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
+        """Make the correction that was taken back last once more."""
+        return self._edit(station, session, Redo(), author, revision)
+
+    def _edit(self, station: str, session: str, action: Action, author: str, revision: int | None) -> Ack:
+        return edit(self.transport, station, session, action, author=author, revision=revision)
 
     def sessions(self, station: str = "*") -> list[SessionInfo]:
         """All sessions that the service knows."""

@@ -33,6 +33,7 @@ from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.sender import Sender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Source
+from caesura_clients.editing import mark
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
@@ -43,6 +44,8 @@ from caesura_protocol.messages import Ack, Close, Open
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
 LOST = {"conflict", "unknown_session", "forbidden"}
+
+MARKER = "marker"  # whose corrections those of a pedal are
 
 
 def new_session_name(now: datetime | None = None) -> str:
@@ -99,6 +102,7 @@ class Bridge:
             clock=clock,
         )
         self._clock = clock
+        self._revision = 0  # of the session, as far as a mark has learnt
         self._known = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
@@ -178,6 +182,18 @@ class Bridge:
             self._sender.push(chunk[start : start + step])
             if self._source.can_wait:
                 self._wait_for_room()
+
+    def mark(self, *, author: str = MARKER) -> Ack:
+        """A pedal or a key: a segment ends at the newest sample, and the next begins.
+
+        To be called from a thread that may wait for the network, which a robot's loop may not. Raises as
+        `editing.edit`, or CaesuraError before the first sample.
+        """
+        if (t := self._sender.last_t) is None:
+            raise CaesuraError(f"{self.station}/{self.session} has no samples yet: nothing to mark")
+        ack = mark(self._transport, self.station, self.session, t, author=author, revision=self._revision)
+        self._revision = ack.revision
+        return ack
 
     def finish(self) -> Ack:
         """Send what is pending and close the session.

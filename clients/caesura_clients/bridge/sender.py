@@ -38,6 +38,7 @@ class Sender:
     ) -> None:
         self.ring = ring
         self.last_seq = -1  # of what has a number
+        self.last_t: float | None = None  # [s] of the newest sample
         self._transport = transport
         self._key = station_key(station, "samples")
         self._open = opening
@@ -57,6 +58,7 @@ class Sender:
             if not len(self._batcher):
                 self._pending_since = self._clock()
             full = self._batcher.push(chunk)
+            self.last_t = float(chunk[-1][0]) if len(chunk) else self.last_t
             for batch in full:
                 self._number(batch)
             if full:

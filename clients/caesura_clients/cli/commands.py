@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +17,8 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
 from caesura_clients.cli.doctor import doctor
+from caesura_clients.cli.edit import edit
+from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
     Config,
     Connect,
@@ -45,7 +47,7 @@ PATIENCE_S = 2.0  # until the command line says what it waits for
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, watch, program, doctor):
+    for command in (bridge, watch, program, edit, doctor):
         app.command(command.__name__)(command)
     app.add_typer(sessions)
 
@@ -67,6 +69,9 @@ def bridge(
         int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
     ] = 0,
     batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
+    marker: Annotated[
+        bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
+    ] = False,
     endpoint: Connect = DEFAULT_ENDPOINT,
     config: Config = None,
 ) -> None:
@@ -88,7 +93,7 @@ def bridge(
             ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
-            with attending(caesura.transport, _teller()):
+            with attending(caesura.transport, _teller()), marking(opened) if marker else nullcontext():
                 ack = _run(opened, caesura)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
             for one in snapshots(caesura.transport, station, opened.session):

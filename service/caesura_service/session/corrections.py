@@ -106,7 +106,7 @@ class Corrections:
         else:
             if len(self.active) >= MAX_CORRECTIONS:
                 why = "the session has too many corrections: undo some"
-                raise ProtocolError("conflict", why, value=len(self.active), limit=MAX_CORRECTIONS)
+                raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
             active, undone = (*self.active, resolve(action)), ()
         return Corrections(active, undone, self.revision + 1)
 

@@ -1,0 +1,79 @@
+"""`caesura edit`: correct a session from the command line."""
+
+from __future__ import annotations
+
+import getpass
+from typing import Annotated, Any
+
+import typer
+from pydantic import TypeAdapter, ValidationError
+
+from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.editing import edit as edit_session
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_protocol.messages import Action
+
+# What stands behind each action on the command line.
+WORDS: dict[str, tuple[str, ...]] = {
+    "insert": ("t",),
+    "remove": ("t",),
+    "move": ("t", "to"),
+    "relabel": ("t", "kind"),
+    "limit_force": ("t", "newton"),
+    "undo": (),
+    "redo": (),
+}
+USAGE = "; ".join(" ".join([do, *(word.upper() for word in words)]) for do, words in WORDS.items())
+_ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+
+
+def edit(
+    station: Annotated[str, typer.Argument(help="Teaching station.")],
+    session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
+    action: Annotated[list[str], typer.Argument(help=f"{USAGE}. Times [s]; NEWTON none lifts a limit.")],
+    author: Annotated[
+        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose correction; by default the login's.")
+    ] = None,
+    revision: Annotated[
+        int | None, typer.Option(min=0, help="Of the session as it was seen; by default the current one.")
+    ] = None,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Correct a session, open or closed: changepoints, kinds of segments, force limits."""
+    wanted = parse(action)
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            ack = edit_session(
+                caesura.transport,
+                station,
+                session,
+                wanted,
+                author=author or getpass.getuser(),
+                revision=revision,
+            )
+    typer.echo(f"{station}/{session} is at revision {ack.revision}")
+
+
+def parse(words: list[str]) -> Action:
+    """An action as it is typed. Raises BadParameter, which names what there is.
+
+    >>> parse(["move", "3.2", "3.4"])
+    Move(do='move', t=3.2, to=3.4)
+    """
+    do, *values = [word.replace("-", "_") if i == 0 else word for i, word in enumerate(words)]
+    names = WORDS.get(do)
+    if names is None or len(values) != len(names):
+        raise typer.BadParameter(f"{' '.join(words)!r}, expected one of: {USAGE}", param_hint="ACTION")
+    given: dict[str, Any] = dict(zip(names, values, strict=True))
+    if given.get("newton") == "none":
+        given["newton"] = None
+    try:
+        return _ACTION.validate_python({"do": do, **given})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        where = str(first["loc"][-1]).upper()
+        raise typer.BadParameter(
+            f"{where} is {first['input']!r}: {first['msg']}", param_hint="ACTION"
+        ) from error

@@ -1,0 +1,93 @@
+"""Correcting a session: one edit, carried out once or refused with the reason.
+
+An edit names the revision that its author has seen, so that nobody overwrites what somebody else has
+corrected meanwhile. A closed session may have to be rebuilt from the journal first; until then the service
+says `overloaded`, and is asked again.
+"""
+
+from __future__ import annotations
+
+import time
+
+from caesura_clients import query
+from caesura_clients.errors import Unreachable
+from caesura_clients.network import Transport
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, Action, Control, Edit, Insert
+
+EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in about two seconds
+PATIENCE_S = 60.0  # an hour is rebuilt from the journal in less
+RETRY_S = 0.25
+MARK_ATTEMPTS = 5
+
+
+def edit(
+    transport: Transport,
+    station: str,
+    session: str,
+    action: Action,
+    *,
+    author: str,
+    revision: int | None = None,
+) -> Ack:
+    """Correct a session; the Ack has its new revision.
+
+    revision: that the author has seen; by default the current one, which is asked first. Raises ProtocolError
+    where the service refuses (`conflict` with the current revision as its limit where somebody was faster),
+    Absent, or Unreachable where nobody answers: whether the edit was carried out the revision tells then.
+    """
+    if revision is None:
+        revision = query.snapshot(transport, station, session).status.revision
+    made = Edit(session=session, revision=revision, author=author, action=action)
+    return send(transport, station, made)
+
+
+def send(transport: Transport, station: str, made: Edit, *, patience_s: float = PATIENCE_S) -> Ack:
+    """Ask until the service has had time for it. Raises as `edit`."""
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            return _ask(transport, station, made)
+        except ProtocolError as refusal:
+            if refusal.code != "overloaded" or time.monotonic() >= deadline:
+                raise
+        time.sleep(RETRY_S)
+
+
+def mark(
+    transport: Transport, station: str, session: str, t: float, *, author: str, revision: int = 0
+) -> Ack:
+    """Force a changepoint at a time [s], whatever anybody else corrects at the same time.
+
+    revision: a guess. Raises as `edit`.
+    """
+    for _ in range(MARK_ATTEMPTS):
+        made = Edit(session=session, revision=revision, author=author, action=Insert(t=t))
+        try:
+            return send(transport, station, made)
+        except ProtocolError as refusal:
+            refused = refusal
+            if not is_stale(refusal):
+                raise
+            revision = int(refusal.limit)
+    raise refused
+
+
+def is_stale(refusal: ProtocolError) -> bool:
+    """Was it refused because somebody else was faster? Its limit is the current revision then."""
+    return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
+
+
+def _ask(transport: Transport, station: str, made: Edit) -> Ack:
+    content = encode(Control(command=made))
+    answers = transport.query(station_key(station, "control"), content, timeout_s=EDIT_TIMEOUT_S)
+    if answers.replies:
+        return decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
+    if answers.refusals:
+        raise answers.refusals[0]
+    raise Unreachable(
+        f"nobody answered the edit of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, or it is forbidden; "
+        f"if its revision is still {made.revision}, nothing has changed"
+    )

@@ -92,6 +92,22 @@ def fresh(origin, rho, now, before, n):
 
 
 @compiled
+def by_length(model, c, n):
+    """What of the log evidence of n samples, of one group of axes, depends on n alone."""
+    if n < model.by_length.shape[1]:
+        return model.by_length[c, n]
+    channel = model.channels[c]
+    values = channel.pooled * (n - channel.unvalued)
+    gammas = math.lgamma(0.5 * (channel.nu0 + values)) - math.lgamma(0.5 * channel.nu0)
+    return (
+        gammas
+        - 0.5 * values * math.log(math.pi)
+        + channel.whitening * (n - channel.unwhitened)
+        + channel.offset
+    )
+
+
+@compiled
 def begin(origin, row, at, signal, z, previous, joins):
     """Write where a newborn hypothesis counts from."""
     for a in range(AXES):
@@ -149,7 +165,7 @@ def profiled(model, state, c, z, joins):
             ssr, each = state.squared, state.told
             told = all_profiles(channel, squares, moments, norms, scales, row, half, moved2, ssr, each)
         row[at + 6] += paced
-        told += (1 if joint else AXES) * model.by_length[c, n + 1] + row[at + 6]
+        told += (1 if joint else AXES) * by_length(model, c, n + 1) + row[at + 6]
         if reach2:
             told += log_presence(moved2, least) - 0.5 * moved2 / reach2 + constant
         state.channel[c, slot] = told
@@ -339,7 +355,7 @@ def constant(model, state, c, z, joins):
             rows[slot, at + 6 + a] += fresh(origin, rho, y, rows[slot, at + 3 + a], n) ** 2
             rows[slot, at + 3 + a] = y
         x, y, w = rows[slot, at + 6], rows[slot, at + 7], rows[slot, at + 8]
-        state.channel[c, slot] = over_axes(channel, model.by_length[c, n + 1], x, y, w, n + 1)
+        state.channel[c, slot] = over_axes(channel, by_length(model, c, n + 1), x, y, w, n + 1)
 
 
 @compiled
@@ -369,7 +385,7 @@ def biased(model, state, c, z):
         x = max(rows[slot, at] - rows[slot, at + 3] ** 2 / weight, 0.0)
         y = max(rows[slot, at + 1] - rows[slot, at + 4] ** 2 / weight, 0.0)
         w = max(rows[slot, at + 2] - rows[slot, at + 5] ** 2 / weight, 0.0)
-        told = over_axes(channel, model.by_length[c, n + 1], x, y, w, n) - 0.5 * AXES * math.log(weight)
+        told = over_axes(channel, by_length(model, c, n + 1), x, y, w, n) - 0.5 * AXES * math.log(weight)
         told += mean_density(channel, rows[slot], at + 3, weight, 2 if laden else AXES)
         state.channel[c, slot] = told + rows[slot, at + 7]
 
@@ -405,7 +421,7 @@ def carried(model, state, c, z):
         weight = min(total / n, -channel.lightest)
         x, y = rows[slot, at + 3], rows[slot, at + 4]
         w = max(rows[slot, at + 5] + n * weight**2 - 2.0 * weight * total, 0.0)
-        state.channel[c, slot] = over_axes(channel, model.by_length[c, n], x, y, w, n)
+        state.channel[c, slot] = over_axes(channel, by_length(model, c, n), x, y, w, n)
 
 
 @compiled
@@ -467,7 +483,7 @@ def velocity(model, state, c, z):
         k = step**2 * n * (n - 1) * (2 * n - 1) / 6.0 + channel.kappa0
         a = n + channel.kappa0
         determinant = a * k - b * b
-        told = AXES * (model.by_length[c, n] - 0.5 * math.log(determinant))
+        told = AXES * (by_length(model, c, n) - 0.5 * math.log(determinant))
         for i in range(AXES):
             y = (z[signal + i] - rows[slot, at + i]) / channel.unit
             rows[slot, at + 3 + i] += y

@@ -27,6 +27,7 @@ from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
 
 Record = Mapping[str, Any]
+MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew
 VECTOR = 16  # numbers that a loop takes at once; what is left over it takes one by one
 SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES}
 ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
@@ -45,14 +46,14 @@ def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, len
     """The lattice for segments of up to so many samples."""
     models = tuple(lattice.channels.values())
     libraries = [model.library for model in models if isinstance(model, Profiled)]
-    n = np.arange(lengths + 1)
+    n, channels = np.arange(lengths + 1), _channels(models)
     return Model(
         _settings(lattice, parameters),
-        _channels(models),
+        channels,
         np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
         _log_weights(lattice),
         *_stacked(libraries, n),
-        np.array([_by_length(model, n) for model in models]),
+        np.array([by_length(channel, n[:MOST_LENGTHS]) for channel in channels]),
         hazard.log_mass(np.maximum(n, 1)),
         hazard.log_survival(n),
     )
@@ -136,6 +137,8 @@ def _record_of_noise(noise: Noise) -> Record:
         "joint": noise.joint,
         "shares": len(noise.shares),
         "share2": shares,
+        "pooled": AXES if noise.joint else 1,
+        "whitening": -0.5 * np.log1p(-(noise.correlation**2)) * (AXES if noise.joint else 1),
     }
 
 
@@ -149,6 +152,7 @@ def _profiled(model: Profiled) -> Record:
         "even": model.library.calm == 1.0,
         "pace": model.pace,
         "log_count": np.log(len(model.library) * len(model.noise.shares)),
+        "unwhitened": int(model.origin != "previous"),
     }
     if target is None:
         return record
@@ -157,6 +161,8 @@ def _profiled(model: Profiled) -> Record:
     return {
         **record,
         "explained": 1,
+        "unvalued": 1,
+        "unwhitened": 1 + record["unwhitened"],
         "reach2": target.reach**2,
         "least": target.least,
         "constant": constant,
@@ -182,6 +188,7 @@ def _constant(model: Constant) -> Record:
         "model": layout.CONSTANT,
         "signal": SIGNALS[model.channel],
         "origin": ORIGINS[model.origin],
+        "unwhitened": int(model.origin != "previous"),
     }
 
 
@@ -192,6 +199,8 @@ def _biased(model: Biased) -> Record:
         "origin": layout.ZERO,
         "bias2": model.bias**2,
         "absence": model.absence,
+        "unvalued": 1,
+        "unwhitened": 1,
     }
 
 
@@ -201,7 +210,8 @@ def _laden(model: Laden) -> Record:
 
 
 def _carried(model: Carried) -> Record:
-    return {"model": layout.CARRIED, "signal": FORCE, "lightest": model.least_kg * GRAVITY}
+    weight = model.least_kg * GRAVITY
+    return {"model": layout.CARRIED, "signal": FORCE, "lightest": weight, "whitening": 0.0}
 
 
 def _held(model: Held) -> Record:
@@ -228,6 +238,8 @@ def _velocity(model: ConstantVelocity) -> Record:
         "kappa0": model.kappa0,
         "unit": model.length_unit_m,
         "step": model.step_s,
+        "pooled": 1,
+        "offset": np.log(model.kappa0) + 0.5 * model.nu0 * np.log(model.nu0 * model.sigma2),
     }
 
 
@@ -266,33 +278,11 @@ def _width(model: ChannelModel) -> int:
     return _WIDTHS[type(model)]
 
 
-def _by_length(model: ChannelModel, n: Ints) -> Floats:
+def by_length(channel: Record, n: Ints) -> Floats:
     """(lengths,) what of the log evidence of n samples, of one group of axes, depends on n alone."""
-    match model:
-        case Profiled():
-            explained, offset = int(model.target is not None), int(model.origin == "previous")
-            return _of_noise(model.noise, n - explained, n - 1 + offset - explained)
-        case Constant():
-            return _of_noise(model.noise, n, n - 1 + int(model.origin == "previous"))
-        case Biased():
-            return _of_noise(model.noise, n - 1, n - 1)
-        case Carried():
-            return _of_noise(model.noise, n, np.zeros_like(n))
-        case ConstantVelocity():
-            prior = float(np.log(model.kappa0) + 0.5 * model.nu0 * np.log(model.nu0 * model.sigma2))
-            return _gammas(model.nu0, n) + prior
-        case _:
-            return np.zeros(n.size)
-
-
-def _of_noise(noise: Noise, values: Ints, whitened: Ints) -> Floats:
-    pooled = AXES if noise.joint else 1
-    jacobian = -0.5 * np.log1p(-(noise.correlation**2)) * whitened * pooled
-    result: Floats = _gammas(noise.nu0, pooled * values) + jacobian
-    return result
-
-
-def _gammas(nu0: float, n: Ints) -> Floats:
-    n = np.maximum(n, 0)
-    result: Floats = gammaln(0.5 * (nu0 + n)) - gammaln(0.5 * nu0) - 0.5 * n * np.log(np.pi)
+    values = channel["pooled"] * np.maximum(n - channel["unvalued"], 0)
+    nu0 = channel["nu0"] or 1.0
+    gammas = gammaln(0.5 * (nu0 + values)) - gammaln(0.5 * nu0) - 0.5 * values * np.log(np.pi)
+    whitened: Floats = channel["whitening"] * (n - channel["unwhitened"]) + channel["offset"]
+    result: Floats = gammas + whitened
     return result

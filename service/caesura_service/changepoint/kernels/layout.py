@@ -41,6 +41,11 @@ CHANNEL = np.dtype(
         ("share2", "f8", (MOST_SHARES,)),
         ("log_count", "f8"),  # of profiles times shares
         ("explained", "i8"),  # samples that the target's prior takes the place of
+        ("pooled", "i8"),  # values a sample, in one group of axes
+        ("unvalued", "i8"),  # samples that count no value
+        ("unwhitened", "i8"),  # samples that are not whitened
+        ("whitening", "f8"),  # log density of whitening a sample
+        ("offset", "f8"),  # of the log evidence, whatever the length
         ("reach2", "f8"),
         ("least", "f8"),
         ("pace", "f8"),
@@ -104,7 +109,7 @@ class Model(NamedTuple):
     precisions: Floats
     squares: Floats  # Σ, weighted by the precisions
     log_scales: Floats
-    by_length: Floats  # (c, n) what of a channel's evidence depends on the number of samples alone
+    by_length: Floats  # (c, n) what of the evidence depends on the number of samples alone, up to some number
     log_mass: Floats  # (n,) of the hazard
     log_survival: Floats  # (n,)
 

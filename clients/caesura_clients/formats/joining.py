@@ -1,0 +1,91 @@
+"""Signals that come in messages of their own, at times of their own, as rows of one matrix.
+
+A row is made for every value of the signal that leads (`pos`, or else `q`); each other signal stands in it
+with its newest value at or before that time, never with a later one: live there is none. Nothing is made up
+where a signal pauses: after `max_age_s` rows end until it is back, and the service sees a gap. A gripper may
+be silent as long as it likes, because it tells when it moves.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+
+NS = 10**9
+MAX_AGE_S = 0.5
+FOREVER = float("inf")
+Row = list[float]
+Values = Sequence[float]
+
+
+class Joiner:
+    """Values with their stamps [ns] in, rows (t, …) out; t [s] counts from the first stamp of the leader.
+
+    signals: what a row has; patience_s: how long a row waits for a signal that lags behind the leader. Live
+    it must be short, in a file it may be FOREVER.
+    """
+
+    def __init__(self, signals: Sequence[str], *, patience_s: float = FOREVER) -> None:
+        self.signals = tuple(name for name in COLUMNS_OF_SIGNAL if name in signals)
+        self.leader = "pos" if "pos" in self.signals else "q"
+        self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+        self.skipped = 0  # values of the leader for which another signal was not there
+        self.latest_s = 0.0  # the newest row
+        self._patience_ns = patience_s * NS
+        self._first: int | None = None
+        self._led: deque[tuple[int, Values]] = deque()
+        self._others: dict[str, deque[tuple[int, Values]]] = {
+            name: deque() for name in self.signals if name != self.leader
+        }
+        self._now: dict[str, tuple[int, Values]] = {}  # the newest of each at or before the row
+
+    def push(self, stamp: int, values: Mapping[str, Values]) -> list[Row]:
+        """Take what one message tells; returns the rows that are whole."""
+        for name, value in values.items():
+            if name == self.leader:
+                self._led.append((stamp, value))
+            elif name in self._others:
+                self._others[name].append((stamp, value))
+        return self._rows(self._patience_ns)
+
+    def flush(self) -> list[Row]:
+        """The rows that still wait; no more comes."""
+        return self._rows(-1.0)
+
+    def _rows(self, patience_ns: float) -> list[Row]:
+        rows = []
+        while self._led and self._is_ready(patience_ns):
+            row = self._row(*self._led.popleft())
+            if row is None:
+                self.skipped += 1
+            else:
+                rows.append(row)
+                self.latest_s = row[0]
+        return rows
+
+    def _is_ready(self, patience_ns: float) -> bool:
+        stamp, newest = self._led[0][0], self._led[-1][0]
+        if newest - stamp > patience_ns:
+            return True
+        waited = self._others.items()
+        if patience_ns != FOREVER:
+            waited = {name: queue for name, queue in waited if name != "gripper"}.items()
+        return all(queue and queue[-1][0] >= stamp for _, queue in waited)
+
+    def _row(self, stamp: int, value: Values) -> Row | None:
+        for name, queue in self._others.items():
+            while queue and queue[0][0] <= stamp:
+                self._now[name] = queue.popleft()
+        if self._first is None:
+            if self._now.keys() != self._others.keys():
+                return None
+            self._first = stamp
+        for name, (told, _) in self._now.items():
+            if name != "gripper" and stamp - told > MAX_AGE_S * NS:
+                return None
+        row = [(stamp - self._first) / NS]
+        for name in self.signals:
+            row.extend(value if name == self.leader else self._now[name][1])
+        return row

@@ -1,0 +1,89 @@
+"""Where the flange is, from what robots report: a pose of the end effector, and where that is on the flange.
+
+Quaternions are x y z w; a frame of the end effector that was never set (all zeros) is that of the flange.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Pose(NamedTuple):
+    """A frame in another."""
+
+    position: Vector  # [m]
+    orientation: Quaternion
+
+
+HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def flange_of(effector: Pose, effector_on_flange: Pose) -> Pose:
+    """O_T_F = O_T_EE · (F_T_EE)⁻¹: the flange, from the end effector in the base frame and on the flange."""
+    if effector_on_flange == HERE or not any(effector_on_flange.orientation):
+        return effector
+    (x, y, z), (ox, oy, oz, ow) = effector_on_flange
+    turned = multiply(effector.orientation, (-ox, -oy, -oz, ow))
+    offset = rotate(turned, (x, y, z))
+    a, b = effector.position, offset
+    return Pose((a[0] - b[0], a[1] - b[1], a[2] - b[2]), turned)
+
+
+def multiply(one: Quaternion, other: Quaternion) -> Quaternion:
+    """The product of two rotations, the other one first."""
+    x, y, z, w = one
+    a, b, c, d = other
+    return (
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+        w * d - x * a - y * b - z * c,
+    )
+
+
+def rotate(by: Quaternion, vector: Vector) -> Vector:
+    """A vector, turned."""
+    x, y, z, w = by
+    turned = multiply(multiply(by, (*vector, 0.0)), (-x, -y, -z, w))
+    return turned[:3]
+
+
+def pose_of(matrix: Sequence[float]) -> Pose:
+    """A 4×4 matrix in column-major order, as libfranka has it, as a pose.
+
+    matrix: (16,); rotation [[m0, m4, m8], [m1, m5, m9], [m2, m6, m10]], position m12, m13, m14 [m].
+    """
+    position = (float(matrix[12]), float(matrix[13]), float(matrix[14]))
+    return Pose(position, _quaternion_of(matrix))
+
+
+def _quaternion_of(m: Sequence[float]) -> Quaternion:
+    """Shepperd's method: the largest of the four is taken first, so that nothing is divided by little."""
+    xx, yy, zz = float(m[0]), float(m[5]), float(m[10])
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)  # 4 x², …
+    largest = max(range(4), key=squares.__getitem__)
+    twice = sqrt(max(squares[largest], 0.0))
+    if twice == 0.0:
+        return HERE.orientation  # all zeros: there is no rotation
+    x_y, x_z, y_z = m[1] + m[4], m[2] + m[8], m[6] + m[9]  # 4 x y, …
+    x_w, y_w, z_w = m[6] - m[9], m[8] - m[2], m[1] - m[4]
+    four: tuple[Quaternion, ...] = (
+        (squares[0], x_y, x_z, x_w),
+        (x_y, squares[1], y_z, y_w),
+        (x_z, y_z, squares[2], z_w),
+        (x_w, y_w, z_w, squares[3]),
+    )
+    a, b, c, d = (float(value) / (2.0 * twice) for value in four[largest])
+    return a, b, c, d
+
+
+def nearest(orientation: Quaternion, last: Quaternion) -> Quaternion:
+    """The same rotation with the sign that lies nearer to the last one."""
+    x, y, z, w = orientation
+    along = x * last[0] + y * last[1] + z * last[2] + w * last[3]
+    return orientation if along >= 0.0 else (-x, -y, -z, -w)

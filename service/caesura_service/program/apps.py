@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Literal
 
@@ -24,6 +24,9 @@ from caesura_service.program.gaps import observed_share
 FORCE_LIMIT_N = 10.0
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+GRAVITY = 9.81
+HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
+ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M = 0.015  # a stroke along a surface is longer than this
 TOUCHED_S = 0.05  # a boundary lies midway between two observations of 10 Hz: that far on is the next one
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
@@ -88,6 +91,7 @@ def task_program(
     """
     kept = [step for step in steps if step.seconds >= least_s]
     kept = [step for before, step in zip([None, *kept], kept, strict=False) if not _lets_go(before, step)]
+    kept = [_hanging(step) for step in kept]
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
     rest = list(grips)
     apps: list[App] = []
@@ -161,6 +165,9 @@ def _contacts(group: _Group) -> Iterable[App]:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
         yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+    first = group.steps[0]
+    if first.segment.kind == "sliding" and _pushed_in(first.segment) > ARRIVES_M and not mine:
+        yield group.app("move_to_contact", [first])
     held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
     taught = max((step.segment.force for step in held), key=_length)
     if not mine and _length(taught) >= LEAST_CONTACT_N:
@@ -205,11 +212,34 @@ def _group_key(step: Step) -> str:
     return "transport" if kind == "hold" else kind
 
 
+def _pushed_in(segment: Segment) -> float:
+    """[m] by which it goes against the force that acts on the robot."""
+    moved = np.subtract(segment.position_end, segment.position_start)
+    return -float(moved @ np.asarray(segment.force)) / max(_length(segment.force), 1e-12)
+
+
 def _gives_way(segment: Segment) -> bool:
     """Does what is touched move with the force, a pump or a button, rather than the hand along a surface?"""
     moved = np.subtract(segment.position_end, segment.position_start)
     along = np.asarray(segment.force) / max(_length(segment.force), 1e-12)
     return _length(moved - along * float(along @ moved)) < ACROSS_M
+
+
+def _hanging(step: Step) -> Step:
+    """A movement under a force that hangs on the robot is a carry, whatever it was taken for.
+
+    What a hand slides along pushes back; only a load pulls straight down.
+    """
+    segment = step.segment
+    down = -0.5 * (segment.force_start[2] + segment.force_end[2])
+    aside = max(_length(segment.force_start[:2]), _length(segment.force_end[:2]))
+    if segment.kind != "sliding" or min(-segment.force_start[2], -segment.force_end[2]) < HANGING_N:
+        return step
+    if aside > HANGING_ASIDE * down:
+        return step
+    load = {"load_kg": down / GRAVITY, "load_sd_kg": HANGING_SD_N / GRAVITY}
+    carried = {"kind": "transport", "contact": "transport", **load}
+    return replace(step, segment=segment.model_copy(update=carried))
 
 
 def _lets_go(before: Step | None, step: Step) -> bool:

@@ -194,3 +194,22 @@ def test_a_stroke_along_a_surface_stays_a_stroke() -> None:
         segment("sliding", 3.0, 4.5, force_held=(2.0, 0.0, 9.0), **across),
     )
     assert kinds(apps) == ["move_to_contact", "apply_force", "apply_force"]
+
+
+def test_a_movement_with_something_that_hangs_on_the_robot_is_a_carry() -> None:
+    apps = program(
+        segment("sliding", 0.0, 2.0, force_start=(0.3, 0.0, -5.8), force_end=(-0.5, 0.9, -6.2)),
+        segment("sliding", 2.0, 4.0, force_start=(0.3, 0.0, 5.8), force_end=(-0.5, 0.9, 6.2)),
+    )
+    assert kinds(apps)[0] == "transport"
+    assert apps[0].load_kg == pytest.approx(6.0 / 9.81)
+    assert "transport" not in kinds(apps)[1:]
+
+
+def test_a_movement_that_ends_in_a_press_without_a_pause_is_a_movement_and_a_press() -> None:
+    apps = program(
+        segment("sliding", 0.0, 2.0, force_held=(0.0, 0.0, 6.0), position_end=(0.0, 0.0, -0.1)),
+        segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 9.0)),
+    )
+    assert kinds(apps) == ["move_to_contact", "apply_force"]
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -9.0))

@@ -186,19 +186,27 @@ class Robot:
         position_base: (3,) [m]; orientation_base: (4,) x y z w. Damped least squares with the redundant
         degree of freedom pulled towards q_start. Raises ReachError with the distance that is left.
         """
+        q, left, turn = self.nearest_joints(position_base, orientation_base, q_start)
+        if np.hypot(left, turn) < IK_TOLERANCE:
+            return q
+        raise ReachError(
+            f"flange position {np.round(np.asarray(position_base), 3).tolist()} m: {1000 * left:.1f} mm and "
+            f"{turn:.3f} rad are left after {IK_STEPS} steps, expected less than {IK_TOLERANCE:g}"
+        )
+
+    def nearest_joints(
+        self, position_base: ArrayLike, orientation_base: ArrayLike, q_start: ArrayLike
+    ) -> tuple[Array, float, float]:
+        """As `inverse_kinematics`: joints (7,) as near to the pose as it gets; what is left [m], [rad]."""
         goal = pin.XYZQUATToSE3(np.concatenate([np.asarray(position_base), np.asarray(orientation_base)]))
         home = _joints(q_start)
         q, error = home.copy(), np.full(6, np.inf)
         for _ in range(IK_STEPS):
             error = self._pose_error(q, goal)
             if np.linalg.norm(error) < IK_TOLERANCE:
-                return q
+                break
             q = np.clip(q + self._ik_step(q, error, home), self.lower_limits, self.upper_limits)
-        left, turn = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
-        raise ReachError(
-            f"flange position {np.round(goal.translation, 3).tolist()} m: {1000 * left:.1f} mm and "
-            f"{turn:.3f} rad are left after {IK_STEPS} steps, expected less than {IK_TOLERANCE:g}"
-        )
+        return q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
     def _pose_error(self, q: Array, goal: pin.SE3) -> Array:
         pin.forwardKinematics(self._model, self._data, q)

@@ -1,0 +1,142 @@
+"""A task program as a file of its own: what a robot needs to run it, and what somebody needs to judge it.
+
+`version` is the format's; the program's own number is `revision`. Units stand in the file. Reading takes also
+what `caesura program --json` and `caesura segment --json` write.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from caesura_clients.errors import CaesuraError
+from caesura_clients.programs.safety import DEFAULT, Safety
+from caesura_protocol.messages import App, AppKind, Program
+
+FORMAT: Literal["caesura.program"] = "caesura.program"
+VERSION: Literal[1] = 1
+Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "target": "m, flange in the base frame",
+        "orientation": "quaternion x y z w, flange in the base frame",
+        "joints": "rad",
+        "force": "N that the robot exerts, base frame",
+        "load": "kg",
+        "gripper_width": "m between the fingers",
+        "time": "s of the demonstration",
+    }
+)
+PRECONDITIONS: Mapping[AppKind, tuple[Precondition, ...]] = MappingProxyType(
+    {
+        "cartesian_motion": ("reachable",),
+        "move_to_contact": ("reachable",),
+        "apply_force": ("in_contact",),
+        "grasp": ("not_holding",),
+        "gripper_move": (),
+        "transport": ("reachable", "holding"),
+        "hold": ("reachable", "holding"),
+    }
+)
+
+
+class BadProgramError(CaesuraError, ValueError):
+    """The file is no task program; the message names the file, the place in it and what was expected."""
+
+
+class ProgramStep(App):
+    """An app, and what must hold before it is run."""
+
+    preconditions: tuple[Precondition, ...] = ()
+
+
+class ProgramFile(BaseModel):
+    """The document. Readers of version 1 ignore fields that they do not know."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    format: Literal["caesura.program"] = FORMAT
+    version: Literal[1] = VERSION
+    units: dict[str, str] = Field(default_factory=lambda: dict(UNITS))
+    station: str
+    session: str
+    instance: str
+    epoch: int = 0
+    revision: int = 0  # version of the program: it rises with every change
+    t: float = 0.0  # [s] up to which the demonstration was seen
+    complete: bool = True
+    safety: Safety = DEFAULT
+    apps: tuple[ProgramStep, ...]
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> str:
+        """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
+        return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
+
+
+def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
+    """A program from the wire as a document."""
+    return ProgramFile(
+        station=program.station,
+        session=program.session,
+        instance=program.instance,
+        epoch=program.epoch,
+        revision=program.version,
+        t=program.t,
+        complete=program.complete,
+        safety=safety,
+        apps=tuple(_step(app) for app in program.apps),
+        notes=program.notes,
+    )
+
+
+def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT) -> ProgramFile:
+    """The program of a recording that no station taught."""
+    t = max((app.tn for app in apps), default=0.0)
+    steps = tuple(_step(app) for app in apps)
+    return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=steps)
+
+
+def read_document(path: Path) -> ProgramFile:
+    """Read a program. Raises BadProgramError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadProgramError(f"{path}: cannot be read as JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise BadProgramError(f"{path}: holds a {type(content).__name__}, expected an object")
+    try:
+        return _parsed(content, path.stem)
+    except ValidationError as error:
+        raise BadProgramError(f"{path}: {_first(error, content)}") from error
+
+
+def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
+    if "format" in content:
+        return ProgramFile.model_validate(content)
+    if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
+        apps = [App.model_validate(app) for app in content["program"]]
+        return document_of_apps(tuple(apps), name)
+    return document(Program.model_validate(content))
+
+
+def _first(error: ValidationError, content: dict[str, Any]) -> str:
+    """The first thing that is wrong, with the app that it is in."""
+    one = error.errors()[0]
+    place = ".".join(str(part) for part in one["loc"])
+    if len(one["loc"]) > 1 and one["loc"][0] == "apps":
+        index = int(one["loc"][1])
+        app = content["apps"][index]
+        kind = app.get("kind", "?") if isinstance(app, dict) else "?"
+        place = f"app {index} ({kind}): {'.'.join(str(part) for part in one['loc'][2:])}"
+    return f"{place}: {one['msg']}, got {one['input']!r:.80}"
+
+
+def _step(app: App) -> ProgramStep:
+    return ProgramStep.model_validate(app.model_dump() | {"preconditions": PRECONDITIONS[app.kind]})

@@ -1,0 +1,33 @@
+"""Limits within which a program is run: check, simulation and exported script share them."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+from caesura_protocol.messages import Vector
+
+
+class Safety(BaseModel):
+    """Limits of speed, force and place. A speed is the flange's, a force what the robot exerts or feels."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    speed_m_per_s: float = 0.6  # never faster
+    contact_speed_m_per_s: float = 0.05  # where a contact is looked for
+    turn_rad_per_s: float = 1.5
+    force_n: float = 10.0  # that a program may ask for
+    felt_force_n: float = 30.0  # of anything, before the robot stops
+    contact_n: float = 4.0  # from which a contact is one
+    search_m: float = 0.04  # past its target that a contact is looked for
+    load_kg: float = 3.0  # what the Panda carries
+    grasp_force_n: float = 20.0
+    gripper_m_per_s: float = 0.05
+    gripper_width_m: float = 0.08
+    workspace_low: Vector = (-0.75, -0.75, -0.05)  # [m] of the flange
+    workspace_high: Vector = (0.75, 0.75, 0.9)
+    duration_s: float = 60.0  # of an app
+    pause_s: float = 10.0  # between two apps; a longer one is shortened
+    least_confidence: float = 0.5  # below it an app is named
+
+
+DEFAULT = Safety()

@@ -1,0 +1,278 @@
+"""What the robot does for each kind of app. An act moves the setpoint tick by tick until its app is done.
+
+Movements that a contact ends arrive at their target with the speed of a search, and go on until
+something is felt. In contact the force is controlled along the direction of the press, the place across it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.plan import DT
+from caesura_clients.programs.safety import Safety
+from caesura_protocol.messages import App, AppKind
+from caesura_service.execution.arm import Arm, Felt, Setpoint
+from caesura_service.execution.guard import Guard, Stopped
+from caesura_service.execution.motion import Glide, Turn, rotation_of
+
+ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
+LEAST_SEARCH_M_PER_S = 0.01
+RISE_S, LET_GO_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
+FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 8.0, 8.0
+YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
+SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
+SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
+SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
+MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
+ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of the press
+NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
+YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
+SINK_S = 0.3  # least time for pushing it in
+SINKING_M_PER_S = 0.09  # on its way there, on average
+SINK_M_PER_S, BEYOND_M = 0.05, 0.008  # with which it goes on past that depth, and how far
+CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
+
+
+class Acting:
+    """A robot under way through a program: where its setpoint is, and whether it stands on something."""
+
+    def __init__(self, arm: Arm, safety: Safety) -> None:
+        self.arm, self.safety = arm, safety
+        self._guard = Guard(arm, safety)
+        self.setpoint = Setpoint(arm.felt.position, arm.felt.rotation)
+        self.along: Array | None = None  # direction in which it stands on something
+        self._pressed_n, self._correction_n = 0.0, 0.0
+
+    @property
+    def felt(self) -> Felt:
+        """The arm after the last tick."""
+        return self.arm.felt
+
+    def run(self, app: App, following: App | None) -> None:
+        """Do an app. Raises Stopped."""
+        _ACTS[app.kind](self, app, following)
+
+    def stay(self, seconds: float) -> None:
+        """Hold the place, or what is stood on, for some seconds."""
+        if self.along is not None:
+            self.press(self.safety.force_n, seconds)
+            return
+        for _ in range(round(seconds / DT)):
+            self.tick(replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3)))
+
+    def send_fingers(self, width_m: float) -> None:
+        """Move the fingers to a width [m], or to what is between them, and let everything settle."""
+        world, safety = self.arm.world, self.safety
+        world.send_fingers(width_m, safety.gripper_m_per_s)
+        for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / LOOK_S)):
+            self.stay(LOOK_S)
+            if world.fingers_still:
+                break
+        self.stay(SETTLE_S)
+
+    def tick(self, setpoint: Setpoint) -> Felt:
+        """One tick. Raises Stopped where a limit is reached."""
+        self.setpoint = setpoint
+        felt = self.arm.tick(setpoint)
+        self._guard.look(felt)
+        return felt
+
+    def brake(self, seconds: float) -> None:
+        """Stop where it is: no force but that of its stiffness about the place; without a guard."""
+        still = Setpoint(self.felt.position, self.felt.rotation)
+        for _ in range(round(seconds / DT)):
+            still.position = still.position + 0.1 * (self.felt.position - still.position)
+            self.arm.tick(still)
+
+    def go(self, target: Array, rotation: Array, seconds: float, *, until: Array | None = None) -> None:
+        """Move to a place; or until something is felt in a direction (3,), past the place if need be."""
+        self.let_go()
+        start = self.setpoint.position
+        search = self._search_speed(target - start, seconds, until)
+        arriving = np.zeros(3) if until is None else search * until
+        glide = Glide(start, target, seconds, arriving)
+        turn = Turn(self.setpoint.rotation, rotation, seconds)
+        search_s = 0.0 if until is None else self.safety.search_m / search
+        for k in range(1, round((seconds + search_s) / DT) + 1):
+            felt = self.tick(Setpoint(*_first(glide.at(k * DT), turn.at(k * DT))))
+            if until is not None and -float(until @ felt.force) > self.safety.contact_n:
+                self._stand_on(until)
+                self._meet(until)
+                return
+        if until is not None:
+            raise Stopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
+
+    def press(
+        self, force_n: float, seconds: float, aside: Array | None = None, slide_to: Array | None = None
+    ) -> None:
+        """Press along the direction of the contact for some seconds; aside: (3,) [N] across it."""
+        along = self.along
+        if along is None:
+            raise Stopped(NOTHING_TO_PRESS)
+        aside = np.zeros(3) if aside is None else aside
+        rise = min(RISE_S, 0.4 * seconds)
+        place, begun, began_n = self.setpoint.position, self.felt.position, self._pressed_n
+        glide = Glide(place, place if slide_to is None else slide_to, seconds, np.zeros(3))
+        for k in range(1, round(seconds / DT) + 1):
+            share = min(k * DT / rise, 1.0)
+            want = began_n + share * (force_n - began_n)
+            position, velocity, acceleration = glide.at(k * DT)
+            push = along * (want + self._correction_n) + share * aside
+            setpoint = Setpoint(position, self.setpoint.rotation, velocity, acceleration, push, along)
+            felt = self.tick(setpoint)
+            self._pressed_n = want
+            wrong = want + float(along @ felt.force)
+            self._correction_n = float(
+                np.clip(
+                    self._correction_n + FORCE_GAIN_PER_S * DT * wrong,
+                    -FORCE_CORRECTION_N,
+                    FORCE_CORRECTION_N,
+                )
+            )
+            if float(along @ (felt.position - begun)) > self.safety.search_m:
+                raise Stopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
+
+    def sink(self, depth_m: float, force_n: float, seconds: float) -> None:
+        """Push in what gives way, by a depth [m] along the contact, or until it pushes back with a force."""
+        along = self.along
+        if along is None:
+            raise Stopped(NOTHING_TO_PRESS)
+        start = self.setpoint.position
+        leaving = along * max(float(along @ self.felt.twist[:3]), 0.0)
+        arriving = SINK_M_PER_S * along
+        glide = Glide(start, start + depth_m * along, seconds, arriving, leaving)
+        for k in range(1, round((seconds + BEYOND_M / SINK_M_PER_S) / DT) + 1):
+            position, velocity, acceleration = glide.at(k * DT)
+            felt = self.tick(Setpoint(position, self.setpoint.rotation, velocity, acceleration))
+            if -float(along @ felt.force) >= force_n:
+                break
+        self._stand_on(along)
+
+    def let_go(self) -> None:
+        """Take the force back, and hold the place that was reached."""
+        if self.along is None:
+            return
+        along, began_n, correction = self.along, self._pressed_n, self._correction_n
+        ticks = round(LET_GO_S / DT)
+        for k in range(ticks):
+            left = 1.0 - (k + 1) / ticks
+            push = left * (began_n + correction) * along
+            self.tick(Setpoint(self.felt.position, self.setpoint.rotation, push=push, along=along))
+        self.along, self._pressed_n, self._correction_n = None, 0.0, 0.0
+        self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
+
+    def _search_speed(self, way: Array, seconds: float, until: Array | None) -> float:
+        """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
+        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / seconds
+        return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
+
+    def _meet(self, along: Array) -> None:
+        """Come to rest on what was met, so that it is one event and what follows another."""
+        still = replace(self.setpoint, push=MEET_N * along)
+        for _ in range(round(MEET_S / DT)):
+            self.tick(still)
+        self._stand_on(along)
+
+    def _stand_on(self, along: Array) -> None:
+        self.along = along
+        self.arm.load_kg = 0.0  # what is held rests on what is stood on
+        self._pressed_n, self._correction_n = max(-float(along @ self.felt.force), 0.0), 0.0
+        self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
+
+
+def _first(moved: tuple[Array, Array, Array], rotation: Array) -> tuple[Array, Array, Array, Array]:
+    position, velocity, acceleration = moved
+    return position, rotation, velocity, acceleration
+
+
+def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
+    """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
+    position = acting.setpoint.position if app.target is None else np.array(app.target)
+    rotation = acting.setpoint.rotation if app.orientation is None else rotation_of(app.orientation)
+    return position, rotation
+
+
+def press_direction(rotation: Array, force: Array | None) -> Array:
+    """Direction (3,) of a press: the tool's axis, or the force's own where the two do not go together."""
+    axis: Array = rotation[:, 2]
+    if force is None:
+        return axis
+    own: Array = force / np.linalg.norm(force)
+    return axis if float(axis @ own) > ALIGNED else own
+
+
+def _seconds(app: App) -> float:
+    return app.tn - app.t0
+
+
+def _move(acting: Acting, app: App, following: App | None) -> None:
+    acting.go(*target_of(acting, app), _seconds(app))
+
+
+def _touch(acting: Acting, app: App, following: App | None) -> None:
+    target, rotation = target_of(acting, app)
+    force = following.force if following is not None and following.kind == "apply_force" else None
+    until = press_direction(rotation, None if force is None else np.array(force))
+    acting.go(target, rotation, _seconds(app), until=until)
+
+
+def _carry(acting: Acting, app: App, following: App | None) -> None:
+    acting.arm.load_kg = app.load_kg or 0.0
+    if following is not None and following.kind in CONTACT_APPS:
+        _touch(acting, app, following)
+    else:
+        _move(acting, app, following)
+
+
+def _apply(acting: Acting, app: App, following: App | None) -> None:
+    force = np.array(app.force)
+    if acting.along is None:
+        raise Stopped(NOTHING_TO_PRESS)
+    along = acting.along
+    target, _ = target_of(acting, app)
+    across = (target - acting.setpoint.position) - along * (along @ (target - acting.setpoint.position))
+    slides = float(np.linalg.norm(across)) > SLIDE_M
+    size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
+    straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
+    seconds, depth = _seconds(app), float(along @ (target - acting.setpoint.position))
+    if depth > YIELD_M and not slides:
+        sinking = min(max(SINK_S, depth / SINKING_M_PER_S), 0.5 * seconds)
+        acting.sink(depth, straight, sinking)
+        seconds -= sinking
+    acting.press(
+        straight,
+        seconds,
+        None if slides else aside,
+        acting.setpoint.position + across if slides else None,
+    )
+
+
+def _grasp(acting: Acting, app: App, following: App | None) -> None:
+    world = acting.arm.world
+    acting.stay(SETTLE_S)
+    acting.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
+    if not world.held_kg:
+        raise Stopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
+
+
+def _move_fingers(acting: Acting, app: App, following: App | None) -> None:
+    width = acting.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
+    acting.stay(SETTLE_S)
+    acting.send_fingers(width)
+    if not acting.arm.world.held_kg:
+        acting.arm.load_kg = 0.0
+
+
+_ACTS: Mapping[AppKind, Callable[[Acting, App, App | None], None]] = {
+    "cartesian_motion": _move,
+    "move_to_contact": _touch,
+    "apply_force": _apply,
+    "grasp": _grasp,
+    "gripper_move": _move_fingers,
+    "transport": _carry,
+    "hold": _carry,
+}

@@ -1,0 +1,220 @@
+"""Can the arm do it? Joints, inverse kinematics along the way, speed, workspace, and what stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from caesura_clients.bridge.teacher.guiding import POSTURE
+from caesura_clients.bridge.teacher.intentions import Array
+from caesura_protocol.messages import App, Vector
+from caesura_service.execution.checks.order import CARRIES, CONTACT_APPS
+from caesura_service.execution.findings import Finding
+from caesura_service.execution.limits import Cell
+from caesura_service.execution.motion import PEAK, rotation_of, rotation_vector
+from caesura_service.robot import Robot
+
+REACH_M, REACH_RAD = 1e-3, 1e-2
+STEP_M = 0.02  # of a way that is looked at
+JOINT_MARGIN_RAD = 0.05  # from a joint's end, so that no guard has to stop the robot there
+EDGE_M = 0.01  # from the edge of the workspace
+ASTRAY_M = 0.03  # between a target and where its joints lead
+DEPTH_M = 0.003  # below the top of an obstacle
+LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
+SPEED_SHARE = 0.9  # of the limit that may be planned
+SEEDS = (
+    POSTURE,
+    (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
+    (1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
+    (-1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
+)
+MOVES = ("cartesian_motion", "move_to_contact", "transport", "hold")
+
+
+@dataclass(frozen=True)
+class _Here:
+    """The arm before an app, as far as it is known: place (3,), rotation (3, 3), joints (7,), contact."""
+
+    place: Array | None
+    rotation: Array | None
+    joints: Array | None
+    touching: bool
+
+
+def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
+    """What the arm cannot do, and where it would go too fast, too far, or into something."""
+    look = _Looking(cell, robot)
+    here = _Here(None if cell.start is None else np.array(cell.start), None, None, touching=False)
+    found: list[Finding] = []
+    for index, app in enumerate(apps):
+        following = apps[index + 1] if index + 1 < len(apps) else None
+        some, here = look.at(index, app, following, here)
+        found += some
+    return found
+
+
+class _Looking:
+    def __init__(self, cell: Cell, robot: Robot) -> None:
+        self._cell, self._safety, self._robot = cell, cell.safety, robot
+        self._low = robot.lower_limits + JOINT_MARGIN_RAD
+        self._high = robot.upper_limits - JOINT_MARGIN_RAD
+
+    def at(self, index: int, app: App, following: App | None, here: _Here) -> tuple[list[Finding], _Here]:
+        """What is wrong with an app, and where the arm is after it."""
+        ends = app.kind == "move_to_contact" or (
+            app.kind in CARRIES and following is not None and following.kind in CONTACT_APPS
+        )
+        after = _after(app, here, touching=ends or (here.touching and app.kind in CONTACT_APPS))
+        reasons = [*self._joints(app), *self._place(app)]
+        joints = after.joints
+        if app.target is not None and not reasons:
+            joints, reason = self._reached(app, app.target, here)
+            reasons += [reason] if reason else []
+        if app.target is not None and app.kind in MOVES and here.place is not None:
+            way = np.subtract(app.target, here.place)
+            reasons += [*self._speed(app, way, here), *self._way(app, way, here, joints, ends=ends)]
+        if app.kind == "apply_force":
+            reasons += self._press(app, here)
+        found = [Finding("error", index, app.kind, reason) for reason in reasons]
+        return found, replace(after, joints=joints)
+
+    def _joints(self, app: App) -> Iterator[str]:
+        if app.joints is None:
+            return
+        q = np.array(app.joints)
+        low, high = self._robot.lower_limits, self._robot.upper_limits
+        for i in np.flatnonzero((q < low) | (q > high)):
+            yield f"joint {i + 1} at {q[i]:.3f} rad, limits {low[i]:.3f} to {high[i]:.3f} rad"
+            return
+        if app.target is not None:
+            astray = float(np.linalg.norm(self._robot.flange_pose(q).position_base - app.target))
+            if astray > ASTRAY_M:
+                yield (
+                    f"its joints lead {1000 * astray:.0f} mm away from its target, "
+                    f"at most {1000 * ASTRAY_M:.0f} mm are expected: one of them is wrong"
+                )
+
+    def _place(self, app: App) -> Iterator[str]:
+        if app.target is None:
+            return
+        low, high = self._safety.workspace_low, self._safety.workspace_high
+        for axis, value, least, most in zip("xyz", app.target, low, high, strict=True):
+            if not least + EDGE_M <= value <= most - EDGE_M:
+                yield f"target {axis} {value:.3f} m is outside of the workspace, {least:g} to {most:g} m"
+
+    def _reached(self, app: App, target: Vector, here: _Here) -> tuple[Array | None, str | None]:
+        """Joints (7,) at the target, or why there are none."""
+        seeds = [*([] if app.joints is None else [np.array(app.joints)])]
+        seeds += [] if here.joints is None else [here.joints]
+        seeds += [np.array(seed) for seed in SEEDS]
+        best = (np.inf, np.inf)
+        for seed in seeds:
+            q, left, turn = self._robot.nearest_joints(target, _quaternion(app, here), seed)
+            if left < REACH_M and turn < REACH_RAD and self._inside(q):
+                return q, None
+            best = min(best, (left, turn))
+        if best[0] < REACH_M and best[1] < REACH_RAD:
+            return None, f"target {_mm(target)} is reached only with a joint at its limit"
+        return None, (
+            f"target {_mm(target)} is out of reach: the arm comes within {1000 * best[0]:.0f} mm and "
+            f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
+        )
+
+    def _speed(self, app: App, way: Array, here: _Here) -> Iterator[str]:
+        seconds, limit = app.tn - app.t0, SPEED_SHARE * self._safety.speed_m_per_s
+        speed = PEAK * float(np.linalg.norm(way)) / seconds
+        if speed > limit:
+            yield f"would reach {speed:.2f} m/s in its {seconds:.2f} s, at most {limit:.2f} m/s are allowed"
+        if app.orientation is not None and here.rotation is not None:
+            angle = float(np.linalg.norm(rotation_vector(rotation_of(app.orientation) @ here.rotation.T)))
+            if PEAK * angle / seconds > self._safety.turn_rad_per_s:
+                yield (
+                    f"would turn with {PEAK * angle / seconds:.2f} rad/s, "
+                    f"at most {self._safety.turn_rad_per_s:g} rad/s are allowed"
+                )
+
+    def _way(self, app: App, way: Array, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
+        """Along the straight line to the target: is it within reach, and free?"""
+        start = np.array(here.place)
+        steps = max(2, int(np.ceil(np.linalg.norm(way) / STEP_M)) + 1)
+        q = joints
+        for share in np.linspace(1.0, 0.0, steps):
+            point = start + share * way
+            if reason := self._blocked(point, start, here, ends=ends):
+                yield reason
+                return
+            if q is not None:
+                q, left, turn = self._robot.nearest_joints(point, _quaternion(app, here), q)
+                if left > REACH_M or turn > REACH_RAD or not self._inside(q):
+                    yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
+                    return
+
+    def _blocked(self, point: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
+        top = self._cell.top_at(float(point[0]), float(point[1]))
+        if top is None or point[2] >= top - DEPTH_M - (self._cell.yields_at(point) if ends else 0.0):
+            return None
+        aside = float(np.linalg.norm(point[:2] - start[:2]))
+        if here.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
+            return None
+        inside = 1000 * (top - point[2])
+        return f"its way leads through {_mm(point)}, {inside:.0f} mm inside of what stands there"
+
+    def _press(self, app: App, here: _Here) -> Iterator[str]:
+        force = np.array(app.force)
+        rotation = here.rotation if app.orientation is None else rotation_of(app.orientation)
+        if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
+            yield "pulls on what it touches: its force points away from the tool"
+        if app.target is None or here.place is None:
+            return
+        way = np.subtract(app.target, here.place)
+        along = force / np.linalg.norm(force)
+        deep = float(along @ way)
+        if deep > self._safety.search_m:
+            most = 1000 * self._safety.search_m
+            yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
+        aside = float(np.linalg.norm(way - along * deep))
+        speed, limit = PEAK * aside / (app.tn - app.t0), SPEED_SHARE * self._safety.speed_m_per_s
+        if speed > limit:
+            yield f"would slide with {speed:.2f} m/s, at most {limit:.2f} m/s are allowed"
+
+    def _inside(self, q: Array) -> bool:
+        return bool(((q >= self._low) & (q <= self._high)).all())
+
+
+def _after(app: App, here: _Here, *, touching: bool) -> _Here:
+    return _Here(
+        here.place if app.target is None else np.array(app.target),
+        here.rotation if app.orientation is None else rotation_of(app.orientation),
+        here.joints,
+        touching,
+    )
+
+
+def _quaternion(app: App, here: _Here) -> Array:
+    if app.orientation is not None:
+        given = np.array(app.orientation)
+        return np.asarray(given / np.linalg.norm(given), dtype=np.float64)
+    return np.array((1.0, 0.0, 0.0, 0.0)) if here.rotation is None else _of_rotation(here.rotation)
+
+
+def _of_rotation(rotation: Array) -> Array:
+    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
+    m, trace = rotation, float(np.trace(rotation))
+    squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
+    products = np.array(
+        [
+            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    row = products[int(np.argmax(squares))]
+    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
+    return unit
+
+
+def _mm(point: object) -> str:
+    return f"({', '.join(f'{1000 * x:.0f}' for x in np.asarray(point))}) mm"

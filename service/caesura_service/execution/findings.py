@@ -1,0 +1,57 @@
+"""What a check has to say of a program: errors, which forbid running it, and warnings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["error", "warning"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing about one app; index and kind are None for what concerns the whole program.
+
+    value, limit: as they stand in the reason, where there are any.
+    """
+
+    severity: Severity
+    index: int | None
+    kind: str | None
+    reason: str
+    value: float | None = None
+    limit: float | None = None
+
+    def __str__(self) -> str:
+        where = "program" if self.index is None else f"app {self.index} ({self.kind})"
+        return f"{self.severity}: {where}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings, in the order of the apps."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What forbids running the program."""
+        return tuple(one for one in self.findings if one.severity == "error")
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What somebody should know who runs it."""
+        return tuple(one for one in self.findings if one.severity == "warning")
+
+    @property
+    def passed(self) -> bool:
+        """Whether it may be run."""
+        return not self.errors
+
+
+class RefusedError(ValueError):
+    """The program must not be run; the message names every app and reason."""
+
+    def __init__(self, report: Report) -> None:
+        super().__init__("; ".join(map(str, report.errors)))
+        self.report = report

@@ -259,7 +259,7 @@ class SegmentationPipeline:
                 break
             weighing = weighing or stretch.verdict.kind.contact == "transport"
             compared = is_baseline(stretch, self._history, self._bias_n)
-            if compared or (stretch.start_stands and not weighing and count == i):
+            if stretch.start_stands and (compared or (not weighing and count == i)):
                 count, weighing = i + 1, False
         return count
 

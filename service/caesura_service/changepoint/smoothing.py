@@ -6,6 +6,7 @@ Where a start was taken for certain, what is said of it and its neighbours stays
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Collection, Iterable
 
 import numpy as np
@@ -19,7 +20,7 @@ class Smoothing:
 
     def __init__(self) -> None:
         self.window: Array = np.zeros(0)  # of the last observations, now
-        self._past: list[float] = []  # of those before them
+        self._past = array("d")  # of those before them
         self._undecided: dict[int, tuple[int, Array]] = {}  # the same two, as they were before a decision
 
     @property
@@ -34,7 +35,7 @@ class Smoothing:
 
     def leave(self, left: Iterable[float], window: Array) -> None:
         """Take what has left the window, and what is known of those in it."""
-        self._past += left
+        self._past.extend(left)
         self.window = window
 
     def decide(self, start: int) -> None:

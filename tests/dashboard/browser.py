@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, WebSocketRoute, sync_playwright
 
 CHROMIUM = Path(os.environ.get("CAESURA_CHROMIUM", "/usr/bin/chromium"))
 ARTEFACTS = Path(__file__).parent / "artefacts"
@@ -33,6 +34,45 @@ def chromium() -> Iterator[Browser]:
             yield browser
         finally:
             browser.close()
+
+
+class SlowSocket:
+    """What the dashboard sends to a page, which may be held up; from the next load of the page on."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._held: list[str | bytes] | None = None
+        self._socket: WebSocketRoute | None = None
+        page.route_web_socket(re.compile("socket.io"), self._route)
+
+    def hold(self) -> None:
+        """Let nothing through."""
+        self._held = []
+
+    def release(self) -> None:
+        """Let everything through that was held."""
+        held, self._held = self._held or [], None
+        assert self._socket is not None
+        for message in held:
+            self._socket.send(message)
+
+    def has_heard(self, words: str) -> bool:
+        """Is there something with these words among what is held?"""
+        self._page.wait_for_timeout(10)  # messages are taken while the page is waited for
+        return any(words in str(message) for message in self._held or ())
+
+    def _route(self, socket: WebSocketRoute) -> None:
+        self._socket = socket
+        server = socket.connect_to_server()
+        socket.on_message(server.send)
+        server.on_message(self._pass)
+
+    def _pass(self, message: str | bytes) -> None:
+        assert self._socket is not None
+        if self._held is None:
+            self._socket.send(message)
+        else:
+            self._held.append(message)
 
 
 class Visitor:

@@ -19,7 +19,7 @@ from harness.processes import DEADLINE_S, Process, Service, running
 
 PYTEST = "PYTEST_CURRENT_TEST"  # by which NiceGUI would take itself for a test of its own
 CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
-REST_S = 120.0  # for which the hand rests afterwards: as long as a test may take
+REST_S = 240.0  # for which the hand rests afterwards: as long as a test may take
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
 
 

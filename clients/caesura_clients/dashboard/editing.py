@@ -10,17 +10,15 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from caesura_clients.editing import is_stale, send
 from caesura_clients.errors import CaesuraError
 from caesura_clients.network import Transport
-from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Action, Control, Edit, LimitForce
+from caesura_protocol.messages import Ack, Action, Edit, LimitForce
 
 Request = Mapping[str, Any]
 Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises ProtocolError or CaesuraError
 
-EDIT_TIMEOUT_S = 10.0  # a long session is filtered anew
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 
 
@@ -30,17 +28,7 @@ class Refused(Exception):  # noqa: N818 - it is no error of ours
 
 def corrector(transport: Transport) -> Corrector:
     """Asks the service that owns the station."""
-
-    def ask(station: str, edit: Edit) -> Ack:
-        key = station_key(station, "control")
-        answers = transport.query(key, encode(Control(command=edit)), timeout_s=EDIT_TIMEOUT_S)
-        if answers.replies:
-            return decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
-        if answers.refusals:
-            raise answers.refusals[0]
-        raise CaesuraError(f"nobody answers for {station}: no service, or a reader's credentials")
-
-    return ask
+    return lambda station, edit: send(transport, station, edit)
 
 
 def correct(ask: Corrector, station: str, request: Request) -> str:
@@ -69,7 +57,7 @@ def parse(request: Request) -> Edit:
 
 def said(error: ProtocolError) -> str:
     """A refusal, for an operator."""
-    if error.code == "conflict" and isinstance(error.value, int) and isinstance(error.limit, int):
+    if is_stale(error):
         return (
             f"Not done: somebody else corrected this session meanwhile (it is at revision {error.limit}, "
             f"you saw {error.value}). What is there now is shown: look, and do it again."

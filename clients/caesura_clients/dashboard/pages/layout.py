@@ -35,7 +35,7 @@ def page(title: str, here: str) -> Iterator[None]:
     """The frame around a page's content. here: the menu's entry that is current."""
     ui.page_title(f"{title} · Caesura")
     ui.add_head_html(_HEAD)
-    with ui.header(wrap=False), Element("div").classes("bar-top"):
+    with ui.header(wrap=False, fixed=False), Element("div").classes("bar-top"):
         text("span", "Caesura").classes("name")
         with Element("nav").props('aria-label="Pages"'):
             for path, name in MENU:

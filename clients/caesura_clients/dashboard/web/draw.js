@@ -20,6 +20,7 @@ export function draw(context, scale, state, ink) {
   SIGNALS.forEach((signal, i) => drawPanel(context, scale, scale.panels[i], signal, state, ink));
   if (state.columns) drawRunLengths(context, scale, scale.panels[3], state.columns, ink);
   drawTime(context, scale, ink);
+  veil(context, scale, state, ink);
   drawChangepoints(context, scale, state, ink);
   drawCursor(context, scale, state, ink);
 }
@@ -169,9 +170,9 @@ function drawTime(context, scale, ink) {
   }
 }
 
-function drawChangepoints(context, scale, { changepoints, selected }, ink) {
+function drawChangepoints(context, scale, { changepoints, selected, shownEnd }, ink) {
   for (const [t, probability, isFinal, low, high, corrected] of changepoints) {
-    if (t < scale.from || t > scale.to) continue;
+    if (t < scale.from || t > shownEnd) continue;
     if (!isFinal && low !== null) {
       context.globalAlpha = 0.12;
       context.fillStyle = ink.text;
@@ -188,6 +189,16 @@ function drawChangepoints(context, scale, { changepoints, selected }, ink) {
     context.globalAlpha = 1;
   }
   context.lineWidth = 1;
+}
+
+// What comes after the time that is looked at is there, but stands back.
+function veil(context, scale, { shownEnd, end }, ink) {
+  if (end === null || shownEnd >= scale.to) return;
+  context.globalAlpha = 0.75;
+  context.fillStyle = ink.paper;
+  const x = Math.max(scale.x(shownEnd), scale.x0);
+  context.fillRect(x, 0, scale.x1 - x + 1, scale.bottom);
+  context.globalAlpha = 1;
 }
 
 function vertical(context, scale, t) {

@@ -1,0 +1,267 @@
+"""Corrections as an operator makes them, by mouse and by keyboard, and what of them goes over the wire."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from caesura_clients import Caesura
+from caesura_clients.results import Update, events
+from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
+from dashboard.stage import KINDS, Stage, patient, staged
+from harness.processes import eventually
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
+)
+expect.set_options(timeout=PATIENCE_MS)
+
+T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
+SHOWN_S = 5.0  # what the plot shows while somebody points into it: 0 to 5 s
+LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
+NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
+
+
+class Subscriber:
+    """Hears what the service publishes of a station, beside the dashboard."""
+
+    def __init__(self, caesura: Caesura, station: str) -> None:
+        self.update: Update | None = None
+        self.over = threading.Event()
+        self._thread = threading.Thread(target=self._listen, args=(caesura, station), daemon=True)
+
+    @contextmanager
+    def listening(self) -> Iterator[Subscriber]:
+        self._thread.start()
+        try:
+            yield self
+        finally:
+            self.over.set()
+            self._thread.join()
+
+    def _listen(self, caesura: Caesura, station: str) -> None:
+        for event in events(caesura.transport, station, refresh_s=0.2, over=self.over):
+            if isinstance(event, Update):
+                self.update = event
+
+    @property
+    def now(self) -> Update:
+        assert self.update is not None
+        return self.update
+
+    def corrected(self) -> list[float]:
+        return [one.t for one in self.now.changepoints if one.corrected]
+
+    def taught(self) -> list[object]:
+        """What nothing changes any more while the hand rests: the first segments, and the apps of them."""
+        segments = [(one.t0, one.tn, one.kind) for one in self.now.segments[:3]]
+        return [*segments, *((one.kind, one.target, one.force) for one in self.now.program.apps[:2])]
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    with staged(tmp_path_factory.mktemp("stage")) as stage:
+        yield stage
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+class Operator:
+    """Somebody at the dashboard, whose station is being taught, and the wire beside it."""
+
+    def __init__(self, stage: Stage, visitor: Visitor, wire: Subscriber, station: str) -> None:
+        self.visitor, self.wire = visitor, wire
+        self.page: Page = visitor.page
+        self.page.goto(f"{stage.dashboard.url}/station/{station}")
+
+    def wait_for_three_segments(self) -> None:
+        """On the screen, of the right kinds and final."""
+        table = self.page.locator("details.table")
+        table.locator("summary").click()
+        rows = table.locator("tbody tr")
+        for index, kind in enumerate(KINDS):
+            expect(rows.nth(-1 - index)).to_contain_text(kind)
+            expect(rows.nth(-1 - index)).to_contain_text("final")
+
+    def look_at_the_beginning(self) -> None:
+        """What is shown stands still: 0 to SHOWN_S."""
+        self.page.get_by_label("Your name").fill("Ann")
+        slider = self.page.get_by_role("slider", name="Show until")
+        eventually(lambda: float(slider.get_attribute("max") or 0.0) >= SHOWN_S)
+        slider.fill(str(SHOWN_S))
+
+    @property
+    def plot(self) -> Locator:
+        return self.page.locator("canvas.plot")
+
+    def place(self, t: float) -> tuple[float, float]:
+        """Where a time is on the screen."""
+        box = self.plot.bounding_box()
+        assert box is not None
+        inside = box["width"] - 2 - LEFT - RIGHT  # the border is one pixel wide
+        return box["x"] + 1 + LEFT + inside * t / SHOWN_S, box["y"] + box["height"] / 2
+
+    def click(self, t: float) -> None:
+        self.page.mouse.click(*self.place(t))
+
+    def drag(self, t: float, to: float) -> None:
+        self.page.mouse.move(*self.place(t))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.place((t + to) / 2))
+        self.page.mouse.move(*self.place(to))
+        self.page.mouse.up()
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def is_told(self, words: str) -> None:
+        expect(self.page.locator(".message")).to_contain_text(words)
+
+    def version(self) -> int:
+        return int(self.page.locator(".version").inner_text())
+
+
+@pytest.fixture
+def operator(stage: Stage, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Operator]:
+    """A station of its own for each test."""
+    station = request.node.name.replace("_", "-")[:40].rstrip("-")
+    stage.teach(station, patient(), pace="2.5")
+    visitor = Visitor(browser)
+    with stage.reader() as caesura, Subscriber(caesura, station).listening() as wire:
+        operator = Operator(stage, visitor, wire, station)
+        operator.wait_for_three_segments()
+        operator.look_at_the_beginning()
+        yield operator
+    assert visitor.errors == []
+    visitor.close()
+    stage.kill(station)
+
+
+def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator):
+    before, version = operator.wire.taught(), operator.version()
+
+    operator.click(T)
+    expect(operator.page.locator(".selection")).to_contain_text("motion")
+    operator.press("Insert")
+    operator.is_told("Changepoint inserted at 1.4")
+    eventually(lambda: operator.version() > version)
+    eventually(lambda: operator.wire.now.program.version > version)
+    eventually(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
+    _, second, third, *_ = operator.wire.now.segments
+    assert second.tn == third.t0 == pytest.approx(T, abs=NEAR_S), "a new segment on the wire"
+    assert operator.wire.now.program.author == "Ann"
+    expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
+    operator.visitor.picture("inserted")
+
+    operator.press("Undo")
+    operator.is_told("Undone")
+    eventually(lambda: operator.wire.corrected() == [])
+    eventually(lambda: operator.wire.taught() == before)
+    assert operator.wire.now.program.version > version + 1
+
+
+def test_a_changepoint_is_dragged(operator: Operator):
+    end = operator.wire.now.segments[0].tn
+    operator.drag(end, end + 0.3)
+    operator.is_told("Changepoint moved")
+    eventually(lambda: operator.wire.corrected() == [pytest.approx(end + 0.3, abs=NEAR_S)])
+    assert operator.wire.now.segments[0].tn == pytest.approx(end + 0.3, abs=NEAR_S)
+
+
+def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operator):
+    before = operator.wire.taught()
+    end = operator.wire.now.segments[0].tn
+    operator.click(end)
+    expect(operator.page.locator(".selection")).to_contain_text("changepoint at")
+    operator.press("Remove")
+    operator.is_told("removed")
+    eventually(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
+    operator.press("Undo")
+    eventually(lambda: operator.wire.taught() == before)
+    operator.press("Redo")
+    eventually(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
+
+
+def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
+    operator.click(T)
+    operator.page.get_by_label("Kind").select_option("sliding")
+    operator.press("Relabel")
+    operator.is_told("is sliding")
+    eventually(lambda: operator.wire.now.segments[1].kind == "sliding")
+    assert operator.wire.now.segments[1].corrected
+
+    operator.click(2.6)
+    operator.page.get_by_label("Limit [N]").fill("4")
+    operator.press("Limit force")
+    operator.is_told("limited to 4 N")
+
+    def limited() -> bool:
+        forces = [app.force for app in operator.wire.now.program.apps if app.t0 < 2.6 < app.tn]
+        return any(force is not None and max(map(abs, force)) <= 4.01 for force in forces)
+
+    eventually(limited)
+
+
+def test_everything_goes_without_a_mouse(operator: Operator):
+    before = operator.wire.taught()
+    keyboard = operator.page.keyboard
+    operator.page.get_by_label("Time [s]").fill(str(T))
+    operator.plot.focus()
+    keyboard.press("Enter")
+    eventually(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
+    expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
+    keyboard.press("Home")
+    keyboard.press("PageDown")
+    keyboard.press("PageDown")
+    expect(operator.page.locator(".selection")).to_contain_text(re.compile(r"changepoint at 1\.[34]5 s"))
+    keyboard.press("Shift+ArrowRight")
+    keyboard.press("ArrowLeft")
+    keyboard.press("Escape")
+    keyboard.press("Control+z")
+    eventually(lambda: operator.wire.taught() == before)
+
+
+def test_nobody_corrects_without_a_name(operator: Operator):
+    operator.page.get_by_label("Your name").fill("")
+    operator.click(T)
+    expect(operator.page.get_by_role("button", name="Insert")).to_be_disabled()
+    operator.plot.focus()
+    operator.page.keyboard.press("Enter")
+    operator.is_told("Say who you are first")
+    assert operator.wire.corrected() == []
+
+
+def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, stage: Stage):
+    """Both have seen the same; what the dashboard says reaches this browser late."""
+    slow = SlowSocket(operator.page)
+    operator.page.reload()
+    operator.wait_for_three_segments()
+    operator.look_at_the_beginning()
+    operator.click(T)
+    slow.hold()
+    with stage.reader() as other:
+        other.insert(operator.wire.now.station, operator.wire.now.session, 1.2, author="Bob")
+    eventually(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
+    operator.press("Insert")
+    eventually(lambda: slow.has_heard("revision 1"))
+    slow.release()
+    operator.is_told("somebody else corrected this session meanwhile (it is at revision 1, you saw 0)")
+    expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
+    assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
+
+    operator.press("Insert")
+    operator.is_told("inserted at 1.4")
+    eventually(lambda: len(operator.wire.corrected()) == 2)

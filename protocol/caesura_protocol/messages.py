@@ -285,6 +285,7 @@ class WrenchReport(Message):
     transport_models: bool  # is a load weighed?
     tare: Vector | None  # [N] bias taken off; None while there has been no rest to take it from
     note: str
+    frame: ForceFrame = "base"  # of the samples' forces; those of results are in the base frame
 
 
 class Refusal(Message):
@@ -319,6 +320,7 @@ class SessionStatus(Result):
     revision: Count = 0  # how many edits it has had; undo and redo count
     undoable: bool = False  # is there a correction to take back?
     redoable: bool = False  # is there one that was taken back?
+    length_unit: LengthUnit = "m"  # of the samples' positions; results are in metres
 
 
 class App(Message):

@@ -101,3 +101,21 @@ def test_run_lengths_are_times_back_from_their_observation():
         update={"t": 2.0, "starts": (0.5, 1.5), "probabilities": (0.9999, 0.0001)}
     )
     assert run_lengths([one]) == [[2.0, [[1.5, 1.0]]]]
+
+
+def test_signals_are_in_metres_whatever_the_bridge_sends(updates):
+    status = updates[0].status.model_copy(update={"length_unit": "mm"})
+    one = replace(updates[0], status=status)
+    ring = SignalRing()
+    t = np.arange(1000) / 1000.0
+    ring.receive(one.session, COLUMNS, np.column_stack([t, t + 250.0, t, t]))
+    _, payload = delta(Sent(), one, ring.after(0))
+    assert payload["signals"][0][1] == pytest.approx(0.25, abs=0.001)
+
+
+@pytest.mark.parametrize(("frame", "tare"), [("base", (0.5, -1.0, 2.0)), ("flange", None)])
+def test_a_bias_is_taken_off_where_it_and_the_samples_are_in_one_frame(updates, frame, tare):
+    wrench = updates[0].status.wrench.model_copy(update={"frame": frame, "tare": (0.5, -1.0, 2.0)})
+    one = replace(updates[0], status=updates[0].status.model_copy(update={"wrench": wrench}))
+    _, payload = delta(Sent(), one, NOTHING)
+    assert (payload["frame"], payload["tare"]) == (frame, tare)

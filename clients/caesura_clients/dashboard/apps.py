@@ -20,12 +20,11 @@ TITLE: Mapping[AppKind, str] = {
 
 def timeline(program: Program) -> dict[str, Any]:
     """What the page shows of a program."""
-    author, edited = getattr(program, "author", None), getattr(program, "edited", None)
     return {
         "version": program.version,
         "complete": program.complete,
-        "author": author or "",
-        "edited": edited,
+        "author": program.author or "",
+        "edited": program.edited,
         "notes": list(program.notes),
         "apps": [card(index, app) for index, app in enumerate(program.apps, start=1)],
     }

@@ -38,16 +38,11 @@ def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[
         payload |= _changes(sent.update, update)
     seen = sent.rows
     if signals.session == update.session and signals.next > seen:
-        scale = SCALE[length_unit(update)]
+        scale = SCALE[update.status.length_unit]
         payload["signals"] = [drawn(row, scale) for row in signals.rows]
         payload["unit"] = signals.unit
         seen = signals.next
     return Sent(update.session, update, seen), payload
-
-
-def length_unit(update: Update) -> str:
-    """Of the samples' positions; an older service does not tell."""
-    return getattr(update.status, "length_unit", "m")
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:
@@ -63,6 +58,9 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
         changes["changepoints"] = {"first": first, "rows": rows}
     if before is None or after.status.gaps != before.status.gaps:
         changes["gaps"] = [gap_row(one) for one in after.status.gaps]
+    wrench = after.status.wrench
+    if before is None or wrench != before.status.wrench:
+        changes |= {"frame": wrench.frame, "tare": wrench.tare if wrench.frame == "base" else None}
     return changes
 
 
@@ -80,15 +78,15 @@ def segment_row(one: Segment) -> Cells:
         one.kind,
         round(one.probability, 3),
         one.certainty == "final",
-        bool(getattr(one, "corrected", False)),
+        one.corrected,
         one.runner_up,
     ]
 
 
 def changepoint_row(one: Changepoint) -> Cells:
     """As the module says. Times are exact: a correction names the changepoint by its time."""
-    corrected = bool(getattr(one, "corrected", False))
-    return [one.t, round(one.probability, 3), one.certainty == "final", one.t_low, one.t_high, corrected]
+    final = one.certainty == "final"
+    return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
 
 
 def gap_row(one: Gap) -> Cells:

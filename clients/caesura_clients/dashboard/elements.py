@@ -107,10 +107,7 @@ class SessionView(Live, component="web/session_view.js"):
     def standing(self, update: Update) -> dict[str, Any]:
         """How corrections stand, where the browser does not know it yet."""
         status = update.status
-        stands = {
-            name: getattr(status, name, default)
-            for name, default in (("revision", 0), ("undoable", False), ("redoable", False))
-        }
+        stands = {name: getattr(status, name) for name in ("revision", "undoable", "redoable")}
         if stands == self._stands:
             return {}
         self._stands = stands

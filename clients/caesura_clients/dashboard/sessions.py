@@ -34,7 +34,7 @@ def _row(update: Update) -> dict[str, Any]:
 
 def edited(update: Update) -> str:
     """Who corrected it last, and when."""
-    author, at = getattr(update.program, "author", None), getattr(update.program, "edited", None)
+    author, at = update.program.author, update.program.edited
     if author is None:
         return "–"
     return author if at is None else f"{author}, {datetime.fromtimestamp(at):%H:%M}"

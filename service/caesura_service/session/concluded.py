@@ -60,6 +60,7 @@ def view_of(snapshot: Snapshot) -> View:
         delay_s=status.delay_s,
         hypotheses=status.hypotheses,
         capped=status.capped,
+        length_unit=status.length_unit,
     )
 
 

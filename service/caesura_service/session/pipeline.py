@@ -223,6 +223,7 @@ class SegmentationPipeline:
             delay_s=self._conditioner.delay_s,
             hypotheses=self._online.starts.size,
             capped=self._online.capped,
+            length_unit=self._opening.length_unit,
         )
 
     def _parts(self) -> list[Part]:
@@ -376,4 +377,5 @@ class SegmentationPipeline:
             transport_models=source.transport_models,
             tare=self._conditioner.tare,
             note=f"{source.note} {self._conditioner.tare_note}",
+            frame=self._opening.force_frame,
         )

@@ -107,6 +107,7 @@ def status_of(standing: Standing) -> SessionStatus:
         last_refusal=tally.last_refusal,
         hypotheses=view.hypotheses,
         capped=view.capped,
+        length_unit=view.length_unit,
         lost=tally.lost,
         dropped=tally.dropped,
         revision=standing.revision,

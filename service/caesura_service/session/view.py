@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Gap, Segment, WrenchReport
+from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Segment, WrenchReport
 from caesura_service.session.corrections import Change, Correction
 
 
@@ -36,6 +36,7 @@ class View:
     delay_s: float
     hypotheses: int
     capped: int
+    length_unit: LengthUnit = "m"  # of the samples that came
 
 
 class Pipeline(Protocol):

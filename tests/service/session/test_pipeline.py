@@ -295,3 +295,8 @@ def test_the_wire_and_the_signals_name_the_same_columns():
     assert set(WRENCH_SOURCES) == set(wire.WRENCH_SOURCES)
     assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
     assert set(METRES_PER_UNIT) == set(wire.LENGTH_UNITS)
+
+
+def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):
+    view = segment_recording(replace(taught, length_unit="mm", force_frame="flange"))
+    assert (view.length_unit, view.wrench.frame) == ("mm", "flange")

@@ -7,7 +7,7 @@ const DASHES = [[], [7, 2], [3, 2, 1, 2]]; // x, y, z
 const SIGNALS = [
   { name: "position from the start", unit: () => "m", columns: [1, 2, 3], least: 0.1, relative: true },
   { name: "speed", unit: (unit) => unit, columns: [4], least: 0.1, zero: true },
-  { name: "force", unit: () => "N", columns: [5, 6, 7], least: 5 },
+  { name: "force", unit: () => "N", columns: [5, 6, 7], least: 5, tared: true },
 ];
 
 // state: segments, changepoints, gaps, signals, unit, columns (run lengths or null), cursor, selected, ghost
@@ -94,7 +94,7 @@ function drawPanel(context, scale, [y0, y1], signal, state, ink) {
   const rows = shownRows(scale, signal, state);
   const [low, high] = extent(rows, signal.columns, signal.least, signal.zero);
   const y = (value) => y1 - ((value - low) / (high - low)) * (y1 - y0);
-  frame(context, scale, [y0, y1], ink, `${signal.name} [${signal.unit(state.unit)}]`);
+  frame(context, scale, [y0, y1], ink, titleOf(signal, state));
   yTicks(context, scale, low, high, y, ink);
   signal.columns.forEach((column, i) => {
     context.strokeStyle = ink.lines[signal.columns.length === 1 ? 0 : i];
@@ -111,11 +111,19 @@ function drawPanel(context, scale, [y0, y1], signal, state, ink) {
   }
 }
 
-// Axes that lie far apart would flatten each other, so positions are drawn from where the session began.
-function shownRows(scale, signal, { signals, origin }) {
+// Axes that lie far apart would flatten each other, so positions are drawn from where the session began. Forces are
+// drawn without their bias, as the service sees them, once it has found it.
+function shownRows(scale, signal, { signals, origin, tare }) {
   const rows = signals.filter((row) => row[0] >= scale.from - 0.1 && row[0] <= scale.to + 0.1);
-  if (!signal.relative || !origin) return rows;
-  return rows.map((row) => row.map((value, i) => (signal.columns.includes(i) && value !== null ? value - origin[i] : value)));
+  const off = signal.relative && origin ? origin.slice(1, 4) : signal.tared && tare ? tare : null;
+  if (!off) return rows;
+  const [first] = signal.columns;
+  return rows.map((row) => row.map((value, i) => (signal.columns.includes(i) && value !== null ? value - off[i - first] : value)));
+}
+
+function titleOf(signal, { unit, tare, frame }) {
+  const words = { true: "without its bias ", false: "as measured " }[signal.tared ? String(tare !== null) : ""] || "";
+  return `${signal.name} ${words}${signal.tared && frame === "flange" ? "at the flange " : ""}[${signal.unit(unit)}]`;
 }
 
 function line(context, scale, rows, column, y) {

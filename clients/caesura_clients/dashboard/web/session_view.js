@@ -12,7 +12,7 @@ const PLAY_S = 0.1;
 
 const empty = () => ({
   segments: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
-  origin: null, t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  origin: null, tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
 
 export default {
@@ -78,7 +78,7 @@ export default {
     percent,
     apply(payload) {
       if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, busy: false });
-      for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns"]) {
+      for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "changepoints"]) {

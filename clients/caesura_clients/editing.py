@@ -19,6 +19,7 @@ from caesura_protocol.messages import Ack, Action, Control, Edit, Insert
 
 EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in about two seconds
 PATIENCE_S = 60.0  # an hour is rebuilt from the journal in less
+SILENCE_S = 5.0  # in which another instance takes over from one that died
 RETRY_S = 0.25
 MARK_ATTEMPTS = 5
 
@@ -46,12 +47,15 @@ def edit(
 
 def send(transport: Transport, station: str, made: Edit, *, patience_s: float = PATIENCE_S) -> Ack:
     """Ask until the service has had time for it. Raises as `edit`."""
-    deadline = time.monotonic() + patience_s
+    began = time.monotonic()
     while True:
         try:
             return _ask(transport, station, made)
         except ProtocolError as refusal:
-            if refusal.code != "overloaded" or time.monotonic() >= deadline:
+            if refusal.code != "overloaded" or time.monotonic() >= began + patience_s:
+                raise
+        except Unreachable:  # asking again does no harm: carried out once, it is stale
+            if time.monotonic() >= began + min(patience_s, SILENCE_S):
                 raise
         time.sleep(RETRY_S)
 

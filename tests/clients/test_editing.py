@@ -1,0 +1,233 @@
+"""Corrections over real Zenoh, with the real service: while a robot is guided, and after that."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_clients import Caesura, connect, editing
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.cli.commands import register
+from caesura_clients.cli.edit import parse
+from caesura_clients.cli.marking import marking
+from caesura_clients.errors import Absent, CaesuraError, Unreachable
+from caesura_clients.recording import Recording, load_recording
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Edit, Insert, LimitForce, Move, Undo
+from clients.conftest import free_port
+from clients.examples import LiveSource
+from clients.fake_service import eventually
+from clients.test_bridge import QUICK
+from clients.test_with_service import serving
+
+pytest.importorskip("caesura_service.commands")
+
+TAUGHT = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
+HALF = 6000  # samples
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    with serving(address):
+        yield address
+
+
+@pytest.fixture
+def caesura(endpoint: str) -> Iterator[Caesura]:
+    with connect(endpoint) as connected:
+        yield connected
+
+
+class Guided(LiveSource):
+    """A robot that sends the recording as far as it is told to."""
+
+    columns = TAUGHT.columns
+    wrench_source = TAUGHT.wrench_source
+    force_frame = TAUGHT.force_frame
+    length_unit = TAUGHT.length_unit
+    samples = TAUGHT.matrix()
+
+
+def guide(bridge: Bridge, first: int, stop: int) -> None:
+    for start, end in pairwise(range(first, stop + 1, 100)):
+        bridge.send(Guided.samples[start:end])
+
+
+def taught(caesura: Caesura, station: str, recording: Recording = TAUGHT) -> str:
+    with caesura.bridge(station, FileSource(recording, pace=FAST)) as bridge:
+        bridge.run()
+    return bridge.session
+
+
+def test_corrections_while_the_demonstration_goes_on_are_what_a_subscriber_hears(
+    endpoint: str, caesura: Caesura
+):
+    last: list = []
+
+    def follow() -> None:
+        with connect(endpoint) as watching:
+            for update in watching.results("cell-1", silence_s=20.0):
+                last[:] = [update]
+                if update.closed and update.program.complete and update.status.revision == 5:
+                    return
+
+    reader = threading.Thread(target=follow, daemon=True)
+    reader.start()
+    with Bridge(caesura.transport, "cell-1", Guided(), settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        guide(bridge, 0, HALF)
+        eventually(lambda: caesura.snapshot("cell-1").status.samples == HALF)
+        edit = {"session": bridge.session, "author": "Ann"}
+        assert caesura.insert("cell-1", t=3.02, **edit).revision == 1
+        marked = bridge.mark().revision
+        guide(bridge, HALF, len(TAUGHT.t))
+        assert bridge.finish().revision == marked == 2
+        assert caesura.move("cell-1", t=3.0, to=3.52, **edit).revision == 3
+        assert caesura.relabel("cell-1", t=5.8, kind="steady", **edit).revision == 4
+        assert caesura.undo("cell-1", **edit).revision == 5
+        reader.join(20.0)
+        snapshot = caesura.snapshot("cell-1")
+    corrected = [round(one.t, 2) for one in snapshot.changepoints.changepoints if one.corrected]
+    assert corrected == [3.55, pytest.approx(HALF / 1000, abs=0.06)]
+    assert not [one for one in snapshot.segments.segments if one.corrected]
+    assert (snapshot.status.undoable, snapshot.status.redoable) == (True, True)
+    assert (snapshot.program.author, snapshot.program.revision) == ("Ann", 5)
+    assert last[0].segments == snapshot.segments.segments
+    assert last[0].changepoints == snapshot.changepoints.changepoints
+    assert last[0].program == snapshot.program
+
+
+def test_two_editors_at_once_the_slower_one_is_told(caesura: Caesura):
+    session = taught(caesura, "cell-2")
+
+    def insert(t: float) -> int | ProtocolError:
+        try:
+            return caesura.insert("cell-2", session, t, author="Ann", revision=0).revision
+        except ProtocolError as refusal:
+            return refusal
+
+    with ThreadPoolExecutor(2) as editors:
+        done = list(editors.map(insert, [2.0, 3.0]))
+    (refusal,) = [one for one in done if isinstance(one, ProtocolError)]
+    assert editing.is_stale(refusal)
+    assert refusal.limit == 1
+    corrected = [one.t for one in caesura.snapshot("cell-2").changepoints.changepoints if one.corrected]
+    assert len(corrected) == 1
+
+
+def test_a_marker_does_not_mind_other_editors(caesura: Caesura):
+    with Bridge(caesura.transport, "cell-3", Guided(), settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        with pytest.raises(CaesuraError, match="no samples yet"):
+            bridge.mark()
+        guide(bridge, 0, 3000)
+        eventually(lambda: caesura.snapshot("cell-3").status.samples == 3000)
+        caesura.insert("cell-3", bridge.session, 2.0, author="Ann")
+        caesura.undo("cell-3", bridge.session, author="Ann")
+        assert bridge.mark(author="pedal").revision == 3
+        guide(bridge, 3000, 5000)
+        bridge.finish()
+    snapshot = caesura.snapshot("cell-3")
+    assert [one.t for one in snapshot.changepoints.changepoints if one.corrected] == [
+        pytest.approx(3.0, abs=0.06)
+    ]
+    assert snapshot.program.author == "pedal"
+
+
+def test_every_line_on_standard_input_is_a_mark_and_one_that_fails_ends_nothing(caesura: Caesura, capsys):
+    with Bridge(caesura.transport, "cell-4", Guided(), settings=QUICK) as bridge:
+        bridge.wait_open(5.0)
+        with marking(bridge, StringIO("\n")):
+            eventually(lambda: "no mark: " in capsys.readouterr().err)
+        guide(bridge, 0, 3000)
+        eventually(lambda: caesura.snapshot("cell-4").status.samples == 3000)
+        with marking(bridge, StringIO("\n\n")):
+            eventually(lambda: caesura.snapshot("cell-4").status.revision == 2)
+        bridge.finish()
+
+
+def test_a_session_that_is_not_there_is_named(caesura: Caesura):
+    with pytest.raises(Absent, match="nosuch"):
+        caesura.undo("cell-9", "nosuch", author="Ann")
+    with pytest.raises(ProtocolError, match="unknown_session"):
+        caesura.undo("cell-9", "nosuch", author="Ann", revision=0)
+
+
+# --- the command line -----------------------------------------------------------------------------------
+
+
+def typed(endpoint: str, *words: str):
+    app = typer.Typer()
+    register(app)
+    return CliRunner().invoke(app, ["edit", *words, "--connect", endpoint])
+
+
+def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
+    session = taught(caesura, "cell-5")
+    done = typed(endpoint, "cell-5", session, "insert", "3.2", "--author", "Bob")
+    assert (done.exit_code, done.stdout) == (0, f"cell-5/{session} is at revision 1\n")
+    assert caesura.program("cell-5").author == "Bob"
+    assert typed(endpoint, "cell-5", session, "undo").exit_code == 0
+    stale = typed(endpoint, "cell-5", session, "redo", "--revision", "0")
+    assert stale.exit_code == 1
+    assert "value 0; limit 2" in stale.stderr
+    nowhere = typed(endpoint, "cell-5", session, "remove", "3.0")
+    assert "there is no changepoint near that; value 3; limit 0.5; expected" in nowhere.stderr.replace(
+        ".0;", ";"
+    )
+
+
+def test_actions_as_they_are_typed():
+    assert parse(["move", "3.2", "3.4"]) == Move(t=3.2, to=3.4)
+    assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)
+    assert parse(["undo"]) == Undo()
+
+
+@pytest.mark.parametrize(
+    "words", [["turn"], ["move", "3.2"], ["undo", "1"], ["insert", "noon"], ["insert", "nan"]]
+)
+def test_an_action_that_is_none_is_refused_with_those_that_are(words: list[str]):
+    with pytest.raises(typer.BadParameter, match=r"expected one of: insert T|T is '"):
+        parse(words)
+
+
+# --- patience -------------------------------------------------------------------------------------------
+
+
+def test_while_a_session_is_rebuilt_the_service_is_asked_again(monkeypatch):
+    refusals = iter([ProtocolError("overloaded", "try again"), Unreachable("nobody"), None])
+    asked = []
+
+    def ask(*given):
+        asked.append(given)
+        if (refusal := next(refusals)) is not None:
+            raise refusal
+        return "done"
+
+    monkeypatch.setattr(editing, "_ask", ask)
+    monkeypatch.setattr(editing, "RETRY_S", 0.0)
+    made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
+    assert editing.send(None, "cell-1", made) == "done"
+    assert len(asked) == 3
+
+
+@pytest.mark.parametrize("refusal", [ProtocolError("overloaded", "no room"), Unreachable("nobody")])
+def test_patience_ends(monkeypatch, refusal: Exception):
+    def ask(*_):
+        raise refusal
+
+    monkeypatch.setattr(editing, "_ask", ask)
+    made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
+    with pytest.raises(type(refusal)):
+        editing.send(None, "cell-1", made, patience_s=0.0)

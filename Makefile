@@ -30,6 +30,7 @@ bench: $(STAMP)
 	$(BIN)/python tests/bench/journal_cost.py
 	$(BIN)/python tests/bench/watching_cost.py
 	$(BIN)/python tests/bench/takeover.py
+	$(BIN)/python tests/bench/service_load.py --json dist/bench
 
 faults: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)

@@ -1,0 +1,259 @@
+"""How many stations a service holds: 1 kHz robots, 20 samples a batch, real processes over loopback.
+
+The number of stations grows step by step, until the 99th percentile of the time from putting the batch that
+completes an observation to receiving its result passes 50 ms, or anything is lost. Robots and reader are two
+processes beside the service, on the same cores. Prints the stations held, and at each step latencies, the
+service's processor time and memory a station. Usage: python tests/bench/service_load.py [--stations 8 16 …]
+[--instances N] [--json DIR]
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from machine import machine, options, tell
+
+from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.query import snapshots
+from caesura_clients.recording import load_recording
+from caesura_clients.transport import ZenohTransport
+from caesura_protocol.codec import Encoded, decode, encode, pack_samples
+from caesura_protocol.keys import parse_replay_parameters, session_key, station_key
+from caesura_protocol.messages import Ack, Control, Open, Posterior
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from harness.processes import Service
+
+RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
+SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
+SECONDS, WARM_UP_S = 10.0, 2.0
+LIMIT_MS = 50.0
+STEPS = (8, 16, 24, 32, 48, 64, 96, 128)
+
+
+class Load(NamedTuple):
+    """What a number of stations came to."""
+
+    lost: int  # samples
+    latencies_ms: Sequence[float]
+    processor: float  # cores that the service took
+    memory_mb: float
+
+
+def main() -> None:
+    """Grow until it no longer holds."""
+    parser = options(__doc__)
+    parser.add_argument("--stations", type=int, nargs="*", default=STEPS)
+    parser.add_argument("--instances", type=int, default=1)
+    asked = parser.parse_args()
+    print(", ".join(f"{name} {value}" for name, value in machine().items()))
+    rows, held = [], 0
+    for stations in asked.stations:
+        load = measured(stations, asked.instances)
+        rows.append(row(stations, load))
+        if load.lost or np.percentile(load.latencies_ms, 99) > LIMIT_MS:
+            break
+        held = stations
+    columns = (
+        "stations",
+        "lost",
+        "results",
+        "p50 [ms]",
+        "p99",
+        "p99.9",
+        "cores",
+        "% of a core a station",
+        "MB a station",
+    )
+    title = f"{held} stations held, {asked.instances} instance(s): p99 at most {LIMIT_MS:g} ms, nothing lost"
+    tell("service_load", title, columns, rows, asked.json)
+
+
+def row(stations: int, load: Load) -> tuple[object, ...]:
+    """As it is printed."""
+    p50, p99, p999 = (float(np.percentile(load.latencies_ms, p)) for p in (50, 99, 99.9))
+    share = 100.0 * load.processor / stations
+    results = len(load.latencies_ms)
+    return stations, load.lost, results, p50, p99, p999, load.processor, share, load.memory_mb / stations
+
+
+def measured(stations: int, instances: int) -> Load:
+    """One service, so many stations at once."""
+    names = [f"cell-{number}" for number in range(1, stations + 1)]
+    with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
+        many = ("--instances", str(instances)) if instances > 1 else ()
+        service = Service(Path(directory), *many)
+        service.start()
+        stack.callback(service.end)
+        context = multiprocessing.get_context("spawn")
+        told: Any = context.Queue()
+        reader = context.Process(target=read, args=(service.endpoint, len(names), told), daemon=True)
+        reader.start()
+        told.get()  # it listens
+        robots = context.Process(target=robot, args=(service.endpoint, names, told), daemon=True)
+        before_mb = memory_mb(service.pid)
+        robots.start()
+        begun = told.get()  # all sessions are open
+        time.sleep(max(0.0, begun + WARM_UP_S - time.monotonic()))
+        spent, since = processor_s(service.pid), time.monotonic()
+        time.sleep(max(0.0, begun + SECONDS - time.monotonic()))
+        cores = (processor_s(service.pid) - spent) / (time.monotonic() - since)
+        grown_mb = memory_mb(service.pid) - before_mb
+        put_at = told.get()
+        received = told.get()
+        with ZenohTransport(service.endpoint, timeout_s=10.0) as transport:
+            lost = missing(transport, names, len(next(iter(put_at.values()))))
+        robots.join()
+        reader.join()
+    return Load(lost, list(latencies(put_at, received)), cores, grown_mb)
+
+
+def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, float]]) -> Iterator[float]:
+    """[ms] from putting the batch that completes an observation to its result, after the warm-up."""
+    for station, t, at in received:
+        batch = int(np.ceil((t + DELAY_S - 1e-9) / BATCH_S)) - 1
+        if t >= WARM_UP_S and batch < len(put_at[station]):
+            yield 1e3 * (at - put_at[station][batch])
+
+
+def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> int:
+    """Samples that were put and that no session has."""
+    deadline = time.monotonic() + 5.0
+    while True:
+        have = {one.status.station: one.status.samples for one in snapshots(transport)}
+        lost = sum(batches * BATCH - have.get(name, 0) for name in names)
+        if not lost or time.monotonic() > deadline:
+            return lost
+        time.sleep(0.2)
+
+
+# --- the other processes --------------------------------------------------------------------------------
+
+
+def robot(endpoint: str, names: Sequence[str], told: Any) -> None:
+    """Put every station's batches when they are due, and tell when that was."""
+    with ZenohTransport(endpoint, timeout_s=10.0) as transport, ExitStack() as stack:
+        for name in names:
+            stack.enter_context(transport.token(station_key(name, "alive")))
+        content, opening = prepared()
+        asked = Inbox()
+        for name in names:
+            stack.enter_context(transport.answer(station_key(name, "replay"), asked))
+        threading.Thread(target=replay, args=(asked, content), daemon=True).start()
+        for name in names:
+            opened(transport, name, opening)
+        put_at: dict[str, list[float]] = {name: [] for name in names}
+        begun = time.monotonic() + 0.2
+        told.put(begun)
+        for seq, batch in enumerate(content):
+            for place, name in enumerate(names):
+                due = begun + (seq + 1 + place / len(names)) * BATCH_S
+                if (ahead := due - time.monotonic()) > 0.0:
+                    time.sleep(ahead)
+                transport.put(station_key(name, "samples"), batch)
+                put_at[name].append(time.monotonic())
+        told.put(put_at)
+        time.sleep(6.0)  # whoever asks may still ask; the sessions stay open
+
+
+def replay(asked: Inbox, content: Sequence[Encoded]) -> None:
+    """Send again what somebody missed, as a bridge does."""
+    while True:
+        question = asked.get(60.0)
+        if question is None or isinstance(question, Delivery | Presence):
+            continue
+        with question:
+            wanted = parse_replay_parameters(question.parameters)
+            for batch in content[wanted.first : wanted.last + 1][: wanted.limit]:
+                question.reply(question.key, batch)
+
+
+def prepared() -> tuple[list[Encoded], Encoded]:
+    """Batches of ten seconds, the same for every station, and what opens a session."""
+    recording = load_recording(RECORDING)
+    matrix = recording.matrix()[: round(SECONDS / BATCH_S) * BATCH]
+    batches = [
+        encode(pack_samples(rows, recording.columns, session=SESSION, epoch=0, seq=seq))
+        for seq, rows in enumerate(np.split(matrix, len(matrix) // BATCH))
+    ]
+    opening = Open(
+        session=SESSION,
+        columns=recording.columns,
+        wrench_source=recording.wrench_source,
+        force_frame=recording.force_frame,
+        length_unit=recording.length_unit,
+    )
+    return batches, encode(Control(command=opening))
+
+
+def opened(transport: ZenohTransport, name: str, opening: Encoded) -> None:
+    """Open a session, once there is somebody to do it."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        answers = transport.query(station_key(name, "control"), opening)
+        if answers.replies:
+            decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
+            return
+        time.sleep(0.1)
+    raise RuntimeError(f"nobody opened {name}")
+
+
+def read(endpoint: str, stations: int, told: Any) -> None:
+    """Receive every result, look at it afterwards, and tell which came when."""
+    inbox = Inbox(capacity=1 << 20)
+    arrived: list[tuple[float, Delivery]] = []
+    with (
+        ZenohTransport(endpoint, timeout_s=10.0) as transport,
+        transport.subscribe(session_key("*", "*", "posterior"), inbox),
+    ):
+        told.put("listening")
+        end = time.monotonic() + 120.0
+        while time.monotonic() < end:
+            item = inbox.get(3.0 if arrived else 60.0)
+            if item is None:
+                break
+            if isinstance(item, Delivery):
+                arrived.append((time.monotonic(), item))
+    found = []
+    for at, item in arrived:
+        message = decode(item.payload, item.encoding, Posterior)
+        found.append((message.station, message.t, at))
+    told.put(found)
+
+
+# --- what the service takes -----------------------------------------------------------------------------
+
+
+def family(pid: int) -> list[int]:
+    """A process and its children."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [pid, *(one for child in children for one in family(int(child)))]
+
+
+def processor_s(pid: int) -> float:
+    """[s] of processor time so far, all threads and children."""
+    ticks = 0
+    for one in family(pid):
+        fields = Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def memory_mb(pid: int) -> float:
+    """Resident [MB]."""
+    pages = (int(Path(f"/proc/{one}/statm").read_text().split()[1]) for one in family(pid))
+    return sum(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+if __name__ == "__main__":
+    main()

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from caesura_clients import Caesura, connect
+from caesura_clients import Caesura, connect, editing
 from caesura_clients.query import services
 from caesura_protocol.keys import session_key
-from caesura_protocol.messages import Ack, SessionStatus, Snapshot
-from caesura_service.recordings import segment_recording
+from caesura_protocol.messages import Ack, Insert, Relabel, SessionStatus, Snapshot, Undo
+from caesura_service.recordings import batches, opening_of, segment_recording
+from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.sharing import share_of
 from caesura_service.session.view import View
 from harness.peer import Peer
@@ -150,3 +151,29 @@ def test_what_was_closed_just_before_the_kill_is_answered_by_the_survivor(pair, 
     pair.west.kill()
     assert_all_equal(pair, list(ends.values()), undisturbed)
     pair.until_served_by("east", *STATIONS)
+
+
+def test_corrections_outlive_whoever_took_them(pair):
+    (station, *_) = WESTS
+    insert, label = Insert(t=0.8), Relabel(t=0.3, kind="steady")
+    end = pair.teach(station, 2.0)
+    reaches(pair.caesura, station, SAMPLES // 2)
+    edit = partial(editing.edit, pair.caesura.transport, station, SESSION, author="Ann")
+    assert edit(insert).revision == 1
+    pair.west.kill()
+    assert edit(label, revision=1).revision == 2
+    assert end.result(DEADLINE_S).revision == 2
+    pair.until_served_by("east", station)
+    expected = make_pipeline(opening_of(RECORDING, "default"), "default")
+    for samples in batches(RECORDING):
+        expected.push(samples)
+    expected.finish()
+    inserted = expected.resolve(insert)
+    expected = expected.corrected([inserted])
+    expected = expected.corrected([inserted, expected.resolve(label)])
+    found = reaches(pair.caesura, station, SAMPLES)
+    assert [one for one in found.changepoints.changepoints if one.corrected]
+    assert_equal(found, expected.view)
+    pair.west.start()
+    pair.until_served_by("west", station)
+    assert edit(Undo(), revision=2).revision == 3  # rebuilt from the other's journal

@@ -7,40 +7,26 @@ REPEAT_S while it lasts, with what was dropped meanwhile, and when it ends; the 
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Set
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from caesura_service.edge.arrivals import station_of
 from caesura_service.edge.inbox import WHOLE, Inbox
+from caesura_service.edge.threaded import Threaded
 
 logger = logging.getLogger(__name__)
 
 REPEAT_S = 1.0
-JOIN_S = 2.0
 
 
-class Announcer:
+class Announcer(Threaded):
     """Watches the inbox while the context lasts; `tell` publishes the service's status."""
 
     def __init__(self, inbox: Inbox[Any], tell: Callable[[], None]) -> None:
         self._inbox = inbox
         self._tell = tell
-        self._stopped = threading.Event()
         self._dropped = 0  # before the overload that lasts
-        self._thread = threading.Thread(target=self._run, name="caesura-announcer", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._inbox.changed.set()
-        self._thread.join(JOIN_S)
+        super().__init__("caesura-announcer", inbox.changed.set)
 
     def _run(self) -> None:
         lasts = False

@@ -11,10 +11,7 @@ is refused at once, without waiting behind what is too much already; everything 
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Mapping
-from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -35,6 +32,7 @@ from caesura_service.edge.arrivals import (
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
 from caesura_service.edge.rates import RateLimit, RateSettings
+from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
 
@@ -42,10 +40,9 @@ logger = logging.getLogger(__name__)
 
 QUESTIONS = 256  # that may wait
 TICK_S = 0.1
-JOIN_S = 2.0
 
 
-class Answers:
+class Answers(Threaded):
     """Answers queries in a thread of its own while the context lasts."""
 
     def __init__(
@@ -66,19 +63,7 @@ class Answers:
         self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
             QueueSettings(capacity=QUESTIONS, shares=1)
         )
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="caesura-answers", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._inbox.wake()
-        self._thread.join(JOIN_S)
+        super().__init__("caesura-answers", self._inbox.wake)
 
     def snapshot(self, query: zenoh.Query) -> None:
         """Enqueue a question for sessions."""

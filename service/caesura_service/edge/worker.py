@@ -6,10 +6,7 @@ Whatever goes wrong with one arrival is logged and ends there. Time enters the s
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterable
-from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -33,6 +30,7 @@ from caesura_service.edge.arrivals import (
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
 from caesura_service.edge.steward import Steward
+from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
     Answer,
     AskReplay,
@@ -49,11 +47,10 @@ from caesura_service.session.registry import Registry
 logger = logging.getLogger(__name__)
 
 TICK_S = 0.1  # between two looks at what is still missing
-JOIN_S = 2.0  # what is under way when the service stops
 MESSAGES = (Samples, Replayed, Ended, Command)  # what counts as one
 
 
-class Worker:
+class Worker(Threaded):
     """Drains the inbox in a thread of its own while the context lasts."""
 
     def __init__(
@@ -71,19 +68,7 @@ class Worker:
         self._inbox = inbox
         self._outgoing = outgoing
         self._clock = clock
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="caesura-worker", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._inbox.wake()
-        self._thread.join(JOIN_S)
+        super().__init__("caesura-worker", inbox.wake)
 
     def _run(self) -> None:
         due = self._clock() + TICK_S

@@ -27,12 +27,13 @@ from types import TracebackType
 from typing import Self
 
 from caesura_clients.bridge.control import ControlLine
+from caesura_clients.bridge.marks import Marks
 from caesura_clients.bridge.pump import Pump
 from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.sender import Sender
 from caesura_clients.bridge.settings import BridgeSettings
-from caesura_clients.bridge.sources import Chunk, Source
+from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
@@ -102,6 +103,7 @@ class Bridge:
             clock=clock,
         )
         self._clock = clock
+        self.unmarked: list[str] = []  # why marks of the source's were not made
         self._revision = 0  # of the session, as far as a mark has learnt
         self._known = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
@@ -154,8 +156,13 @@ class Bridge:
         if self._source.can_wait or self._open.epoch > 0:
             self.wait_open()
         try:
-            for chunk in self._source.chunks():
-                self.send(chunk)
+            with Marks(self.mark, self.station) as marks:
+                self.unmarked = marks.failed
+                for told in self._source.chunks():
+                    if isinstance(told, Mark):
+                        marks.put(told.t)
+                    else:
+                        self.send(told)
         except (ProtocolError, Unreachable):
             raise  # the service's word, not the source's
         except Exception:
@@ -183,13 +190,14 @@ class Bridge:
             if self._source.can_wait:
                 self._wait_for_room()
 
-    def mark(self, *, author: str = MARKER) -> Ack:
-        """A pedal or a key: a segment ends at the newest sample, and the next begins.
+    def mark(self, t: float | None = None, *, author: str = MARKER) -> Ack:
+        """A pedal or a key: a segment ends at `t` [s], by default at the newest sample; the next begins.
 
         To be called from a thread that may wait for the network, which a robot's loop may not. Raises as
         `editing.edit`, or CaesuraError before the first sample.
         """
-        if (t := self._sender.last_t) is None:
+        t = self._sender.last_t if t is None else t
+        if t is None:
             raise CaesuraError(f"{self.station}/{self.session} has no samples yet: nothing to mark")
         ack = mark(self._transport, self.station, self.session, t, author=author, revision=self._revision)
         self._revision = ack.revision

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -55,7 +56,17 @@ def register(app: typer.Typer) -> None:
 def bridge(
     station: Annotated[str, typer.Option(help="Teaching station.")] = DEFAULT_STATION,
     source: Annotated[str, typer.Option(help=f"Where samples come from: {', '.join(SOURCES)}.")] = "file",
-    file: Annotated[Path | None, typer.Option(help="Recording to play, npz or csv.")] = None,
+    file: Annotated[
+        Path | None, typer.Option(help="Recording to play: npz, csv, MCAP, or a rosbag2.")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
+    ] = None,
+    host: Annotated[str | None, typer.Option(help="The robot's address, for franky and panda.")] = None,
+    gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
+    ros: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
+    ] = None,
     session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
     wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
@@ -79,14 +90,17 @@ def bridge(
 
     The exit code is 1 where the service refused anything of it.
     """
-    options = SourceOptions(file, _pace(pace), wrench_source, length_unit, scenario, seed)
+    options = SourceOptions(
+        file, _pace(pace), wrench_source, length_unit, scenario, seed, mapping, host, gripper
+    )
+    options = replace(options, ros=ros or endpoint, config=config if ros is None else None)
     if epoch and session is None:
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     with reported():
         named(station)
-        samples = _opened_source(source, options)
         settings = BridgeSettings(batch_samples=batch)
         with (
+            _opened_source(source, options) as samples,
             connected(endpoint, config, patient=True) as caesura,
             caesura.bridge(
                 station, samples, session=session, epoch=epoch, preset=preset, settings=settings
@@ -95,6 +109,8 @@ def bridge(
             typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
             with attending(caesura.transport, _teller()), marking(opened) if marker else nullcontext():
                 ack = _run(opened, caesura)
+            for unmade in opened.unmarked:
+                typer.echo(f"no {unmade}", err=True)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
             for one in snapshots(caesura.transport, station, opened.session):
                 _tell_outcome(one.status)
@@ -138,12 +154,16 @@ def _pace(text: str) -> float:
         raise typer.BadParameter(str(error), param_hint="--pace") from error
 
 
-def _opened_source(name: str, options: SourceOptions) -> Source:
-    """The source; says what of a file it does not read."""
+@contextmanager
+def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
+    """The source, closed in the end where it can be; says what of a file it does not read."""
     source = open_source(name, options)
     if isinstance(source, FileSource) and source.recording.ignored:
         typer.echo(ignored_line(source.recording), err=True)
-    return source
+    with ExitStack() as stack:
+        if (close := getattr(source, "close", None)) is not None:
+            stack.callback(close)
+        yield source
 
 
 def _tell_outcome(status: SessionStatus) -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from caesura_clients.formats.joining import NS
@@ -66,6 +67,20 @@ def _rule(mapped: Mapped, topic: str, said: Any) -> TopicRule:
         raise mapped.wrong(f"{where}: joints has {len(rule.joints)} names, expected 7")
     mapped.known(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)
     return rule
+
+
+def definitions_of(rules: Mapping[str, TopicRule], beside: Path | None = None) -> list[tuple[str, str]]:
+    """The definitions that rules bring: (type, .msg text). Raises RecordingError."""
+    found = []
+    for rule in rules.values():
+        if rule.definition is not None and rule.type is not None:
+            where = Path(rule.definition)
+            where = where if where.is_absolute() or beside is None else beside.parent / where
+            try:
+                found.append((rule.type, where.read_text(encoding="utf-8")))
+            except OSError as error:
+                raise RecordingError(f"{rule.topic}: definition {where}: {error.strerror}") from error
+    return found
 
 
 def stamp_of(message: Any, where: str) -> int:

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 FRANKA_STATE = "franka_msgs/msg/FrankaRobotState"
@@ -114,3 +116,39 @@ def _store(others: tuple[tuple[str, str], ...]) -> Typestore:
     for name, text in ({**_DEFINITIONS, **dict(others)}).items():
         store.register(get_types_from_msg(text, name))
     return store
+
+
+class CannotDecode(ValueError):  # noqa: N818 - reads better where it is caught
+    """A payload is not what its type says; the message says what was found."""
+
+
+class Decoder:
+    """CDR to messages."""
+
+    def __init__(self, store: Typestore) -> None:
+        self._store = store
+
+    def read(self, name: str, payload: bytes, type_hash: str | None = None) -> Any:
+        """A message. type_hash: as the sender names its definition, if it does. Raises CannotDecode."""
+        ours = self._hash(name)
+        if type_hash is not None and type_hash.startswith("RIHS01_") and type_hash != ours:
+            raise CannotDecode(
+                f"{name} has another definition there ({type_hash}) than here ({ours}): "
+                "name the .msg file of theirs as definition in a mapping"
+            )
+        try:
+            return self._store.deserialize_cdr(payload, name)
+        except (SerdeError, ValueError, IndexError, AssertionError, UnicodeDecodeError) as error:
+            raise CannotDecode(f"no CDR of {name} in {len(payload)} bytes ({error})") from error
+
+    @lru_cache(maxsize=64)  # noqa: B019 - a decoder lives as long as its source
+    def _hash(self, name: str) -> str:
+        return self._store.hash_rihs01(name)
+
+
+def decoder(definitions: Iterable[tuple[str, str]] = ()) -> Decoder:
+    """As `typestore`, to decode with. Raises CannotDecode for a definition that is none."""
+    try:
+        return Decoder(typestore(definitions))
+    except TypesysError as error:
+        raise CannotDecode(f"no definition of a message: {error}") from error

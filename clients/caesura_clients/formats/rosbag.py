@@ -19,7 +19,7 @@ from rosbags.rosbag2 import ReaderError
 from caesura_clients.formats.content import Content
 from caesura_clients.formats.joining import Joiner, Row
 from caesura_clients.formats.mapping import Mapped
-from caesura_clients.formats.ros_messages import TopicRule, stamp_of, topic_rules
+from caesura_clients.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_clients.formats.ros_plan import Plan, Topic, plan_of
 from caesura_clients.formats.ros_types import READ, typestore
 from caesura_clients.recording import RecordingError
@@ -39,20 +39,6 @@ def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) ->
             return _content(path, reader, topics, plan)
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
-
-
-def definitions_of(rules: Mapping[str, TopicRule], beside: Path | None = None) -> list[tuple[str, str]]:
-    """The definitions that rules bring: (type, .msg text). Raises RecordingError."""
-    found = []
-    for rule in rules.values():
-        if rule.definition is not None and rule.type is not None:
-            where = Path(rule.definition)
-            where = where if where.is_absolute() or beside is None else beside.parent / where
-            try:
-                found.append((rule.type, where.read_text(encoding="utf-8")))
-            except OSError as error:
-                raise RecordingError(f"{rule.topic}: definition {where}: {error.strerror}") from error
-    return found
 
 
 def _topics(reader: AnyReader, rules: Mapping[str, TopicRule], path: Path) -> dict[str, Topic]:

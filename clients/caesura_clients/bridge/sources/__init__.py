@@ -6,7 +6,7 @@ A new robot is one module with a class that meets `Source`, and one line in `tab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,12 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
 
 Chunk = NDArray[np.floating]  # (k, columns), as declared; time [s] first
+
+
+class Mark(NamedTuple):
+    """A pedal, a button: a segment ends here and the next begins."""
+
+    t: float  # [s] session clock
 
 
 class Source(Protocol):
@@ -39,5 +45,5 @@ class Source(Protocol):
     def can_wait(self) -> bool:
         """May the bridge hold it up while the service catches up? A live robot cannot wait."""
 
-    def chunks(self) -> Iterator[Chunk]:
-        """Samples in the order of arrival, as they come; ends when the demonstration does."""
+    def chunks(self) -> Iterator[Chunk | Mark]:
+        """Samples in the order of arrival, as they come, and marks; ends when the demonstration does."""

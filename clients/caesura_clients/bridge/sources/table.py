@@ -10,7 +10,8 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S, FileSource
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
-from caesura_clients.recording import load_recording
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.recording import load_recording, needing
 from caesura_protocol.messages import WRENCH_SOURCES
 
 DEFAULT_SCENARIO = "pick_and_place"
@@ -26,6 +27,11 @@ class SourceOptions:
     length_unit: str | None = None
     scenario: str | None = None
     seed: int = 0
+    mapping: Path | None = None
+    host: str | None = None  # of the robot
+    gripper: bool = True  # does it have one?
+    ros: str | None = None  # the Zenoh endpoint of ROS 2
+    config: Path | None = None  # of Zenoh there
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
@@ -38,11 +44,42 @@ def open_source(name: str, options: SourceOptions) -> Source:
 
 def _file(options: SourceOptions) -> Source:
     if options.file is None:
-        raise BadSource("the source file needs --file")
+        raise BadSource("a source that plays a recording needs --file")
     recording = load_recording(
-        options.file, wrench_source=options.wrench_source, length_unit=options.length_unit
+        options.file,
+        wrench_source=options.wrench_source,
+        length_unit=options.length_unit,
+        mapping=options.mapping,
     )
     return FileSource(recording, pace=options.pace)
+
+
+def _franky(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.franky_arm import open_franky  # noqa: PLC0415 - an extra
+
+    return open_franky(_host(options, "franky"), gripper=options.gripper)
+
+
+def _panda(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.panda_arm import open_panda  # noqa: PLC0415 - an extra
+
+    return open_panda(_host(options, "panda"), gripper=options.gripper)
+
+
+def _host(options: SourceOptions, name: str) -> str:
+    if not options.host:
+        raise BadSource(f"the source {name} needs --host, the robot's address")
+    return options.host
+
+
+def _ros2(options: SourceOptions) -> Source:
+    from caesura_clients.formats.mapping import load_mapping  # noqa: PLC0415 - not every bridge needs it
+
+    with needing("ros2", "the source ros2"):
+        from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra
+    mapped = None if options.mapping is None else load_mapping(options.mapping)
+    endpoint = options.ros or DEFAULT_ENDPOINT
+    return open_ros2(endpoint, options.config, mapped, options.mapping, options.wrench_source)
 
 
 def _teacher(options: SourceOptions) -> Source:
@@ -65,4 +102,12 @@ def _teacher(options: SourceOptions) -> Source:
     )
 
 
-SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {"file": _file, "teacher": _teacher}
+SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
+    "file": _file,
+    "mcap": _file,
+    "rosbag2": _file,
+    "teacher": _teacher,
+    "franky": _franky,
+    "panda": _panda,
+    "ros2": _ros2,
+}

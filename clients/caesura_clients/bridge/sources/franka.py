@@ -1,0 +1,147 @@
+"""A Franka arm through libfranka, whoever wraps it: its state, up to 1 kHz, read and never commanded.
+
+What is read, in libfranka's words (franka::RobotState, robot_state.h):
+  q [rad]; O_T_EE and F_T_EE, 4×4 in column-major order, from which the flange's pose is taken;
+  O_F_ext_hat_K [N, Nm] in the base frame, at the stiffness frame K: "forces applied by the robot to the
+  environment are positive", so it is negated; zeros near a singularity;
+  tau_ext_hat_filtered [Nm], of the same sign;  time, in milliseconds since the robot was started.
+A gripper is asked in a thread of its own: its answers come slower than the arm's, and may wait.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from caesura_clients.bridge.sources import Chunk
+from caesura_clients.errors import BadSource
+from caesura_clients.formats.poses import Pose, flange_of, nearest
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, LengthUnit, WrenchSource
+
+SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
+CHUNK_MS = 20  # of the robot's time
+GRIPPER_S = 0.02  # between two questions
+MS = 1000
+NO_GRIPPER = " (without a gripper: --no-gripper)"
+
+
+class FrankaState(NamedTuple):
+    """What is read of one state, as libfranka has it."""
+
+    time_ms: int
+    q: Sequence[float]
+    effector: Pose  # O_T_EE
+    effector_on_flange: Pose  # F_T_EE
+    wrench: Sequence[float]  # O_F_ext_hat_K
+    tau: Sequence[float]  # tau_ext_hat_filtered
+
+
+class FrankaSource:
+    """A live arm as a Source.
+
+    who: what errors call it; read: waits for the next state; width: the gripper's opening [m], which may
+    wait; None where there is no gripper. Raises BadSource in `chunks` where either is lost, with the reason.
+    """
+
+    wrench_source: WrenchSource = "joint_torque_estimate"
+    force_frame: ForceFrame = "base"
+    length_unit: LengthUnit = "m"
+    can_wait = False
+
+    def __init__(
+        self, who: str, read: Callable[[], FrankaState], width: Callable[[], float] | None = None
+    ) -> None:
+        signals = SIGNALS if width is None else (*SIGNALS, "gripper")
+        self.columns = ("t", *(c for s in signals for c in COLUMNS_OF_SIGNAL[s]))
+        self._who = who
+        self._read = read
+        self._gripper: _Gripper | None = None
+        if width is not None:
+            self._gripper = connected(f"{who}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """About 20 ms of states at a time; a state that is told twice is taken once."""
+        rows: list[list[float]] = []
+        first: int | None = None
+        last = 0
+        orientation = (0.0, 0.0, 0.0, 1.0)
+        try:
+            while True:
+                try:
+                    state = self._next(0.0 if first is None else (last - first) / MS)
+                except BadSource:
+                    if rows:
+                        yield np.array(rows)
+                    raise
+                if first is not None and state.time_ms == last:
+                    continue
+                first = state.time_ms if first is None else first
+                last = state.time_ms
+                row = self._row(state, first, orientation)
+                orientation = (row[4], row[5], row[6], row[7])
+                rows.append(row)
+                if last - round(rows[0][0] * MS) - first >= CHUNK_MS - 1:
+                    yield np.array(rows)
+                    rows = []
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Stop asking the gripper."""
+        if self._gripper is not None:
+            self._gripper.over.set()
+
+    def _next(self, after_s: float) -> FrankaState:
+        if self._gripper is not None and self._gripper.failure is not None:
+            raise BadSource(
+                f"{self._who}: the gripper was lost after {after_s:.1f} s: {self._gripper.failure}"
+            )
+        try:
+            return self._read()
+        except Exception as error:  # whatever the wrapper makes of libfranka's
+            raise BadSource(f"{self._who}: lost after {after_s:.1f} s: {_said(error)}") from error
+
+    def _row(self, state: FrankaState, first: int, orientation: Any) -> list[float]:
+        flange = flange_of(state.effector, state.effector_on_flange)
+        return [
+            (state.time_ms - first) / MS,
+            *flange.position,
+            *nearest(flange.orientation, orientation),
+            *map(float, state.q),
+            *(-float(value) for value in state.wrench),
+            *(-float(value) for value in state.tau),
+            *(() if self._gripper is None else (self._gripper.width,)),
+        ]
+
+
+class _Gripper:
+    """The gripper's last width, asked for until it is over."""
+
+    def __init__(self, ask: Callable[[], float]) -> None:
+        self.width = ask()
+        self.failure: str | None = None
+        self.over = threading.Event()
+        self._ask = ask
+        threading.Thread(target=self._run, name="gripper", daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            while not self.over.wait(GRIPPER_S):
+                self.width = self._ask()
+        except Exception as error:
+            self.failure = _said(error)
+
+
+def connected(who: str, connect: Callable[[], Any], hint: str = "") -> Any:
+    """What `connect` gives. Raises BadSource, with the reason, where it does not."""
+    try:
+        return connect()
+    except Exception as error:
+        raise BadSource(f"{who}: cannot connect: {_said(error)}{hint}") from error
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

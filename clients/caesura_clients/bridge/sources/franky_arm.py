@@ -1,0 +1,48 @@
+"""The source `franky`: a Franka arm through franky-control. Needs the extra `franky`.
+
+Checked against franky-control 2.0.0 (its `_franky.pyi`): `Robot(fci_hostname, …, realtime_config=)`, property
+`Robot.state`, which waits for the next state while nobody moves the robot; in it `O_T_EE` and `F_T_EE` are
+`Affine`s (`.matrix`, 4×4), the others arrays, `time.to_msec()`; `Gripper(fci_hostname).state.width`. All of
+its exceptions derive from `franky.Exception`.
+
+Connecting is not wholly passive: franky sets the robot's collision thresholds (20 Nm, 30 N by default) in the
+constructor. It commands nothing else. Some of its versions read twice for one state, and so give 500 Hz.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, FrankaState, connected
+from caesura_clients.formats.poses import Pose, pose_of
+from caesura_clients.recording import needing
+
+
+def open_franky(host: str, *, gripper: bool = True) -> FrankaSource:
+    """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
+    with needing("franky", "the source franky"):
+        franky = import_module("franky")
+    who = f"franky at {host}"
+    robot = connected(who, lambda: franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore))
+    width = None
+    if gripper:
+        hand = connected(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
+        width = lambda: float(hand.state.width)  # noqa: E731 - it closes over the hand
+    return FrankaSource(who, lambda: state_of(robot.state), width)
+
+
+def state_of(state: Any) -> FrankaState:
+    """A franky.RobotState in plain values."""
+    return FrankaState(
+        time_ms=int(state.time.to_msec()),
+        q=state.q,
+        effector=_pose(state.O_T_EE),
+        effector_on_flange=_pose(state.F_T_EE),
+        wrench=state.O_F_ext_hat_K,
+        tau=state.tau_ext_hat_filtered,
+    )
+
+
+def _pose(affine: Any) -> Pose:
+    return pose_of(affine.matrix.flatten(order="F"))

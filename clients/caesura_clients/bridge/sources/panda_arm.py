@@ -1,0 +1,41 @@
+"""The source `panda`: a Franka arm through panda-python. Needs the extra `panda`.
+
+Checked against panda-python 1.1.1 (its `libfranka.pyi`): `panda_py.libfranka.Robot(franka_address,
+realtime_config)`, `Robot.read_once()`, which waits for the next state; in it `O_T_EE` and `F_T_EE` are lists
+of 16 in column-major order, the others lists, `time.to_msec()`; `Gripper(franka_address).read_once().width`.
+Its exceptions are RuntimeErrors with libfranka's text. `panda_py.Panda` is not used: it sets up controllers.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, FrankaState, connected
+from caesura_clients.formats.poses import pose_of
+from caesura_clients.recording import needing
+
+
+def open_panda(host: str, *, gripper: bool = True) -> FrankaSource:
+    """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
+    with needing("panda", "the source panda"):
+        libfranka = import_module("panda_py.libfranka")
+    who = f"panda at {host}"
+    robot = connected(who, lambda: libfranka.Robot(host, libfranka.RealtimeConfig.kIgnore))
+    width = None
+    if gripper:
+        hand = connected(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
+        width = lambda: float(hand.read_once().width)  # noqa: E731 - it closes over the hand
+    return FrankaSource(who, lambda: state_of(robot.read_once()), width)
+
+
+def state_of(state: Any) -> FrankaState:
+    """A franka::RobotState in plain values."""
+    return FrankaState(
+        time_ms=int(state.time.to_msec()),
+        q=state.q,
+        effector=pose_of(state.O_T_EE),
+        effector_on_flange=pose_of(state.F_T_EE),
+        wrench=state.O_F_ext_hat_K,
+        tau=state.tau_ext_hat_filtered,
+    )

@@ -1,0 +1,261 @@
+"""The source `ros2`: live topics of ROS 2 over Zenoh, decoded and put together here. Needs the extra `ros2`.
+
+Two layouts of keys, told apart by their looks:
+  rmw_zenoh          <domain>/<topic>/<pkg>::msg::dds_::<Type>_/<hash>, payload CDR, an attachment of 33 bytes
+                     (number, time, gid) that is not needed: times are those of the headers;
+  zenoh-bridge-ros2dds  [<namespace>/]<topic>, payload CDR; the key does not tell the type, a mapping must.
+Without a mapping every topic of a type that is read is taken, as far as rmw_zenoh's keys tell it.
+
+Decoding a FrankaRobotState takes 0.1 ms, so it is done beside the robot, and the service gets batches.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from caesura_clients.bridge.sources import Chunk, Mark
+from caesura_clients.errors import BadSource
+from caesura_clients.formats.joining import Joiner, Row
+from caesura_clients.formats.mapping import Mapped
+from caesura_clients.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
+from caesura_clients.formats.ros_plan import Plan, Topic, plan_of
+from caesura_clients.formats.ros_types import READ, CannotDecode, decoder
+from caesura_clients.inbox import Delivery, Inbox
+from caesura_clients.network import Transport
+from caesura_clients.recording import RecordingError
+from caesura_clients.transport import ZenohTransport
+from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+
+CHUNK_SAMPLES = 20
+PATIENCE_S = 0.1  # that a row waits for a topic that lags behind
+LISTEN_S = 0.5  # to what is there, from the first message on, where no mapping says what to wait for
+DISCOVER_S = 10.0  # until nobody is there
+CONNECT_S = 10.0
+TICK_S = 0.05
+INBOX = 16_384
+_DDS_TYPE = re.compile(r"(?P<package>\w+)::msg::dds_::(?P<name>\w+)_")
+
+
+class Heard(NamedTuple):
+    """A message with its topic; None instead of a message where it is a mark."""
+
+    topic: Topic
+    message: Any
+
+
+class Ros2Source:
+    """Topics as a Source; listens from the beginning, because the columns follow from what there is.
+
+    over: ends `chunks` from another thread, once what has come is told. Raises BadSource where nothing
+    comes in `discover_s`, where a payload cannot be decoded or a topic tells too little.
+    """
+
+    length_unit: LengthUnit = "m"
+    can_wait = False
+
+    def __init__(
+        self,
+        transport: Transport,
+        mapped: Mapped | None = None,
+        *,
+        wrench_source: str | None = None,
+        definitions: list[tuple[str, str]] | None = None,
+        discover_s: float = DISCOVER_S,
+        over: threading.Event | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._rules = topic_rules(mapped)
+        self._decoder = decoder(definitions or [])
+        self._domain = str(mapped.table.get("domain", "*")) if mapped is not None else "*"
+        self._over = over or threading.Event()
+        self._clock = clock
+        self._inbox = Inbox(INBOX)
+        self._stack = ExitStack()
+        try:
+            for key in self._keys():
+                self._stack.enter_context(transport.subscribe(key, self._inbox))
+            self._heard = self._discover(discover_s)
+            self._plan = self._planned(mapped, wrench_source)
+        except BaseException:
+            self._stack.close()
+            raise
+        self._joiner = Joiner(self._plan.signals, patience_s=PATIENCE_S)
+        self.columns = self._joiner.columns
+        self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
+        self.force_frame = cast(ForceFrame, self._plan.options.get("force_frame", "base"))
+
+    @property
+    def dropped(self) -> int:
+        """Messages that came faster than they were taken."""
+        return self._inbox.dropped
+
+    def closing(self, close: Callable[[], None]) -> None:
+        """Close this as well, last of all."""
+        topics = self._stack.pop_all()
+        self._stack.callback(close)
+        self._stack.push(topics)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._over.set()
+        self._stack.close()
+
+    def chunks(self) -> Iterator[Chunk | Mark]:
+        """Rows as they become whole, what was heard while listening first."""
+        try:
+            rows: list[Row] = []
+            for heard in self._all():
+                if heard is not None and heard.topic.rule.mark:
+                    yield Mark(self._joiner.latest_s)
+                elif heard is not None:
+                    rows += self._joined(heard)
+                if rows and (heard is None or len(rows) >= CHUNK_SAMPLES):
+                    yield np.array(rows)
+                    rows = []
+            rows += self._joiner.flush()
+            if rows:
+                yield np.array(rows)
+        finally:
+            self.close()
+
+    def _joined(self, heard: Heard) -> list[Row]:
+        with _as_source():
+            stamp = stamp_of(heard.message, heard.topic.name)
+            return self._joiner.push(stamp, self._plan.taken(heard.topic, heard.message))
+
+    def _all(self) -> Iterator[Heard | None]:
+        """Everything that was and is heard; None where nothing has come for a moment."""
+        yield from self._heard
+        self._heard = []
+        while True:
+            item = self._inbox.get(TICK_S)
+            if isinstance(item, Delivery):
+                heard = self._read(item)
+                if heard is not None:
+                    yield heard
+            else:
+                if self._over.is_set():
+                    return
+                yield None
+
+    # --- what there is ----------------------------------------------------------------------------------
+
+    def _keys(self) -> list[str]:
+        if not self._rules:
+            return [f"{self._domain}/**/{_dds(name)}/*" for name in READ]
+        return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
+
+    def _read(self, delivery: Delivery) -> Heard | None:
+        """The message of a delivery. None for a topic that is not read. Raises BadSource."""
+        found = parse_key(delivery.key)
+        rule = self._rules.get(found.topic, TopicRule(found.topic))
+        if rule.mark:
+            return Heard(Topic(found.topic, found.type or "", rule), None)
+        kind = found.type or rule.type
+        if kind is None:
+            raise BadSource(
+                f"{found.topic}: its key does not tell its type: say it in a mapping, for example "
+                f'[topics."{found.topic}"] with type = "{READ[0]}"'
+            )
+        if kind not in READ:
+            return None
+        try:
+            message = self._decoder.read(kind, delivery.payload, found.hash)
+        except CannotDecode as error:
+            raise BadSource(f"{found.topic}: {error}") from error
+        return Heard(Topic(found.topic, kind, rule), message)
+
+    def _discover(self, discover_s: float) -> list[Heard]:
+        """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
+        heard: list[Heard] = []
+        awaited = {name for name, rule in self._rules.items() if not rule.mark}
+        deadline = self._clock() + discover_s
+        while self._clock() < deadline:
+            item = self._inbox.get(TICK_S)
+            one = self._read(item) if isinstance(item, Delivery) else None
+            if one is None:
+                continue
+            if not heard and not self._rules:
+                deadline = min(deadline, self._clock() + LISTEN_S)
+            heard.append(one)
+            awaited.discard(one.topic.name)
+            if self._rules and not awaited:
+                return heard
+        if awaited or not heard:
+            there = ", ".join(sorted({one.topic.name for one in heard})) or "nothing"
+            raise BadSource(
+                f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
+                f"{discover_s:g} s; heard {there}, listening to {', '.join(self._keys())}"
+            )
+        return heard
+
+    def _planned(self, mapped: Mapped | None, wrench_source: str | None) -> Plan:
+        with _as_source():
+            told = [(one.topic, one.message) for one in self._heard if not one.topic.rule.mark]
+            return plan_of(told, mapped, wrench_source)
+
+
+def open_ros2(
+    endpoint: str, config: Path | None, mapped: Mapped | None, mapping: Path | None, wrench_source: str | None
+) -> Ros2Source:
+    """A source with a connection of its own to the router of ROS 2. Raises BadSource, Unreachable."""
+    with _as_source():
+        definitions = definitions_of(topic_rules(mapped), mapping)
+    transport = ZenohTransport(endpoint, config_file=config, timeout_s=CONNECT_S)
+    try:
+        source = Ros2Source(transport, mapped, wrench_source=wrench_source, definitions=definitions)
+    except BaseException:
+        transport.close()
+        raise
+    source.closing(transport.close)
+    return source
+
+
+class Key(NamedTuple):
+    """What a key tells."""
+
+    topic: str
+    type: str | None  # None where it does not tell
+    hash: str | None
+
+
+def parse_key(key: str) -> Key:
+    """The topic of a key, in either layout.
+
+    >>> parse_key("0/ft/wrench/geometry_msgs::msg::dds_::WrenchStamped_/RIHS01_8d")
+    Key(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')
+    >>> parse_key("ft/wrench")
+    Key(topic='/ft/wrench', type=None, hash=None)
+    """
+    parts = key.split("/")
+    dds = _DDS_TYPE.fullmatch(parts[-2]) if len(parts) >= 4 else None
+    if dds is None:
+        return Key(f"/{key}", None, None)
+    return Key("/" + "/".join(parts[1:-2]), f"{dds['package']}/msg/{dds['name']}", parts[-1])
+
+
+def _dds(name: str) -> str:
+    package, _, kind = name.split("/")
+    return f"{package}::msg::dds_::{kind}_"
+
+
+def _path(topic: str) -> str:
+    return "/" + topic.strip("/")
+
+
+class _as_source:  # noqa: N801 - reads as a statement
+    """What is wrong with a recording is here wrong with a source."""
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, RecordingError):
+            raise BadSource(str(error)) from error

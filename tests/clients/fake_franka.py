@@ -1,0 +1,134 @@
+"""franky and panda_py without a robot: the names, types and errors that the real packages have.
+
+From the type stubs of franky-control 2.0.0 (`_franky.pyi`) and panda-python 1.1.1 (`libfranka.pyi`);
+`test_franka.py` compares with the packages themselves where they are installed.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+
+class Script:
+    """What the robot does: a state a millisecond, then an error."""
+
+    def __init__(self, states: list[SimpleNamespace], error: str = "libfranka: UDP receive: Timeout") -> None:
+        self.states = list(states)
+        self.error = error
+        self.width = 0.08
+        self.gripper_error: str | None = None
+        self.asked: list[tuple[Any, ...]] = []
+
+
+def state(time_ms: int, **fields: Any) -> SimpleNamespace:
+    """libfranka's values: what a test does not say is at rest."""
+    told = {
+        "q": np.zeros(7),
+        "O_T_EE": np.eye(4),
+        "F_T_EE": np.eye(4),
+        "O_F_ext_hat_K": np.zeros(6),
+        "tau_ext_hat_filtered": np.zeros(7),
+    }
+    return SimpleNamespace(time_ms=time_ms, **{**told, **fields})
+
+
+class Duration:
+    def __init__(self, milliseconds: int) -> None:
+        self._ms = milliseconds
+
+    def to_msec(self) -> int:
+        return self._ms
+
+    def to_sec(self) -> float:
+        return self._ms / 1000.0
+
+
+class Affine:
+    """As franky has it; its matrix is one of Eigen's, in column-major order."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self.matrix = np.asfortranarray(matrix)
+
+
+def fake_franky(script: Script) -> ModuleType:
+    module: Any = ModuleType("franky")
+
+    class FrankyError(Exception):
+        pass
+
+    class NetworkException(FrankyError):  # noqa: N818 - franky's name
+        pass
+
+    class Robot:
+        def __init__(self, fci_hostname: str, *, realtime_config: Any) -> None:
+            script.asked.append(("Robot", fci_hostname, realtime_config))
+            if not script.states:
+                raise NetworkException(script.error)
+
+        @property
+        def state(self) -> SimpleNamespace:
+            if not script.states:
+                raise NetworkException(script.error)
+            told = script.states.pop(0)
+            return SimpleNamespace(
+                q=told.q,
+                O_T_EE=Affine(told.O_T_EE),
+                F_T_EE=Affine(told.F_T_EE),
+                O_F_ext_hat_K=told.O_F_ext_hat_K,
+                tau_ext_hat_filtered=told.tau_ext_hat_filtered,
+                time=Duration(told.time_ms),
+            )
+
+    class Gripper:
+        def __init__(self, fci_hostname: str) -> None:
+            script.asked.append(("Gripper", fci_hostname))
+
+        @property
+        def state(self) -> SimpleNamespace:
+            if script.gripper_error is not None:
+                raise NetworkException(script.gripper_error)
+            return SimpleNamespace(width=script.width, is_grasped=False, time=Duration(0))
+
+    module.Robot, module.Gripper, module.Affine, module.Duration = Robot, Gripper, Affine, Duration
+    module.Exception, module.NetworkException = FrankyError, NetworkException
+    module.RealtimeConfig = SimpleNamespace(Ignore="Ignore", Enforce="Enforce")
+    return module
+
+
+def fake_libfranka(script: Script) -> ModuleType:
+    module: Any = ModuleType("panda_py.libfranka")
+
+    class Robot:
+        def __init__(self, franka_address: str, realtime_config: Any, log_size: int = 50) -> None:
+            script.asked.append(("Robot", franka_address, realtime_config))
+            if not script.states:
+                raise RuntimeError(script.error)
+
+        def read_once(self) -> SimpleNamespace:
+            if not script.states:
+                raise RuntimeError(script.error)
+            told = script.states.pop(0)
+            return SimpleNamespace(
+                q=told.q.tolist(),
+                O_T_EE=told.O_T_EE.flatten(order="F").tolist(),
+                F_T_EE=told.F_T_EE.flatten(order="F").tolist(),
+                O_F_ext_hat_K=told.O_F_ext_hat_K.tolist(),
+                tau_ext_hat_filtered=told.tau_ext_hat_filtered.tolist(),
+                time=Duration(told.time_ms),
+            )
+
+    class Gripper:
+        def __init__(self, franka_address: str) -> None:
+            script.asked.append(("Gripper", franka_address))
+
+        def read_once(self) -> SimpleNamespace:
+            if script.gripper_error is not None:
+                raise RuntimeError(script.gripper_error)
+            return SimpleNamespace(width=script.width, is_grasped=False, time=Duration(0))
+
+    module.Robot, module.Gripper, module.Duration = Robot, Gripper, Duration
+    module.RealtimeConfig = SimpleNamespace(kIgnore="kIgnore", kEnforce="kEnforce")
+    return module

@@ -1,0 +1,237 @@
+"""Franka arms without hardware: what comes out of libfranka's states, and what is said when one is lost."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.franka import FrankaSource
+from caesura_clients.bridge.sources.table import SourceOptions, open_source
+from caesura_clients.errors import BadSource
+from caesura_clients.formats.poses import HERE, Pose, flange_of, multiply, pose_of, rotate
+from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
+from clients.fake_service import FakeService, eventually
+from clients.test_bridge import QUICK
+
+ARMS = ["franky", "panda"]
+IGNORED = {"franky": "Ignore", "panda": "kIgnore"}
+
+
+@pytest.fixture
+def play(monkeypatch):
+    """A robot that plays a script, under the name of its package."""
+
+    def begin(arm: str, script: Script, *, gripper: bool = False) -> FrankaSource:
+        monkeypatch.setitem(sys.modules, "franky", fake_franky(script))
+        monkeypatch.setitem(sys.modules, "panda_py.libfranka", fake_libfranka(script))
+        return open_source(arm, SourceOptions(host="172.16.0.2", gripper=gripper))
+
+    return begin
+
+
+def moving(count: int, first_ms: int = 5000) -> list:
+    """Along x, pressing on the table with 10 N, the hand on the flange as Franka's desk sets it."""
+    effector, hand = np.diag([1.0, -1.0, -1.0, 1.0]), np.eye(4)
+    turn = np.sqrt(0.5)
+    hand[:3, :] = [[turn, turn, 0, 0], [-turn, turn, 0, 0], [0, 0, 1, 0.1034]]
+    states = []
+    for i in range(count):
+        matrix = effector.copy()
+        matrix[:3, 3] = [0.4 + 1e-4 * i, 0.1, 0.2]
+        told = {"q": np.arange(7.0) + i, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
+        told["tau_ext_hat_filtered"] = np.arange(7.0)
+        states.append(state(first_ms + i, O_T_EE=matrix, F_T_EE=hand, **told))
+    return states
+
+
+def rows_of(source: FrankaSource) -> tuple[list[np.ndarray], str]:
+    """All chunks until the robot is lost, and what is said then."""
+    chunks, told = [], source.chunks()
+    try:
+        for chunk in told:
+            chunks.append(chunk)
+    except BadSource as lost:
+        return chunks, str(lost)
+    pytest.fail("the robot was not lost")
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
+    script = Script(moving(40))
+    source = play(arm, script)
+    assert script.asked == [("Robot", "172.16.0.2", IGNORED[arm])]
+    chunks, _ = rows_of(source)
+    assert [len(chunk) for chunk in chunks] == [20, 20]
+    column = dict(zip(source.columns, np.concatenate(chunks).T, strict=True))
+    np.testing.assert_allclose(column["t"], np.arange(40) / 1000)
+    np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * np.arange(40))
+    np.testing.assert_allclose(column["pz"], 0.2 + 0.1034)  # the tool points down: the flange is above it
+    assert column["fz"].tolist() == [10.0] * 40  # the robot pushes down, the table pushes up
+    np.testing.assert_allclose([column[f"m{axis}"][0] for axis in "xyz"], [-1, -2, -3])
+    np.testing.assert_allclose([column[f"tau{i}"][7] for i in range(1, 8)], -np.arange(7.0))
+    np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) + 7)
+    said = (source.wrench_source, source.force_frame, source.length_unit, source.can_wait)
+    assert said == ("joint_torque_estimate", "base", "m", False)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_robot_that_is_lost_says_when_and_why(play, arm):
+    chunks, said = rows_of(play(arm, Script(moving(30))))
+    assert [len(chunk) for chunk in chunks] == [20, 10]
+    assert said == f"{arm} at 172.16.0.2: lost after 0.0 s: libfranka: UDP receive: Timeout"
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_robot_that_does_not_answer_says_why(play, arm):
+    with pytest.raises(BadSource, match=f"{arm} at 172.16.0.2: cannot connect: libfranka: refused"):
+        play(arm, Script([], error="libfranka:\n refused"))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_gripper_is_a_column_that_keeps_its_last_width(play, arm):
+    script = Script(moving(40))
+    source = play(arm, script, gripper=True)
+    assert script.asked[1] == ("Gripper", "172.16.0.2")
+    told = source.chunks()
+    assert next(told)[:, -1].tolist() == [0.08] * 20
+    script.width = 0.03
+    eventually(lambda: source._gripper.width == 0.03)
+    assert next(told)[:, -1].tolist() == [0.03] * 20
+    told.close()
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_gripper_that_is_lost_ends_the_source(play, arm):
+    script = Script(moving(40))
+    source = play(arm, script, gripper=True)
+    told = source.chunks()
+    next(told)
+    script.gripper_error = "connection closed"
+    eventually(lambda: source._gripper.failure is not None)
+    with pytest.raises(BadSource, match=r"the gripper was lost after 0\.0 s: connection closed"):
+        next(told)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_gripper_says_what_to_add(play, arm):
+    script = Script(moving(3))
+    script.gripper_error = "refused"
+    with pytest.raises(BadSource, match=r"its gripper: cannot connect: refused \(without a gripper: --no-gr"):
+        play(arm, script, gripper=True)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_state_that_is_told_twice_is_taken_once_and_one_that_was_missed_stays_missing(play, arm):
+    states = [one for one in moving(60) for _ in range(2) if one.time_ms % 10]
+    chunks, _ = rows_of(play(arm, Script(states)))
+    times = np.concatenate(chunks)[:, 0] * 1000
+    assert (np.diff(times) >= 1).all()
+    assert set(np.round(np.diff(times))) == {1, 2}
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_bridge_sends_what_came_and_then_says_why_it_ended(play, arm, memory):
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", play(arm, Script(moving(200))), settings=QUICK) as bridge,
+        pytest.raises(BadSource, match="UDP receive: Timeout"),
+    ):
+        bridge.run()
+    assert service.rows() == 200
+    assert service.state == "closed"
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_missing_extra_is_named(monkeypatch, arm):
+    monkeypatch.setitem(sys.modules, "franky", None)
+    monkeypatch.setitem(sys.modules, "panda_py.libfranka", None)
+    with pytest.raises(BadSource, match=rf"the source {arm} needs .*: pip install 'caesura\[{arm}\]'"):
+        open_source(arm, SourceOptions(host="172.16.0.2"))
+    with pytest.raises(BadSource, match="needs --host"):
+        open_source(arm, SourceOptions())
+
+
+# --- poses ------------------------------------------------------------------------------------------------
+
+
+def matrix_of(pose: Pose) -> np.ndarray:
+    matrix = np.eye(4)
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    matrix[:3, :3] = np.array([rotate(pose.orientation, axis) for axis in axes]).T
+    matrix[:3, 3] = pose.position
+    return matrix
+
+
+coordinates = st.floats(-2.0, 2.0)
+quaternions = st.tuples(*[coordinates] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
+poses = st.builds(
+    lambda p, q: Pose(p, tuple((np.array(q) / np.linalg.norm(q)).tolist())),
+    st.tuples(*[coordinates] * 3),
+    quaternions,
+)
+
+
+@given(poses, poses)
+def test_the_flange_times_the_effector_on_it_is_the_effector(flange, tool):
+    effector = pose_of((matrix_of(flange) @ matrix_of(tool)).flatten(order="F"))
+    np.testing.assert_allclose(matrix_of(flange_of(effector, tool)), matrix_of(flange), atol=1e-9)
+
+
+@given(poses)
+def test_a_matrix_and_its_pose_are_the_same_rotation(pose):
+    found = pose_of(matrix_of(pose).flatten(order="F"))
+    along = abs(np.dot(found.orientation, pose.orientation))
+    assert along == pytest.approx(1.0, abs=1e-9)
+    assert found.position == pytest.approx(pose.position)
+
+
+@given(poses)
+def test_without_a_tool_the_pose_is_untouched(pose):
+    assert flange_of(pose, HERE) is pose
+    assert flange_of(pose, Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))) is pose
+    assert multiply(pose.orientation, HERE.orientation) == pytest.approx(pose.orientation)
+
+
+# --- the fake against what it stands for ------------------------------------------------------------------
+
+
+def test_franky_is_as_the_fake_has_it():
+    real = pytest.importorskip("franky", reason="franky-control is not installed")
+    for name in ("Robot", "Gripper", "Affine", "Duration", "NetworkException"):
+        assert hasattr(real, name)
+    assert issubclass(real.NetworkException, Exception)
+    assert hasattr(real.RealtimeConfig, "Ignore")
+    for name in vars(state(0)):
+        assert name == "time_ms" or isinstance(getattr(real.RobotState, name), property)
+    assert isinstance(real.RobotState.time, property)
+    assert isinstance(real.Robot.state, property)
+    assert isinstance(real.Gripper.state, property)
+    assert isinstance(real.GripperState.width, property)
+    assert "fci_hostname: str" in real.Robot.__init__.__doc__
+    assert "realtime_config: " in real.Robot.__init__.__doc__
+    assert real.Duration(7).to_msec() == Duration(7).to_msec()
+    matrix = np.array([[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    assert np.array_equal(real.Affine(matrix).matrix, Affine(matrix).matrix)
+    with pytest.raises(real.Exception):
+        real.Robot("127.0.0.1", realtime_config=real.RealtimeConfig.Ignore)
+
+
+def test_panda_python_is_as_the_fake_has_it():
+    panda_py = pytest.importorskip("panda_py", reason="panda-python is not installed")
+    real = panda_py.libfranka
+    assert "franka_address: str, realtime_config" in real.Robot.__init__.__doc__
+    assert "franka_address: str" in real.Gripper.__init__.__doc__
+    assert hasattr(real.RealtimeConfig, "kIgnore")
+    for name in vars(state(0)):
+        assert name == "time_ms" or isinstance(getattr(real.RobotState, name), property)
+    assert callable(real.Robot.read_once)
+    assert callable(real.Gripper.read_once)
+    assert isinstance(real.GripperState.width, property)
+    assert real.Duration(7).to_msec() == Duration(7).to_msec()
+    with pytest.raises(RuntimeError):
+        real.Robot("127.0.0.1", real.RealtimeConfig.kIgnore)

@@ -27,8 +27,9 @@ GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 GRAVITY = 9.81
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
-ACROSS_M = 0.015  # a stroke along a surface is longer than this
-TOUCHED_S = 0.05  # a boundary lies midway between two observations of 10 Hz: that far on is the next one
+ACROSS_M, ACROSS_SHARE = 0.015, 0.5  # a stroke along a surface is longer than this, and pushes nothing in
+OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
+PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 
 GRIP_APPS: dict[str, AppKind] = {
@@ -47,6 +48,7 @@ class Moment:
     orientation: Quaternion | None  # x y z w
     joints: Joints | None  # [rad]
     gripper_width: float | None  # [m]
+    force: Vector | None = None  # [N] on the robot
 
 
 @dataclass(frozen=True)
@@ -142,8 +144,17 @@ class _Group:
         return App.model_validate(fields | changes)
 
     def touch(self) -> dict[str, object]:
-        """Where a contact that follows was made: at its first observation, not at the last one before it."""
-        moment = self.moment_at(self.steps[-1].segment.tn + TOUCHED_S)
+        """Where the contact that follows was made."""
+        begin = self.steps[-1].segment.tn
+        return self.touched(begin, begin if self.following is None else self.following.tn)
+
+    def touched(self, begin: float, end: float) -> dict[str, object]:
+        """Where something first pushed back between two boundaries [s]; at the first, if nothing did."""
+        first = self.moment_at(begin + TOUCHED_S)
+        looks = (begin + TOUCHED_S + k * OBSERVED_S for k in range(round((end - begin) / OBSERVED_S)))
+        moments = (self.moment_at(t) for t in looks)
+        pressed = (m for m in moments if m.force is not None and _length(m.force) >= PUSHES_BACK_N)
+        moment = next(pressed, first)
         return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
 
 
@@ -167,7 +178,8 @@ def _contacts(group: _Group) -> Iterable[App]:
         yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
     first = group.steps[0]
     if first.segment.kind == "sliding" and _pushed_in(first.segment) > ARRIVES_M and not mine:
-        yield group.app("move_to_contact", [first])
+        where = group.touched(first.segment.t0, first.segment.tn)
+        yield group.app("move_to_contact", [first], **where)
     held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
     taught = max((step.segment.force for step in held), key=_length)
     if not mine and _length(taught) >= LEAST_CONTACT_N:
@@ -222,7 +234,8 @@ def _gives_way(segment: Segment) -> bool:
     """Does what is touched move with the force, a pump or a button, rather than the hand along a surface?"""
     moved = np.subtract(segment.position_end, segment.position_start)
     along = np.asarray(segment.force) / max(_length(segment.force), 1e-12)
-    return _length(moved - along * float(along @ moved)) < ACROSS_M
+    across = _length(moved - along * float(along @ moved))
+    return across < max(ACROSS_M, ACROSS_SHARE * _pushed_in(segment))
 
 
 def _hanging(step: Step) -> Step:
@@ -231,11 +244,8 @@ def _hanging(step: Step) -> Step:
     What a hand slides along pushes back; only a load pulls straight down.
     """
     segment = step.segment
-    down = -0.5 * (segment.force_start[2] + segment.force_end[2])
-    aside = max(_length(segment.force_start[:2]), _length(segment.force_end[:2]))
-    if segment.kind != "sliding" or min(-segment.force_start[2], -segment.force_end[2]) < HANGING_N:
-        return step
-    if aside > HANGING_ASIDE * down:
+    down, aside = -segment.force[2], _length(segment.force[:2])
+    if segment.kind != "sliding" or down < HANGING_N or aside > HANGING_ASIDE * down:
         return step
     load = {"load_kg": down / GRAVITY, "load_sd_kg": HANGING_SD_N / GRAVITY}
     carried = {"kind": "transport", "contact": "transport", **load}

@@ -109,6 +109,7 @@ class History:
             orientation=None if np.isnan(orientation[0]) else tuple(orientation),
             joints=None if np.isnan(joints[0]) else tuple(joints),
             gripper_width=None if np.isnan(row[_WIDTH]) else float(row[_WIDTH]),
+            force=self.force(index),
         )
 
 

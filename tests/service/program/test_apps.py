@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -198,8 +199,8 @@ def test_a_stroke_along_a_surface_stays_a_stroke() -> None:
 
 def test_a_movement_with_something_that_hangs_on_the_robot_is_a_carry() -> None:
     apps = program(
-        segment("sliding", 0.0, 2.0, force_start=(0.3, 0.0, -5.8), force_end=(-0.5, 0.9, -6.2)),
-        segment("sliding", 2.0, 4.0, force_start=(0.3, 0.0, 5.8), force_end=(-0.5, 0.9, 6.2)),
+        segment("sliding", 0.0, 2.0, force_held=(-0.5, 0.9, -6.0)),
+        segment("sliding", 2.0, 4.0, force_held=(-0.5, 0.9, 6.0)),
     )
     assert kinds(apps)[0] == "transport"
     assert apps[0].load_kg == pytest.approx(6.0 / 9.81)
@@ -213,3 +214,12 @@ def test_a_movement_that_ends_in_a_press_without_a_pause_is_a_movement_and_a_pre
     )
     assert kinds(apps) == ["move_to_contact", "apply_force"]
     assert apps[1].force_taught == pytest.approx((0.0, 0.0, -9.0))
+
+
+def test_a_contact_was_made_where_something_pushed_back_not_where_its_segment_begins() -> None:
+    def pushed(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.0, 0.0, 5.0 if t > 2.3 else 0.5))
+
+    steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
+    touching, _ = task_program([Step(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
+    assert touching.target == pytest.approx((0.0, 0.0, 0.235))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 
@@ -14,10 +12,9 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from caesura_clients import Caesura
-from caesura_clients.results import Update, events
 from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
 from dashboard.stage import KINDS, Stage, patient, staged
+from dashboard.subscriber import Subscriber
 from harness.processes import eventually
 
 pytestmark = pytest.mark.skipif(
@@ -29,42 +26,6 @@ T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoi
 SHOWN_S = 5.0  # what the plot shows while somebody points into it: 0 to 5 s
 LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
-
-
-class Subscriber:
-    """Hears what the service publishes of a station, beside the dashboard."""
-
-    def __init__(self, caesura: Caesura, station: str) -> None:
-        self.update: Update | None = None
-        self.over = threading.Event()
-        self._thread = threading.Thread(target=self._listen, args=(caesura, station), daemon=True)
-
-    @contextmanager
-    def listening(self) -> Iterator[Subscriber]:
-        self._thread.start()
-        try:
-            yield self
-        finally:
-            self.over.set()
-            self._thread.join()
-
-    def _listen(self, caesura: Caesura, station: str) -> None:
-        for event in events(caesura.transport, station, refresh_s=0.2, over=self.over):
-            if isinstance(event, Update):
-                self.update = event
-
-    @property
-    def now(self) -> Update:
-        assert self.update is not None
-        return self.update
-
-    def corrected(self) -> list[float]:
-        return [one.t for one in self.now.changepoints if one.corrected]
-
-    def taught(self) -> list[object]:
-        """What nothing changes any more while the hand rests: the first segments, and the apps of them."""
-        segments = [(one.t0, one.tn, one.kind) for one in self.now.segments[:3]]
-        return [*segments, *((one.kind, one.target, one.force) for one in self.now.program.apps[:2])]
 
 
 @pytest.fixture(scope="module")

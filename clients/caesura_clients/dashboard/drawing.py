@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from caesura_clients.dashboard.glance import reached
 from caesura_clients.dashboard.signals import SCALE, Rows, drawn
 from caesura_clients.results import Update
 from caesura_protocol.messages import Changepoint, Gap, Posterior, Segment
@@ -46,7 +47,7 @@ def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:
-    changes: dict[str, Any] = {"t": round(after.t, 3), "closed": after.closed}
+    changes: dict[str, Any] = {"t": round(reached(after), 3), "closed": after.closed}
     known_segments = before.segments if before else ()
     if before is None or after.segments != known_segments:
         first = common(known_segments, after.segments)

@@ -117,7 +117,7 @@ def glance(world: World, station: str, heard: Heard | None, now: float, began: f
         said=SAID[state],
         why=why,
         session=update.session if update else "",
-        t=update.t if update else 0.0,
+        t=reached(update) if update else 0.0,
         age_s=None if heard is None or (update and update.closed) else max(0.0, now - heard.at),
         kind=last.kind if last else "",
         probability=last.probability if last else None,
@@ -133,7 +133,7 @@ def stale(world: World, update: Update | None, bridge: bool, heard: Heard | None
     """Why what is shown may no longer be true; empty where it is."""
     if update is None or update.closed:
         return world.trouble
-    behind_s = heard.t - update.t if heard and heard.session == update.session else 0.0
+    behind_s = heard.t - reached(update) if heard and heard.session == update.session else 0.0
     found = (
         (bool(world.trouble), world.trouble),
         (not world.alive, "no service answers"),
@@ -142,6 +142,13 @@ def stale(world: World, update: Update | None, bridge: bool, heard: Heard | None
         (behind_s > STALE_S, f"results are {behind_s:.0f} s behind the samples"),
     )
     return next((why for true, why in found if true), "")
+
+
+def reached(update: Update) -> float:
+    """[s] Up to where there are results. A status is told once a second, and lags behind the others."""
+    posterior = update.posterior.t if update.posterior else update.t
+    last = update.segments[-1].tn if update.segments else update.t
+    return max(update.t, posterior, last)
 
 
 def gaps(update: Update | None) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from caesura_clients.dashboard.glance import World, gaps
+from caesura_clients.dashboard.glance import World, gaps, reached
 from caesura_clients.results import Update
 
 
@@ -22,7 +22,7 @@ def _row(update: Update) -> dict[str, Any]:
         "session": update.session,
         "href": f"/sessions/{update.station}/{update.session}",
         "state": status.state,
-        "length": f"{update.t:.1f} s",
+        "length": f"{reached(update):.1f} s",
         "segments": str(len(update.segments)),
         "apps": str(len(update.program.apps)),
         "gaps": str(gaps(update)),

@@ -11,7 +11,7 @@ from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import Refused, correct
 from caesura_clients.dashboard.elements import Program, SessionView
-from caesura_clients.dashboard.glance import Glance, glance
+from caesura_clients.dashboard.glance import Glance, glance, reached
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.results import Update
 
@@ -84,7 +84,7 @@ def line_of(seen: Glance, update: Update | None) -> str:
     """How the station is, in a line."""
     if update is None:
         return f"{seen.said}."
-    parts = [seen.said, f"session {update.session}", f"{update.t:.0f} s", _gaps(seen.gaps)]
+    parts = [seen.said, f"session {update.session}", f"{reached(update):.0f} s", _gaps(seen.gaps)]
     if seen.age_s is not None and seen.age_s >= 1.0:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
     if seen.overloaded:
@@ -98,7 +98,7 @@ def line_of_past(update: Update | None) -> str:
         return "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
-    return f"{state} · {update.t:.1f} s · {len(update.segments)} segments · {_gaps(gaps)}"
+    return f"{state} · {reached(update):.1f} s · {len(update.segments)} segments · {_gaps(gaps)}"
 
 
 def _gaps(count: int) -> str:

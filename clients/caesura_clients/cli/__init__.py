@@ -14,7 +14,7 @@ from caesura_clients.cli.sessions import sessions, stand_in
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
-    "service": ("serve", "certs", "segment", "demo", "evaluate", "export", "report"),
+    "service": ("serve", "certs", "segment", "demo", "check", "execute", "evaluate", "export", "report"),
     "teacher": ("teach",),
     "dashboard": ("dashboard",),
 }

@@ -23,15 +23,15 @@ from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
     Config,
     Connect,
-    Json,
     Station,
     connected,
     named,
-    only_station,
     reported,
 )
+from caesura_clients.cli.programs import program
+from caesura_clients.cli.record import record_session
 from caesura_clients.cli.sessions import sessions
-from caesura_clients.cli.show import ignored_line, outcome_line, program_view, segments_view
+from caesura_clients.cli.show import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
@@ -50,6 +50,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
     for command in (bridge, watch, program, edit, doctor):
         app.command(command.__name__)(command)
+    app.command("record")(record_session)
     app.add_typer(sessions)
 
 
@@ -130,21 +131,6 @@ def watch(
                 _show_once(caesura, station)
             else:
                 _show_live(caesura, station)
-
-
-def program(
-    station: Station = None,
-    as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
-    config: Config = None,
-) -> None:
-    """Show the task program of a station."""
-    with reported(), connected(endpoint, config) as caesura:
-        found = caesura.program(only_station(caesura, station))
-    if as_json:
-        typer.echo(found.model_dump_json(indent=2))
-    else:
-        Console().print(program_view(found))
 
 
 def _pace(text: str) -> float:

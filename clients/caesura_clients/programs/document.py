@@ -7,6 +7,7 @@ what `caesura program --json` and `caesura segment --json` write.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.safety import DEFAULT, Safety
-from caesura_protocol.messages import App, AppKind, Program
+from caesura_protocol.messages import App, AppKind, Name, Program
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[1] = 1
@@ -64,9 +65,9 @@ class ProgramFile(BaseModel):
     format: Literal["caesura.program"] = FORMAT
     version: Literal[1] = VERSION
     units: dict[str, str] = Field(default_factory=lambda: dict(UNITS))
-    station: str
-    session: str
-    instance: str
+    station: Name
+    session: Name
+    instance: Name
     epoch: int = 0
     revision: int = 0  # version of the program: it rises with every change
     t: float = 0.0  # [s] up to which the demonstration was seen
@@ -97,7 +98,8 @@ def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
 
 
 def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT) -> ProgramFile:
-    """The program of a recording that no station taught."""
+    """The program of a recording that no station taught; the name is made one that a session may have."""
+    name = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-_")[:64] or "recording"
     t = max((app.tn for app in apps), default=0.0)
     steps = tuple(_step(app) for app in apps)
     return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=steps)

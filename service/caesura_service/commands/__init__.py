@@ -3,6 +3,7 @@
 import typer
 
 from caesura_service.commands.certs import certs
+from caesura_service.commands.check import check, execute
 from caesura_service.commands.demo import demo
 from caesura_service.commands.evaluate import evaluate
 from caesura_service.commands.export import export_recording
@@ -16,6 +17,6 @@ __all__ = ["delete", "export", "register"]  # the first two join the group `sess
 
 def register(app: typer.Typer) -> None:
     """Add every command of the service."""
-    for command in (serve, certs, segment, evaluate, report, demo):
+    for command in (serve, certs, segment, check, execute, evaluate, report, demo):
         app.command(command.__name__)(command)
     app.command("export")(export_recording)

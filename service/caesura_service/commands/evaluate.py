@@ -18,6 +18,7 @@ from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 from caesura_service.judge import evidence as libraries
+from caesura_service.judge import mutations, roundtrip
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
@@ -33,8 +34,8 @@ DEFAULT_PRESET = "default"
 DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
 WORKERS = 2
 WIDTH = 90  # [characters] of text in a file
-THESIS = "thesis"
-ALL_SUITES = [*SUITES, THESIS]
+THESIS, ROUNDTRIP = "thesis", "roundtrip"
+ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP]
 SEEDS, THESIS_SEEDS = 5, 20
 
 Made = TypeVar("Made")
@@ -69,7 +70,9 @@ def evaluate(
     seeds: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Simulated people a scenario.", show_default=f"{SEEDS}, thesis {THESIS_SEEDS}"
+            min=1,
+            help="Simulated people a scenario.",
+            show_default=f"{SEEDS}, thesis and roundtrip {THESIS_SEEDS}",
         ),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
@@ -97,6 +100,10 @@ def evaluate(
     evidence: Annotated[
         bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
     ] = False,
+    mutated: Annotated[
+        int | None,
+        typer.Option("--mutations", min=1, help="Roundtrip: check and run so many spoilt programs instead."),
+    ] = None,
     output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
@@ -108,6 +115,9 @@ def evaluate(
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
                 page = _evidence(suite_name, cases, workers)
+            elif suite_name == ROUNDTRIP and not recordings:
+                people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
+                page = _roundtrip(people, workers) if mutated is None else _mutated(mutated, workers)
             elif suite_name == THESIS and not recordings:
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             else:
@@ -135,6 +145,27 @@ def _thesis(seeds: range, workers: int) -> Page:
         text=lambda: thesis_tables.as_text(result, title),
         markdown=lambda: thesis_tables.as_markdown(result, title),
         plain=lambda: {"title": title, "settings": thesis_summary.as_json(result)},
+    )
+
+
+def _roundtrip(seeds: range, workers: int) -> Page:
+    cases = roundtrip.cases(seeds)
+    summary = roundtrip.summarise(_watched(each(roundtrip.travel, cases, workers=workers), cases))
+    title = roundtrip.title(seeds)
+    return Page(
+        text=lambda: roundtrip.as_text(summary, title),
+        markdown=lambda: roundtrip.as_markdown(summary, title),
+        plain=lambda: {"title": title, "trips": roundtrip.as_json(summary)},
+    )
+
+
+def _mutated(count: int, workers: int) -> Page:
+    numbers = range(count)
+    fates = list(_watched(each(mutations.meet_fate, numbers, workers=workers), numbers))
+    return Page(
+        text=lambda: mutations.as_text(fates),
+        markdown=lambda: mutations.as_markdown(fates),
+        plain=lambda: mutations.as_json(fates),
     )
 
 

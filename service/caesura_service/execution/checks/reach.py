@@ -72,7 +72,9 @@ class _Looking:
         if app.target is not None and not reasons:
             joints, reason = self._reached(app, app.target, here)
             reasons += [reason] if reason else []
-        if app.target is not None and app.kind in MOVES and here.place is not None:
+        if reasons:
+            after = replace(after, place=None)  # nobody knows where it would be
+        elif app.target is not None and app.kind in MOVES and here.place is not None:
             way = np.subtract(app.target, here.place)
             reasons += [*self._speed(app, way, here), *self._way(app, way, here, joints, ends=ends)]
         if app.kind == "apply_force":

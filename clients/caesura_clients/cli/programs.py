@@ -1,0 +1,88 @@
+"""`caesura program`: the task program of a station or a file, shown or written in one of its formats."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
+from caesura_clients.cli.show import apps_table, program_view
+from caesura_clients.errors import CaesuraError
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.programs.document import BadProgramError, ProgramFile, document, read_document
+from caesura_clients.programs.formats import WRITERS
+
+TABLE_WIDTH = 100  # [characters] of a table in a file
+
+
+class ProgramFormat(StrEnum):
+    """What a program is written as."""
+
+    TABLE = "table"
+    JSON = "json"
+    FRANKY = "franky"
+    BT = "bt"
+
+
+def program(
+    station: Station = None,
+    file: Annotated[
+        Path | None, typer.Option(help="A program's JSON, instead of what a station taught.")
+    ] = None,
+    output_format: Annotated[
+        ProgramFormat,
+        typer.Option("--format", help="What to write; franky: a script, bt: BehaviorTree.CPP."),
+    ] = ProgramFormat.TABLE,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
+    as_json: Json = False,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Show the task program of a station, or write it for a robot.
+
+    --json prints the message as on the wire, --format json a document of its own (docs/programs.md).
+    """
+    with reported():
+        if file is not None:
+            write_program(read_document(file), output_format, out)
+            return
+        with connected(endpoint, config) as caesura:
+            found = caesura.program(only_station(caesura, station))
+        if as_json:
+            typer.echo(found.model_dump_json(indent=2))
+        elif output_format is ProgramFormat.TABLE and out is None:
+            Console().print(program_view(found))
+        else:
+            write_program(document(found), output_format, out)
+
+
+def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path | None) -> None:
+    """Write a program. Raises CaesuraError where it cannot be written."""
+    try:
+        if output_format is ProgramFormat.TABLE:
+            _write_table(program, out)
+            return
+        text = WRITERS[output_format.value](program)
+        if out is None:
+            typer.echo(text, nl=False)
+        else:
+            out.write_text(text, encoding="utf-8")
+    except ValueError as error:
+        raise BadProgramError(f"{program.station}/{program.session} cannot be written: {error}") from error
+    except OSError as error:
+        raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _write_table(program: ProgramFile, out: Path | None) -> None:
+    state = "complete" if program.complete else "being taught"
+    title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
+    parts = [apps_table(program.apps, title), *program.notes]
+    if out is None:
+        Console().print(*parts, sep="\n")
+    else:
+        with out.open("w", encoding="utf-8") as file:
+            Console(file=file, width=TABLE_WIDTH).print(*parts, sep="\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -70,6 +71,10 @@ class Stage:
     def wait(self, station: str) -> None:
         """Until its bridge has ended by itself."""
         assert self._bridges[station].wait(DEADLINE_S) == 0
+
+    def freeze(self, station: str) -> None:
+        """Its bridge hangs."""
+        self._bridges[station].send_signal(signal.SIGSTOP)
 
     def kill(self, station: str) -> None:
         """−9."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +14,9 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page, expect
 
 from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
-from dashboard.stage import KINDS, Stage, patient, staged
+from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
+from harness.processes import running
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
@@ -27,8 +29,6 @@ PAGES = {
     "replay": ("/sessions/cell-2/done-1", "move to contact"),
     "system": ("/system", "caesura-1"),
 }
-T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
-SHOWN_S = 5.0  # what the plot shows while somebody clicks into it
 
 
 @pytest.fixture(scope="module")
@@ -117,3 +117,62 @@ def test_what_was_chosen_of_light_and_dark_is_kept(stage: Stage, visitor: Visito
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
     goto(stage, visitor, "/")
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+
+
+def test_a_station_that_hangs_is_stale_and_says_why(stage: Stage, visitor: Visitor):
+    stage.teach("cell-9", patient())
+    page = goto(stage, visitor, "/")
+    card = page.locator("li.card", has_text="cell-9")
+    expect(card.locator(".badge")).to_have_text("teaching")
+    stage.freeze("cell-9")
+    expect(card.locator(".badge")).to_have_text("stale")
+    expect(card).to_contain_text(re.compile("no sample for|its bridge is gone"))
+    visitor.picture("stale")
+    goto(stage, visitor, "/station/cell-9")
+    expect(page.get_by_role("alert")).to_contain_text("Stale")
+    stage.kill("cell-9")
+    expect(page.get_by_role("alert")).to_contain_text("its bridge is gone")
+    assert visitor.barriers() == []
+
+
+def test_an_unknown_page_is_not_found(stage: Stage, visitor: Visitor):
+    answer = visitor.page.goto(f"{stage.dashboard.url}/station/NOT..A..NAME")
+    assert answer is not None
+    assert answer.status == 404
+
+
+def test_a_page_of_another_name_is_refused(stage: Stage, visitor: Visitor):
+    """As DNS that is bent would have it: the browser asks this machine by a stranger's name."""
+    page = visitor.page
+    answer = page.request.get(stage.dashboard.url, headers={"host": "evil.example"})
+    assert answer.status == 403
+
+
+def test_with_a_password_nothing_is_shown_before_it(stage: Stage, visitor: Visitor, tmp_path: Path):
+    file = tmp_path / "password"
+    file.write_text("correct horse\n")
+    options = ("--password-file", str(file), "--read-only")
+    with running(Dashboard(stage.service.endpoint, *options)) as locked:
+        page = visitor.page
+        page.goto(f"{locked.url}/station/cell-2")
+        expect(page.locator("h1")).to_have_text("Caesura")
+        page.get_by_label("Password").fill("wrong horse")
+        page.get_by_role("button", name="Log in").click()
+        expect(page.get_by_role("alert")).to_have_text("That is not the password.")
+        assert visitor.barriers() == []
+        page.get_by_label("Password").fill("correct horse")
+        page.get_by_role("button", name="Log in").click()
+        page.get_by_role("link", name="cell-2").click()
+        expect(page.locator(".app").first).to_be_visible()
+        expect(page.get_by_text("Corrections are off")).to_be_visible()
+
+
+def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):
+    page = visitor.page
+    page.set_viewport_size({"width": 768, "height": 1024})
+    goto(stage, visitor, "/sessions/cell-2/done-1")
+    expect(page.locator(".app").first).to_be_visible()
+    wide = page.evaluate("() => document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    visitor.picture("upright")
+    assert wide == 0, "the page scrolls sideways"
+    assert visitor.barriers() == []

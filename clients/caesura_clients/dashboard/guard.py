@@ -38,7 +38,7 @@ POLICY = (
 _HEADERS = (
     (b"content-security-policy", POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
+    (b"referrer-policy", b"same-origin"),  # with none, browsers send no origin with our own form
 )
 _LOGIN = """<!doctype html><html lang="en"><head><title>Caesura</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>

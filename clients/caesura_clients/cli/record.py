@@ -1,0 +1,105 @@
+"""`caesura record`: a live session in a file, on any machine that hears the station."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.errors import CaesuraError
+from caesura_clients.formats.write import WRITERS, check_writable
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.recorder import Recorded, record
+from caesura_clients.recording import needing
+
+
+def record_session(
+    station: Annotated[str, typer.Option(help="Teaching station.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
+    session: Annotated[
+        str | None, typer.Option(help="Session to record; by default the first one that is heard.")
+    ] = None,
+    endpoint: Connect = DEFAULT_ENDPOINT,
+    config: Config = None,
+) -> None:
+    """Record a session as it is taught, until it is closed or Ctrl-C: .mcap with its results, .npz or .csv.
+
+    What was sent before, up to 30 s, is asked of the bridge; the exit code is 1 where something is missing.
+    """
+    with reported():
+        named(station)
+        check_writable(out, ".mcap")
+        if out.suffix == ".mcap":
+            with needing("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
+                import_module("caesura_clients.formats.mcap_write")
+        with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
+            typer.echo(f"waiting for {station}/{session or '…'} at {endpoint}; Ctrl-C ends it", err=True)
+            found = record(caesura.transport, station, session, over=over)
+        try:
+            _write(out, station, found)
+        except OSError as error:
+            raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    span_s = found.recording.t[-1] - found.recording.t[0]
+    where = f"{station}/{found.recorder.session}"
+    typer.echo(f"{out}: {where}, {found.recording.t.size} samples, {span_s:.2f} s")
+    if found.missed:
+        typer.echo(f"{where}: {found.missed}", err=True)
+    if found.recorder.lost:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _until_interrupted() -> Iterator[threading.Event]:
+    """Set at Ctrl-C and SIGTERM, so that what has come is written."""
+    over = threading.Event()
+    before = {
+        number: signal.signal(number, lambda *_: over.set()) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield over
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _write(out: Path, station: str, found: Recorded) -> None:
+    if out.suffix == ".mcap":
+        _write_mcap(out, station, found)
+    else:
+        WRITERS[out.suffix](out, found.recording)
+
+
+def _write_mcap(out: Path, station: str, found: Recorded) -> None:
+    mcap = import_module("caesura_clients.formats.mcap_write")
+    recording, snapshot, recorder = found.recording, found.snapshot, found.recorder
+    first = -float(recording.t.min())  # not before 1970
+    told = mcap.Demonstration(
+        station=station,
+        session=recorder.session,
+        preset="" if snapshot is None else snapshot.status.preset,
+        recording=recording,
+        began_s=max(recorder.began_s if recorder.began_s < float("inf") else 0.0, first, 0.0),
+        columns=recording.columns,
+        poses=mcap.poses_of(recording),
+        more={"missing_batches": str(recorder.lost)},
+        complete=found.closed,
+    )
+    if snapshot is not None:
+        told = replace(
+            told,
+            segments=snapshot.segments.segments,
+            changepoints=snapshot.changepoints.changepoints,
+            gaps=snapshot.status.gaps,
+            apps=snapshot.program.apps,
+            notes=snapshot.program.notes,
+            wrench_note=snapshot.status.wrench.note,
+        )
+    mcap.write_mcap(out, told)

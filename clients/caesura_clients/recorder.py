@@ -1,0 +1,289 @@
+"""Storing a live session from the wire, in a client install: samples as they were sent, results at the end.
+
+`Recorder` is the fold: batches in, by their numbers, and which are missing. `record` is the session around
+it. What it missed it asks of the bridge's ring, as the service does; what the ring has lost, or the router's
+access rules keep to the service, is a gap, and is said. Samples are kept in memory until the end: an hour of
+30 columns at 1 kHz is 900 MB.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from caesura_clients import query
+from caesura_clients.errors import Absent, CaesuraError, Unreachable
+from caesura_clients.inbox import Delivery, Inbox, Item
+from caesura_clients.network import Transport
+from caesura_clients.recording import Recording
+from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
+from caesura_protocol.messages import (
+    COLUMNS_OF_SIGNAL,
+    Heartbeat,
+    SampleBatch,
+    SessionStatus,
+    Snapshot,
+)
+
+ASK_EVERY_S = 0.5  # for what is missing
+AT_ONCE = 200  # batches in one question
+ATTEMPTS = 3  # without an answer, until it is a gap
+SILENT_S = 2.0  # a bridge says something every half second: without it, the service is asked
+TICK_S = 0.1
+
+
+@dataclass
+class Recorder:
+    """The batches of one session, and what is missing of them."""
+
+    session: str
+    batches: dict[int, SampleBatch] = field(default_factory=dict)
+    given_up: set[int] = field(default_factory=set)
+    spoiled: int = 0  # batches that cannot be read
+    known: int = -1  # the newest number that anybody spoke of
+    began_s: float = float("inf")  # [s] time of day at session time 0, as far as batches tell
+    _whole: int = 0  # all before this one are here or given up
+    _attempts: dict[int, int] = field(default_factory=dict)
+
+    def take(self, batch: SampleBatch, now_s: float | None = None) -> None:
+        """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
+        self.known = max(self.known, batch.seq)
+        if batch.seq in self.batches:
+            return
+        try:
+            end = float(unpack_samples(batch)[-1, 0])
+        except ProtocolError:
+            self.spoiled += 1
+            self.given_up.add(batch.seq)
+            return
+        self.batches[batch.seq] = batch
+        self.given_up.discard(batch.seq)
+        if now_s is not None:  # a batch cannot come before its last sample was taken
+            self.began_s = min(self.began_s, now_s - end)
+
+    def heard(self, seq: int) -> None:
+        """The sender has come to this number."""
+        self.known = max(self.known, seq)
+
+    def missing(self) -> ReplayRange | None:
+        """The next range to ask for."""
+        while self._whole <= self.known and (self._whole in self.batches or self._whole in self.given_up):
+            self._whole += 1
+        if self._whole > self.known:
+            return None
+        first = last = self._whole
+        while last + 1 <= self.known and last + 1 not in self.batches and last - first + 1 < AT_ONCE:
+            last += 1
+        return ReplayRange(first, last, last - first + 1)
+
+    def unanswered(self, asked: ReplayRange) -> None:
+        """Nobody had them this time; after ATTEMPTS they are a gap."""
+        tried = self._attempts[asked.first] = self._attempts.get(asked.first, 0) + 1
+        if tried >= ATTEMPTS:
+            self.evicted(asked.last + 1)
+
+    def evicted(self, oldest: int) -> None:
+        """Nobody has those before the oldest any more."""
+        self.given_up |= {n for n in range(min(oldest, self.known + 1)) if n not in self.batches}
+
+    @property
+    def lost(self) -> int:
+        """Batches that are known to exist and are not here."""
+        return self.known + 1 - len(self.batches)
+
+    def recording(self, status: SessionStatus | None) -> Recording:
+        """What was kept. Raises CaesuraError where that is nothing."""
+        if not self.batches:
+            raise CaesuraError(f"{self.session}: no samples came")
+        columns = self.batches[min(self.batches)].columns
+        alike = [seq for seq in sorted(self.batches) if self.batches[seq].columns == columns]
+        matrix = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
+        column = dict(zip(columns, matrix.T, strict=True))
+        signals = {
+            signal: np.column_stack([column[name] for name in names])
+            for signal, names in COLUMNS_OF_SIGNAL.items()
+            if set(names) <= column.keys()
+        }
+        if status is None:
+            return Recording(matrix[:, 0], signals, name=self.session)
+        return Recording(
+            matrix[:, 0],
+            signals,
+            wrench_source=status.wrench.source,
+            force_frame=status.wrench.frame,
+            length_unit=status.length_unit,
+            name=self.session,
+        )
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One session, as far as it was heard."""
+
+    recording: Recording
+    snapshot: Snapshot | None  # the results; None where no service tells any
+    recorder: Recorder
+    closed: bool  # did it end while it was recorded?
+
+    @property
+    def missed(self) -> str:
+        """What a reader must know, nothing where nothing is missing."""
+        said = []
+        if self.recorder.lost:
+            said.append(f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps")
+        status = None if self.snapshot is None else self.snapshot.status
+        if status is None:
+            said.append("no service told results, units and frames: m, base and flange_sensor are assumed")
+        elif status.samples > self.recording.t.size:
+            said.append(f"the service has {status.samples} samples, these are {self.recording.t.size}")
+        if not self.closed:
+            said.append("the session goes on")
+        return "; ".join(said)
+
+
+def record(
+    transport: Transport,
+    station: str,
+    session: str | None = None,
+    *,
+    over: threading.Event | None = None,
+    told: Callable[[Recorder], None] = lambda recorder: None,
+    clock: Callable[[], float] = time.monotonic,
+    time_of_day: Callable[[], float] = time.time,
+) -> Recorded:
+    """Record a session until it is closed or `over` is set: the one named, or the first that is heard.
+
+    told: is called whenever something has come. Raises CaesuraError where nothing came at all.
+    """
+    ending = over or threading.Event()
+    inbox = Inbox()
+    heard = _Hearing(transport, station, session, told=told, clock=clock, time_of_day=time_of_day)
+    with ExitStack() as stack:
+        for key in (station_key(station, "samples"), session_key(station, session or "*", "status")):
+            stack.enter_context(transport.subscribe(key, inbox))
+        while not ending.is_set() and not heard.closed:
+            heard.take(inbox.get(TICK_S))
+            heard.mind()
+        while (rest := inbox.get(0.0)) is not None:
+            heard.take(rest)
+        recorder = heard.recorder
+        if recorder is None:
+            raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was heard")
+        while _ask(transport, station, recorder):
+            pass
+    found = _snapshot(transport, station, recorder.session)
+    recording = recorder.recording(None if found is None else found.status)
+    return Recorded(recording, found, recorder, heard.closed)
+
+
+class _Hearing:
+    """What is heard of a session, from its first message on, and what is asked about it meanwhile."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        station: str,
+        session: str | None,
+        *,
+        told: Callable[[Recorder], None],
+        clock: Callable[[], float],
+        time_of_day: Callable[[], float],
+    ) -> None:
+        self.recorder: Recorder | None = None
+        self.closed = False
+        self._transport = transport
+        self._station = station
+        self._session = session
+        self._told = told
+        self._clock = clock
+        self._time_of_day = time_of_day
+        self._heard_s = self._asked_s = clock()
+
+    def take(self, item: Item | None) -> None:
+        """Keep what arrived, where it is of the session."""
+        message = _readable(item) if isinstance(item, Delivery) else None
+        if message is None or message.session != (self._session or message.session):
+            return
+        if self.recorder is None:
+            self._session, self.recorder = message.session, Recorder(message.session)
+        self._heard_s = self._clock()
+        self.closed |= _take(self.recorder, message, self._time_of_day)
+        self._told(self.recorder)
+
+    def mind(self) -> None:
+        """Ask the bridge for what is missing, and after a silence the service whether it is over."""
+        now = self._clock()
+        if self.recorder is None:
+            return
+        if now - self._asked_s >= ASK_EVERY_S:
+            _ask(self._transport, self._station, self.recorder)
+            self._asked_s = now
+        if now - self._heard_s > SILENT_S:
+            self.closed = _is_closed(self._transport, self._station, self.recorder.session)
+            self._heard_s = self._clock()
+
+
+Heard = SampleBatch | Heartbeat | SessionStatus
+HEARD: tuple[type[Heard], ...] = (SampleBatch, Heartbeat, SessionStatus)
+
+
+def _readable(delivery: Delivery) -> Heard | None:
+    try:
+        message = decode(delivery.payload, delivery.encoding, *HEARD)
+    except ProtocolError:  # whatever else somebody puts there
+        return None
+    return message if isinstance(message, HEARD) else None
+
+
+def _take(recorder: Recorder, message: Heard, time_of_day: Callable[[], float]) -> bool:
+    """Keep what a message tells; is the session over?"""
+    match message:
+        case SampleBatch():
+            recorder.take(message, time_of_day())
+        case Heartbeat():
+            recorder.heard(message.seq)
+        case SessionStatus():
+            return message.state == "closed"
+    return False
+
+
+def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
+    """Ask the bridge for what is missing, once; is there anything left to ask for?"""
+    wanted = recorder.missing()
+    if wanted is None:
+        return False
+    parameters = f"{replay_parameters(wanted)};session={recorder.session}"
+    try:
+        answers = transport.query(station_key(station, "replay"), parameters=parameters)
+    except Unreachable:
+        recorder.unanswered(wanted)
+        return True
+    before = len(recorder.batches)
+    for reply in answers.replies:
+        batch = _readable(reply)
+        if isinstance(batch, SampleBatch) and batch.session == recorder.session:
+            recorder.take(batch)
+    for refusal in answers.refusals:
+        if refusal.code == "evicted" and isinstance(refusal.limit, int):
+            recorder.evicted(refusal.limit)
+    if len(recorder.batches) == before:
+        recorder.unanswered(wanted)
+    return True
+
+
+def _is_closed(transport: Transport, station: str, session: str) -> bool:
+    found = _snapshot(transport, station, session)
+    return found is not None and found.status.state == "closed"
+
+
+def _snapshot(transport: Transport, station: str, session: str) -> Snapshot | None:
+    with suppress(Absent, Unreachable, ProtocolError):
+        return query.snapshot(transport, station, session)
+    return None

@@ -1,0 +1,77 @@
+"""`caesura record` beside a real service: the file holds what the service got and what it said."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from caesura_clients import Caesura, connect
+from caesura_clients.recording import load_recording
+from caesura_service.recordings import segment_recording
+from harness.processes import RECORDING, SESSION, reaches, serving, teaching
+
+
+@pytest.fixture(scope="module")
+def caesura(tmp_path_factory) -> Iterator[Caesura]:
+    with serving(tmp_path_factory.mktemp("journal")) as service, connect(service.endpoint) as client:
+        yield client
+
+
+@contextmanager
+def recording(caesura: Caesura, station: str, out: Path) -> Iterator[subprocess.Popen]:
+    """`caesura record`, once it listens."""
+    command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "record"]
+    options = ("--station", station, "-o", str(out), "--connect", caesura.transport.endpoint)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*command, *options], **pipes) as process:
+        try:
+            assert "waiting for" in process.stderr.readline()
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "npz"])
+def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
+    out, station = tmp_path / f"live.{suffix}", f"cell-{suffix}"
+    with recording(caesura, station, out) as process, teaching(caesura, station) as taught:
+        taught.result(60.0)
+        said, complaints = process.communicate(timeout=30.0)  # it ends with the session
+    assert (process.returncode, complaints) == (0, "")
+    assert said == f"{out}: {station}/{SESSION}, {RECORDING.t.size} samples, {RECORDING.t[-1]:.2f} s\n"
+    found = load_recording(out)
+    np.testing.assert_allclose(found.t, RECORDING.t, atol=1e-12)
+    for name, values in RECORDING.signals.items():
+        assert np.array_equal(found.signals[name], values)
+    assert found.wrench_source == RECORDING.wrench_source
+    told = caesura.snapshot(station, SESSION)
+    assert segment_recording(found).segments == told.segments.segments
+    if suffix == "mcap":
+        with out.open("rb") as stream:
+            segments = list(make_reader(stream).iter_messages(topics=["/segments"]))
+        assert len(segments) == len(told.segments.segments)
+
+
+def test_interrupted_it_writes_what_came_and_says_that_the_session_goes_on(caesura, tmp_path):
+    out = tmp_path / "part.npz"
+    with teaching(caesura, "cell-late", pace=1.0) as taught:
+        reaches(caesura, "cell-late", 200)
+        with recording(caesura, "cell-late", out) as process:
+            more = reaches(caesura, "cell-late", 400).status.samples
+            process.send_signal(signal.SIGINT)
+            _, complaints = process.communicate(timeout=30.0)
+        taught.cancel() or taught.result(60.0)
+    assert process.returncode == 0, complaints
+    assert "the session goes on" in complaints
+    found = load_recording(out)
+    assert found.t[0] == 0.0  # what came before was asked of the bridge's ring
+    assert 0 < found.t.size <= RECORDING.t.size
+    assert more >= 400

@@ -1,0 +1,172 @@
+"""Recording a live session: nothing lost that anybody still has, and what is lost is said."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from zlib import crc32
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_clients.errors import CaesuraError
+from caesura_clients.recorder import ATTEMPTS, Recorder, record
+from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.keys import ReplayRange, station_key
+from caesura_protocol.messages import SampleBatch
+from clients.answering import Answering
+from clients.examples import LiveSource, samples, snapshot
+from clients.fake_service import FakeService, eventually
+
+QUICK = BridgeSettings(heartbeat_s=0.05, retry_s=0.05)
+COLUMNS = LiveSource.columns
+
+
+def batch(seq: int, session: str = "s1") -> SampleBatch:
+    return pack_samples(samples(20, t0=seq * 0.02), COLUMNS, session=session, epoch=0, seq=seq)
+
+
+@given(st.lists(st.integers(0, 30), max_size=60), st.integers(-1, 30), st.integers(0, 12))
+def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, oldest):
+    recorder = Recorder("s1")
+    for seq in arrivals:
+        recorder.take(batch(seq), now_s=1000.0 + seq * 0.02)
+    recorder.heard(beat)
+    known = max([beat, *arrivals])
+    for _ in range(100):
+        wanted = recorder.missing()
+        if wanted is None:
+            break
+        assert wanted.first not in recorder.batches
+        if wanted.first < oldest:
+            recorder.evicted(oldest)
+        else:
+            for seq in range(wanted.first, wanted.last + 1):
+                recorder.take(batch(seq))
+    assert recorder.missing() is None
+    gone = {seq for seq in range(min(oldest, known + 1)) if seq not in arrivals}
+    assert recorder.lost == len(gone)
+    if known >= 0 and len(gone) <= known:
+        found = recorder.recording(None)
+        expected = np.concatenate([samples(20, t0=n * 0.02) for n in range(known + 1) if n not in gone])
+        np.testing.assert_allclose(found.matrix(), expected)
+
+
+def test_a_question_that_nobody_answers_is_a_gap_in_the_end():
+    recorder = Recorder("s1")
+    recorder.take(batch(0))
+    recorder.heard(3)
+    for _ in range(ATTEMPTS):
+        assert recorder.missing() == ReplayRange(1, 3, 3)
+        recorder.unanswered(ReplayRange(1, 3, 3))
+    assert recorder.missing() is None
+    assert recorder.lost == 3
+    recorder.take(batch(2))  # late, but welcome
+    assert recorder.lost == 2
+
+
+def test_a_batch_that_cannot_be_read_is_counted_and_not_kept():
+    recorder = Recorder("s1")
+    recorder.take(batch(0).model_copy(update={"samples": b"1234"}))
+    assert (recorder.spoiled, recorder.lost, recorder.missing()) == (1, 1, None)
+    with pytest.raises(CaesuraError, match="s1: no samples came"):
+        recorder.recording(None)
+
+
+def test_the_zero_of_the_session_is_told_by_the_batch_that_was_quickest():
+    recorder = Recorder("s1")
+    for seq, late_s in enumerate((0.3, 0.002, 0.1)):
+        recorder.take(batch(seq), now_s=500.0 + seq * 0.02 + 0.019 + late_s)
+    assert recorder.began_s == pytest.approx(500.002)
+
+
+def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=lambda batch: False):
+    """A bridge that sends `before` batches before anybody records, and `after` ones then."""
+    over, pool, heard = threading.Event(), ThreadPoolExecutor(1), []
+    recording_transport = network.transport()
+    with (
+        pool,
+        FakeService(network.transport()),
+        Bridge(network.transport(), "cell-1", LiveSource(), session="s1", settings=bridge_settings) as bridge,
+    ):
+        bridge.wait_open(5.0)
+        bridge.send(samples(20 * before))
+        eventually(lambda: bridge._sender._next_put == before)
+        network.lose = lose
+        future = pool.submit(record, recording_transport, "cell-1", over=over, told=heard.append)
+        try:
+            eventually(lambda: any(key == station_key("cell-1", "samples") for key, _ in network.subscribers))
+            eventually(lambda: len(network.subscribers) >= 3)
+            bridge.send(samples(20 * after, t0=before * 0.02))
+            eventually(lambda: heard and heard[-1].known == before + after - 1)
+            eventually(lambda: heard[-1].missing() is None)
+        finally:
+            over.set()
+        return future.result(10.0)
+
+
+def test_what_the_network_dropped_is_asked_of_the_bridge(memory):
+    def every_third(delivery):
+        return crc32(delivery.payload) % 3 == 0
+
+    found = recorded(memory, before=0, after=60, lose=every_third)
+    assert found.recorder.lost == 0
+    np.testing.assert_allclose(found.recording.matrix(), samples(1200))
+    assert "the session goes on" in found.missed
+
+
+def test_a_recording_that_begins_late_has_what_the_ring_still_has(memory):
+    found = recorded(memory, before=30, after=5)
+    assert found.recorder.lost == 0
+    np.testing.assert_allclose(found.recording.matrix(), samples(700))
+
+
+def test_what_the_ring_has_lost_is_a_gap_and_is_said(memory):
+    short = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, ring_samples=100, window_batches=4)
+    found = recorded(memory, short, before=30, after=3)
+    kept = len(found.recorder.batches)
+    assert 3 <= kept <= 8
+    assert found.recorder.lost == 33 - kept
+    assert found.missed.startswith(f"{33 - kept} of 33 batches are missing: gaps")
+    np.testing.assert_allclose(found.recording.matrix(), samples(660)[-20 * kept :])
+
+
+def test_another_session_of_the_station_is_not_mixed_in(memory):
+    over = threading.Event()
+    transport, sender = memory.transport(), memory.transport()
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(record, transport, "cell-1", "s2", over=over)
+        eventually(lambda: len(memory.subscribers) == 2)
+        for seq, session in ((0, "s1"), (0, "s2"), (1, "s1"), (1, "s2")):
+            sender.put(station_key("cell-1", "samples"), encode(batch(seq, session)))
+        over.set()
+        found = future.result(10.0)
+    assert found.recorder.session == "s2"
+    assert found.recording.t.size == 40
+
+
+def test_nothing_heard_is_an_error_that_names_the_station(memory):
+    over = threading.Event()
+    over.set()
+    with pytest.raises(CaesuraError, match="cell-1: no session s9 was heard"):
+        record(memory.transport(), "cell-1", "s9", over=over)
+
+
+def test_a_word_of_the_end_that_was_lost_is_asked_for(memory, monkeypatch):
+    monkeypatch.setattr("caesura_clients.recorder.SILENT_S", 0.0)
+    told = snapshot(0, station="cell-1", session="s1", state="closed")
+    with Answering(memory.transport()) as service, ThreadPoolExecutor(1) as pool:
+        service.snapshots = [told]
+        sender, over = memory.transport(), threading.Event()
+        future = pool.submit(record, memory.transport(), "cell-1", over=over)
+        try:
+            eventually(lambda: any(key == station_key("cell-1", "samples") for key, _ in memory.subscribers))
+            sender.put(station_key("cell-1", "samples"), encode(batch(0)))
+            found = future.result(10.0)
+        finally:
+            over.set()
+    assert found.closed
+    assert found.snapshot == told

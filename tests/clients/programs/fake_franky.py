@@ -1,0 +1,174 @@
+"""franky 2.0 without a robot: the calls of its API that a script makes, with their signatures, written down.
+
+Signatures are those of `franky/_franky.pyi` of franky-control 2.0.0. What is called is kept in `calls`.
+`test_franky_script` compares them with franky itself where that is installed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+calls: list[tuple[str, dict[str, Any]]] = []
+felt_n = [0.0]  # what the force sensor says along -z
+
+
+def _note(name: str, **arguments: Any) -> None:
+    calls.append((name, arguments))
+
+
+class Affine:
+    def __init__(self, translation: Any = (0.0, 0.0, 0.0), quaternion: Any = (0.0, 0.0, 0.0, 1.0)) -> None:
+        self.translation = np.array(translation, dtype=float).reshape(3)
+        self.quaternion = np.array(quaternion, dtype=float).reshape(4)
+
+    @property
+    def inverse(self) -> Affine:
+        return Affine(-self.translation, self.quaternion)
+
+    def __mul__(self, other: Affine) -> Affine:
+        return Affine(self.translation + other.translation, self.quaternion)
+
+
+class Condition:
+    pass
+
+
+class Measure:
+    FORCE_X: Measure
+    FORCE_Y: Measure
+    FORCE_Z: Measure
+
+    def __sub__(self, other: float) -> Measure:
+        return self
+
+    def __add__(self, other: Measure | float) -> Measure:
+        return self
+
+    def __pow__(self, other: float) -> Measure:
+        return self
+
+    def __gt__(self, other: float) -> Condition:
+        return Condition()
+
+
+Measure.FORCE_X = Measure.FORCE_Y = Measure.FORCE_Z = Measure()
+
+
+class RelativeDynamicsFactor:
+    def __init__(self, velocity: float, acceleration: float, jerk: float) -> None:
+        for value in (velocity, acceleration, jerk):
+            assert 0.0 < value <= 1.0
+
+
+class _Motion:
+    def __init__(self) -> None:
+        self.reactions: list[Reaction] = []
+
+    def add_reaction(self, reaction: Reaction) -> None:
+        self.reactions.append(reaction)
+
+
+class Reaction:
+    def __init__(self, condition: Condition, motion: _Motion) -> None:
+        assert isinstance(condition, Condition)
+        self.motion = motion
+
+
+class CartesianStopMotion(_Motion):
+    pass
+
+
+class TorqueStopMotion(_Motion):
+    pass
+
+
+class CartesianMotion(_Motion):
+    def __init__(self, target: Affine, *, ee_frame: Affine | None = None) -> None:
+        super().__init__()
+        self.target, self.ee_frame = target, ee_frame
+
+
+class CartesianReference:
+    def __init__(self, target: Affine) -> None:
+        self.target = target
+
+
+class CartesianImpedanceTrackingMotion(_Motion):
+    def __init__(self, translational_stiffness: float = 500) -> None:
+        super().__init__()
+        self.stiffness = translational_stiffness
+        self.references: list[CartesianReference] = []
+
+    def set_reference(self, reference: CartesianReference) -> None:
+        self.references.append(reference)
+
+
+class DoubleDynamicsLimit:
+    def set(self, value: float) -> None:
+        assert 0.0 < value <= 1.7  # what a Panda can
+        _note("limit", value=value)
+
+
+class RobotState:
+    F_T_EE = Affine((0.0, 0.0, 0.1034))
+
+    @property
+    def O_F_ext_hat_K(self) -> Any:  # noqa: N802  (franky's own name)
+        return np.array([0.0, 0.0, felt_n[0], 0.0, 0.0, 0.0])
+
+
+class RobotPose:
+    end_effector_pose = Affine((0.3, 0.0, 0.4), (1.0, 0.0, 0.0, 0.0))
+
+
+class Robot:
+    relative_dynamics_factor: Any = None
+
+    def __init__(self, fci_hostname: str) -> None:
+        _note("robot", host=fci_hostname)
+        self.state = RobotState()
+        self.translation_velocity_limit = DoubleDynamicsLimit()
+        self.current_pose = RobotPose()
+
+    def recover_from_errors(self) -> bool:
+        return True
+
+    def set_collision_behavior(self, torque_thresholds: float, force_thresholds: float) -> None:
+        _note("collision", torque=torque_thresholds, force=force_thresholds)
+
+    def set_load(self, load_mass: float, F_x_Cload: list[float], load_inertia: list[float]) -> None:  # noqa: N803
+        assert len(F_x_Cload) == 3
+        assert len(load_inertia) == 9
+        _note("load", kg=load_mass)
+
+    def move(self, motion: _Motion, asynchronous: bool = False) -> None:
+        _note("move", motion=motion, asynchronous=asynchronous)
+        felt_n[0] = 6.0 if motion.reactions else 0.0  # where it may meet something, it does
+
+    def join_motion(self, timeout: float | None = None) -> bool:
+        return False
+
+
+class Gripper:
+    max_width = 0.08
+
+    def __init__(self, fci_hostname: str) -> None:
+        pass
+
+    def grasp(
+        self,
+        width: float,
+        speed: float,
+        force: float,
+        epsilon_inner: float = 0.005,
+        epsilon_outer: float = 0.005,
+    ) -> bool:
+        _note("grasp", width=width, force=force)
+        return True
+
+    def move(self, width: float, speed: float) -> bool:
+        assert 0.0 <= width <= self.max_width
+        _note("fingers", width=width)
+        return True

@@ -1,0 +1,127 @@
+"""The script for franky: it compiles, runs against a fake of its API, and keeps to its limits."""
+
+from __future__ import annotations
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from caesura_clients.programs import franky_script as writer
+from caesura_clients.programs.document import ProgramFile
+from caesura_clients.programs.franky_script import franky_script
+from caesura_clients.programs.safety import Safety
+from harness.programs import as_file, pick_and_place, press
+
+from . import fake_franky
+
+
+def module_of(program: ProgramFile) -> ModuleType:
+    module = ModuleType("made")
+    exec(compile(franky_script(program), "made.py", "exec"), module.__dict__)
+    module.__dict__["time"] = type("time", (), {"sleep": staticmethod(lambda seconds: None)})
+    return module
+
+
+def run(program: ProgramFile) -> list[tuple[str, dict[str, Any]]]:
+    fake_franky.calls.clear()
+    made = module_of(program)
+    made.Runner(fake_franky, "robot").run(made.checked(made.APPS))
+    return list(fake_franky.calls)
+
+
+def motions(calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
+    return [arguments["motion"] for name, arguments in calls if name == "move"]
+
+
+def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
+    safety = Safety(speed_m_per_s=0.25, felt_force_n=20.0)
+    made = module_of(as_file(press()).model_copy(update={"safety": safety}))
+    for name, (field, _) in writer.CONSTANTS.items():
+        assert getattr(made, name) == getattr(safety, field)
+    text = franky_script(as_file(press()))
+    assert text.index("MAX_SPEED_M_PER_S =") < text.index("APPS =") < text.index("def ")
+
+
+def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
+    calls = run(as_file(pick_and_place()))
+    names = [name for name, _ in calls if name in ("grasp", "fingers", "load")]
+    assert names == ["grasp", "load", "load", "fingers", "load"]
+    assert [a["kg"] for name, a in calls if name == "load"] == [0.25, 0.25, 0.0]
+    ends = [len(motion.reactions) for motion in motions(calls)]
+    assert ends == [
+        1,
+        0,
+        1,
+        0,
+    ]  # a contact ends the approach, and setting down; the others go to their targets
+
+
+def test_it_sets_what_the_robot_itself_watches_before_it_moves() -> None:
+    names = [name for name, _ in run(as_file(press()))]
+    assert names.index("collision") < names.index("move")
+    assert ("collision", {"torque": 20.0, "force": 30.0}) in fake_franky.calls
+
+
+def test_no_movement_is_faster_than_the_limit_however_short_it_was_taught() -> None:
+    hurried = [app.model_copy(update={"t0": 0.1 * i, "tn": 0.1 * i + 0.1}) for i, app in enumerate(press())]
+    limits = [a["value"] for name, a in run(as_file(tuple(hurried))) if name == "limit"]
+    assert max(limits) == Safety().speed_m_per_s
+    assert limits[0] == 0.1  # from wherever the robot is
+
+
+def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> None:
+    calls = run(as_file(press()))
+    pressed = next(m for m in motions(calls) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    begin = fake_franky.RobotPose.end_effector_pose.translation
+    offsets = [float(begin[2] - one.target.translation[2]) for one in pressed.references]
+    assert 0.0 < max(offsets) <= 0.05
+    assert max(offsets) * pressed.stiffness < Safety().felt_force_n
+    assert isinstance(pressed.reactions[0].motion, fake_franky.TorqueStopMotion)
+    assert isinstance(motions(calls)[-2], fake_franky.TorqueStopMotion)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"target": (0.0, -0.9, 0.2)}, "workspace"),
+        ({"force": (0.0, 0.0, -40.0)}, "force 40.0 N"),
+        ({"load_kg": 5.0}, "load 5.0 kg"),
+    ],
+)
+def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[str, Any], said: str) -> None:
+    first, *rest = press()
+    made = module_of(as_file((first, rest[0].model_copy(update=wrong))))
+    with pytest.raises(made.Stop, match=rf"app 1 \(apply_force\): .*{said}"):
+        made.checked(made.APPS)
+
+
+def test_without_a_contact_it_stops_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fake_franky.Robot, "move", lambda self, motion, asynchronous=False: None)
+    fake_franky.felt_n[0] = 0.0
+    made = module_of(as_file(press()))
+    with pytest.raises(made.Stop, match="no contact"):
+        made.Runner(fake_franky, "robot").run(made.APPS)
+
+
+def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
+    script = tmp_path / "made.py"
+    script.write_text(franky_script(as_file(pick_and_place())), encoding="utf-8")
+    done = subprocess.run([sys.executable, script, "--dry-run"], check=True, capture_output=True, text=True)
+    assert [line.split()[1] for line in done.stdout.splitlines()] == [one.kind for one in pick_and_place()]
+    refused = subprocess.run([sys.executable, script], check=False, capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "--robot" in refused.stderr
+
+
+def test_the_fake_has_the_names_of_franky_itself() -> None:
+    franky = pytest.importorskip("franky", reason="franky-control is not installed")
+    for name, made in inspect.getmembers(fake_franky, inspect.isclass):
+        if made.__module__ == fake_franky.__name__ and not name.startswith("_"):
+            real = getattr(franky, name)
+            own = {n for n in vars(made) if not n.startswith("_")}
+            assert own <= set(dir(real)), name

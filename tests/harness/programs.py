@@ -1,0 +1,54 @@
+"""Task programs for tests: a pick and place and a press, as the simulated teacher gives them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from caesura_clients.programs.document import ProgramFile, document_of_apps
+from caesura_protocol.messages import App, AppKind, Vector
+
+DOWN = (-0.70710678, 0.70710678, 0.0, 0.0)  # fingers down, the hand turned to -y
+
+
+def app(kind: AppKind, t0: float, tn: float, target: Vector | None = None, **fields: Any) -> App:
+    made: dict[str, Any] = {
+        "kind": kind,
+        "t0": t0,
+        "tn": tn,
+        "target": target,
+        "orientation": None if target is None else DOWN,
+        "joints": None,
+        "force": None,
+        "force_taught": None,
+        "load_kg": None,
+        "load_sd_kg": None,
+        "gripper_width": None,
+        "confidence": 0.95,
+        "segments": (),
+    }
+    return App.model_validate(made | fields)
+
+
+def pick_and_place() -> tuple[App, ...]:
+    """In the cell of the scenario `pick_and_place`."""
+    return (
+        app("move_to_contact", 0.2, 1.8, (-0.014, -0.673, 0.107)),
+        app("grasp", 1.8, 3.5, (-0.014, -0.673, 0.107), gripper_width=0.05),
+        app("transport", 4.0, 5.7, (-0.018, -0.624, 0.156), load_kg=0.25, load_sd_kg=0.01),
+        app("transport", 5.7, 7.5, (-0.021, -0.475, 0.107), load_kg=0.25, load_sd_kg=0.01),
+        app("gripper_move", 7.5, 9.8, (-0.021, -0.475, 0.107), gripper_width=0.08),
+        app("cartesian_motion", 10.1, 12.0, (-0.021, -0.562, 0.29)),
+    )
+
+
+def press() -> tuple[App, ...]:
+    """In the cell of the scenario `dispenser`."""
+    return (
+        app("move_to_contact", 0.8, 2.6, (-0.02, -0.52, 0.19)),
+        app("apply_force", 2.6, 4.2, (-0.02, -0.52, 0.165), force=(0.0, 0.0, -10.0)),
+        app("cartesian_motion", 4.2, 5.7, (-0.02, -0.53, 0.29)),
+    )
+
+
+def as_file(apps: tuple[App, ...], name: str = "example") -> ProgramFile:
+    return document_of_apps(apps, name)

@@ -1,6 +1,7 @@
 """Looks at every tick whether the robot is within its limits, and stops it with the reason if it is not.
 
-It stops a little before a limit, so that braking does not pass it.
+It stops before a limit: a little before those of speed and force, and where place or joints would pass theirs
+in the time that it takes to brake.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from caesura_service.execution.arm import Arm, Felt
 
 SHARE = 0.95  # of a speed or force, from which on it stops
 EDGE_M = 0.002  # before the edge of the workspace
-JOINT_MARGIN_RAD = 0.03
+JOINT_MARGIN_RAD = 0.02
+BRAKING_S = 0.08
 
 
 class Stopped(Exception):  # noqa: N818  (a stop is no error of the program that is running)
@@ -34,8 +36,9 @@ class Guard:
         """Raises Stopped where a limit is reached."""
         self._scalar("speed", float(np.linalg.norm(felt.twist[:3])), self._safety.speed_m_per_s, "m/s")
         self._scalar("force", float(np.linalg.norm(felt.force)), self._safety.felt_force_n, "N")
-        self._between("position", felt.position, self._low, self._high, "m")
-        self._between("joint", felt.q, self._lower, self._upper, "rad")
+        ahead = felt.position + BRAKING_S * felt.twist[:3]
+        self._between("position", ahead, self._low, self._high, "m")
+        self._between("joint", felt.q + BRAKING_S * felt.v, self._lower, self._upper, "rad")
         self._between("joint speed", felt.v, -self._joint_speeds, self._joint_speeds, "rad/s")
 
     def _scalar(self, what: str, value: float, limit: float, unit: str) -> None:

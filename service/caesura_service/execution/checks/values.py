@@ -37,6 +37,7 @@ NUMBERS = (
 )
 WIDTHS = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
 LEAST_S = 0.1
+ABSURD = 1e6  # no number of a program is larger, whatever its unit
 LEAST_PRESS_N = 1.0
 UNIT_TOLERANCE = 0.05  # of a quaternion's length
 WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
@@ -79,8 +80,9 @@ def _not_numbers(index: int, app: App) -> Iterator[Finding]:
             values = np.asarray(value, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             values = np.full(1, np.nan)
-        if values.size != WIDTHS.get(name, 1) or not np.isfinite(values).all():
-            expected = f"{WIDTHS.get(name, 1)} finite numbers" if name in WIDTHS else "a finite number"
+        if values.size != WIDTHS.get(name, 1) or not (np.abs(values) < ABSURD).all():
+            many = "a number" if name not in WIDTHS else f"{WIDTHS[name]} numbers"
+            expected = f"{many}, finite and below {ABSURD:g}"
             yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
 
 

@@ -1,0 +1,155 @@
+"""The pre-run check: what cannot be run is named by app and reason; what was taught passes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.programs.safety import DEFAULT
+from caesura_protocol.messages import App
+from caesura_service.execution.checks import check
+from caesura_service.execution.findings import Report
+from caesura_service.execution.limits import Cell
+from caesura_service.execution.world import World
+from caesura_service.robot import Robot, load_panda
+from harness.programs import app, pick_and_place, press
+
+Apps = tuple[App, ...]
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_panda()
+
+
+def cell(scenario: str) -> Cell:
+    return World(SCENARIOS[scenario], 0.25).cell()
+
+
+def changed(apps: Apps, index: int, **fields: Any) -> Apps:
+    return (*apps[:index], apps[index].model_copy(update=fields), *apps[index + 1 :])
+
+
+def only(report: Report) -> str:
+    assert len(report.errors) == 1, [*map(str, report.errors)]
+    return str(report.errors[0])
+
+
+@pytest.mark.parametrize(("apps", "scenario"), [(pick_and_place(), "pick_and_place"), (press(), "dispenser")])
+def test_a_program_that_can_be_run_passes_without_a_word(apps: Apps, scenario: str, robot: Robot) -> None:
+    assert check(apps, cell(scenario), robot=robot).findings == ()
+    assert check(apps, robot=robot).findings == ()  # nor where nobody knows what stands there
+
+
+def without(index: int) -> Callable[[Apps], Apps]:
+    return lambda apps: (*apps[:index], *apps[index + 1 :])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 5 \(cartesian_motion\): .*out of reach"),
+        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 5 .*target y -0.900 m .*workspace, -0.75"),
+        (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 5 .*joint 1 at 4.000 rad, limits -2.897"),
+        (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 5 .*joints lead \d+ mm"),
+        (lambda a: changed(a, 5, tn=10.5), r"app 5 .*would reach \d\.\d\d m/s in its 0.40 s, at most 0.54"),
+        (
+            lambda a: changed(a, 5, target=(-0.02, -0.562, 0.05)),
+            r"app 5 .*\d+ mm inside of what stands there",
+        ),
+        (
+            lambda a: changed(a, 5, orientation=(1.0, 1.0, 0.0, 0.0)),
+            r"app 5 .*length of the orientation 1.414",
+        ),
+        (lambda a: changed(a, 5, target=None), r"app 5 .*has no target"),
+        (lambda a: changed(a, 2, load_kg=-0.1), r"app 2 \(transport\): load -0.1 kg, expected 0 to 3 kg"),
+        (lambda a: changed(a, 1, gripper_width=0.2), r"app 1 \(grasp\): gripper width 200 mm"),
+        (lambda a: changed(a, 5, tn=100.0), r"app 5 .*duration 89.9 s, expected 0.1 to 60 s"),
+        (lambda a: changed(a, 5, confidence=1.5), r"app 5 .*confidence 1.5"),
+        (lambda a: changed(a, 1, t0=0.0), r"app 1 .*begins at 0.00 s, before the app before it"),
+        (without(4), r"app 1 \(grasp\): grasps what is never released"),
+        (lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]), "held already"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_by_name(
+    spoil: Callable[[Apps], Apps], said: str, robot: Robot
+) -> None:
+    report = check(spoil(pick_and_place()), cell("pick_and_place"), robot=robot)
+    assert any(re.search(said, str(one)) for one in report.errors), [*map(str, report.errors)]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize(
+    "field", ["t0", "tn", "target", "orientation", "joints", "force", "load_kg", "confidence"]
+)
+def test_no_number_and_absurd_numbers_are_refused_wherever_they_stand(
+    field: str, value: float, robot: Robot
+) -> None:
+    widths = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
+    spoilt = (value, *[0.1] * (widths[field] - 1)) if field in widths else value
+    report = check(changed(press(), 1, **{field: spoilt}), cell("dispenser"), robot=robot)
+    assert any(one.index == 1 for one in report.errors)
+
+
+def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Robot) -> None:
+    here = cell("dispenser")
+    assert "app 0 (apply_force): presses without a contact" in str(
+        check(press()[1:], here, robot=robot).errors[0]
+    )
+    strong = check(changed(press(), 1, force=(0.0, 0.0, -12.0)), here, robot=robot)
+    assert only(strong) == "error: app 1 (apply_force): force 12 N, expected 1 to 10 N"
+    assert (strong.errors[0].value, strong.errors[0].limit) == (12.0, DEFAULT.force_n)
+    assert "pulls on what it touches" in only(
+        check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
+    )
+    deep = changed(press(), 1, target=(-0.02, -0.52, 0.12))
+    assert "presses 70 mm deep, at most 40 mm" in str(check(deep, here, robot=robot).errors[0])
+
+
+def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
+    lifted, pressed = press()[2], press()[1].model_copy(update={"t0": 6.0, "tn": 7.0})
+    report = check((*press(), pressed), cell("dispenser"), robot=robot)
+    assert lifted.kind == "cartesian_motion"
+    assert "app 3 (apply_force): presses without a contact" in str(report.errors[0])
+
+
+def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robot) -> None:
+    opened = app("gripper_move", 0.1, 0.2, gripper_width=0.08)
+    assert check((opened, *pick_and_place()), robot=robot).passed
+    assert "releases what was never grasped" in only(check((opened, *press()), robot=robot))
+
+
+def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> None:
+    notes = ("Not observed: 3.00–3.20 s (samples were lost). What was taught then is missing.",)
+    report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), notes, robot)
+    assert report.passed
+    said = [str(one) for one in report.warnings]
+    assert (
+        said[0] == "warning: app 1 (apply_force): was not observed from 3.00 to 3.20 s: look at what it does"
+    )
+    assert said[1].startswith("warning: app 2 (cartesian_motion): confidence 0.30 is below 0.5")
+
+
+def test_a_program_without_apps_is_none() -> None:
+    assert only(check(())) == "error: program: has no apps, there is nothing to run"
+
+
+def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
+    rng = np.random.default_rng(4)
+    low, high = robot.lower_limits, robot.upper_limits
+    for _ in range(20):
+        q = np.clip(np.array([0.0, 0.3, 0.0, -2.0, 0.0, 2.3, 0.7]) + rng.normal(scale=0.3, size=7), low, high)
+        pose = robot.flange_pose(q)
+        found, left, turn = robot.nearest_joints(
+            pose.position_base, pose.orientation_base, np.zeros(7) + q * 0.8
+        )
+        reached = robot.flange_pose(found)
+        assert np.linalg.norm(reached.position_base - pose.position_base) == pytest.approx(left, abs=1e-9)
+        assert left < 1e-3
+        assert turn < 1e-2

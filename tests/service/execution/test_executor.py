@@ -1,0 +1,131 @@
+"""A program on the simulated robot: it does what it says, within its limits, and stops with a reason."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from caesura_clients.bridge.teacher.person import THESIS
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.programs.safety import DEFAULT, Safety
+from caesura_protocol.messages import App
+from caesura_service.execution.executor import Done, Place, execute, run
+from caesura_service.execution.findings import RefusedError
+from caesura_service.judge.mutations import violations
+from caesura_service.recordings import segment_recording
+from caesura_service.robot import Robot, load_panda
+from harness.programs import app, pick_and_place, press
+
+PRESSING, PICKING = (Place(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_panda()
+
+
+@pytest.fixture(scope="module")
+def pressed(robot: Robot) -> Done:
+    return execute(press(), PRESSING, robot=robot)
+
+
+@pytest.fixture(scope="module")
+def picked(robot: Robot) -> Done:
+    return execute(pick_and_place(), PICKING, robot=robot)
+
+
+def reached(done: Done, target: tuple[float, ...], robot: Robot) -> float:
+    positions, _ = robot.flange_poses(done.trace.q[::10])
+    return float(np.linalg.norm(positions - target, axis=1).min())
+
+
+def test_every_target_is_passed_within_millimetres(picked: Done, robot: Robot) -> None:
+    assert picked.stopped is None
+    for one in pick_and_place():
+        assert one.target is not None
+        assert reached(picked, one.target, robot) < 3e-3
+
+
+def test_what_is_grasped_is_carried_and_let_go(picked: Done) -> None:
+    held = picked.trace.load_kg > 0.0
+    first, last = np.flatnonzero(held)[[0, -1]]
+    assert held[first : last + 1].all()
+    assert not held[-1]
+    assert picked.trace.width[first] == pytest.approx(0.05)
+    assert picked.trace.width[-1] == pytest.approx(0.08, abs=1e-3)
+
+
+def test_a_press_has_the_force_that_is_asked_for(pressed: Done) -> None:
+    normal = pressed.trace.contact[:, 2]
+    end = np.flatnonzero(normal > 5.0)[-1]
+    assert np.median(normal[end - 600 : end - 200]) == pytest.approx(10.0, rel=0.05)
+
+
+def test_runs_keep_to_their_limits(pressed: Done, picked: Done) -> None:
+    assert violations(pressed.trace, DEFAULT) == []
+    assert violations(picked.trace, DEFAULT) == []
+    tight = violations(picked.trace, Safety(speed_m_per_s=0.1, felt_force_n=5.0))
+    assert [one.split()[0] for one in tight] == ["speed", "force"]
+
+
+def test_what_was_recorded_gives_the_same_program(pressed: Done) -> None:
+    assert pressed.recording.columns[:8] == ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
+    again = segment_recording(pressed.recording).apps
+    assert [one.kind for one in again] == [one.kind for one in press()]
+
+
+def test_the_same_arguments_give_the_same_bytes(robot: Robot) -> None:
+    short = (app("cartesian_motion", 0.0, 0.6, (-0.02, -0.58, 0.32)),)
+    one, same = (execute(short, PRESSING, robot=robot) for _ in range(2))
+    assert_array_equal(one.recording.matrix(), same.recording.matrix())
+    other = execute(short, Place(PRESSING.scenario, THESIS, 2), robot=robot)
+    assert_array_equal(one.trace.q, other.trace.q)
+    assert not np.array_equal(one.recording.matrix(), other.recording.matrix())
+
+
+def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
+    with pytest.raises(RefusedError, match=r"app 0 \(apply_force\): presses without a contact"):
+        execute(press()[1:], PRESSING, robot=robot)
+
+
+def stopped(apps: tuple[App, ...], place: Place, robot: Robot, safety: Safety = DEFAULT) -> str:
+    """Past the check, so that the guard is what stops it."""
+    done = run(apps, place, safety, robot)
+    assert done.stopped is not None
+    assert np.linalg.norm(done.trace.twist[-1, :3]) < 0.02
+    return f"{done.at}: {done.stopped}"
+
+
+def test_no_contact_stops_it(robot: Robot) -> None:
+    high = (app("move_to_contact", 0.0, 1.0, (-0.02, -0.56, 0.32)),)
+    assert stopped(high, PRESSING, robot) == "0: no contact within 40 mm past its target"
+
+
+def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
+    aside = (
+        app("cartesian_motion", 0.0, 1.0, (0.08, -0.62, 0.24)),
+        app("grasp", 1.0, 2.0, gripper_width=0.05),
+    )
+    assert stopped(aside, PICKING, robot).startswith("1: nothing between the fingers, which stand at 40 mm")
+
+
+@pytest.mark.parametrize(
+    ("safety", "said"),
+    [
+        (Safety(speed_m_per_s=0.1), r"0: speed 0\.095\d* m/s reaches the limit of 0.1 m/s"),
+        (Safety(workspace_low=(-0.75, -0.75, 0.27)), "0: position 3: 0.27"),
+    ],
+)
+def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, robot: Robot) -> None:
+    down = (app("cartesian_motion", 0.0, 0.8, (-0.03, -0.62, 0.24)),)
+    assert re.match(said, stopped(down, PRESSING, robot, safety))
+    done = run(down, PRESSING, safety, robot)
+    assert violations(done.trace, safety) == []
+
+
+def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
+    gentle = Safety(felt_force_n=8.0)
+    assert ": force " in stopped(press(), PRESSING, robot, gentle)

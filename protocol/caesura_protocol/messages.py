@@ -58,10 +58,17 @@ Quaternion = tuple[float, float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
 
 
+_NOT_ASKED: set[str] = set()
+
+
 class Message(BaseModel):
     """A payload: frozen, compared by value, tolerant of fields that a newer peer adds."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Nobody asks which fields were given: a set of their names would be half of what a message takes."""
+        object.__setattr__(self, "__pydantic_fields_set__", _NOT_ASKED)
 
 
 # --- bridge to service ----------------------------------------------------------------------------------

@@ -1,0 +1,123 @@
+// The messages that a bridge sends, field by field in the order of tests/vectors, so that the bytes are the same.
+//
+// Packer is msgpack::packer of msgpack-cxx, or anything with its functions. tests/examples compiles this file
+// with a stand-in for it and compares what comes out with the golden vectors.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <vector>
+
+namespace caesura {
+
+inline std::string encoding_of(const std::string& type) { return "application/msgpack;caesura." + type + ".v1"; }
+
+inline std::string station_key(const std::string& station, const std::string& part) {
+    return "caesura/v1/station/" + station + "/" + part;
+}
+
+/// What is said of a session once; columns begin with "t".
+struct Opening {
+    std::string session;
+    std::uint64_t epoch = 0;
+    std::vector<std::string> columns;
+    std::string wrench_source = "flange_sensor";  // flange_sensor_with_hand, joint_torque_estimate, none
+    std::string force_frame = "base";             // flange
+    std::string length_unit = "m";                // cm, mm
+};
+
+template <class Packer>
+void pack_names(Packer& pk, const std::vector<std::string>& names) {
+    pk.pack_array(static_cast<std::uint32_t>(names.size()));
+    for (const auto& name : names) pk.pack(name);
+}
+
+/// Encoding Control.
+template <class Packer>
+void pack_open(Packer& pk, const Opening& opening) {
+    pk.pack_map(1);
+    pk.pack(std::string("command"));
+    pk.pack_map(8);
+    pk.pack(std::string("type"));
+    pk.pack(std::string("open"));
+    pk.pack(std::string("session"));
+    pk.pack(opening.session);
+    pk.pack(std::string("epoch"));
+    pk.pack(opening.epoch);
+    pk.pack(std::string("columns"));
+    pack_names(pk, opening.columns);
+    pk.pack(std::string("wrench_source"));
+    pk.pack(opening.wrench_source);
+    pk.pack(std::string("force_frame"));
+    pk.pack(opening.force_frame);
+    pk.pack(std::string("length_unit"));
+    pk.pack(opening.length_unit);
+    pk.pack(std::string("preset"));
+    pk.pack_nil();  // the service's own choice
+}
+
+/// Encoding Control. last_seq: the number of the last batch, -1 where there was none.
+template <class Packer>
+void pack_close(Packer& pk, const std::string& session, std::int64_t last_seq) {
+    pk.pack_map(1);
+    pk.pack(std::string("command"));
+    pk.pack_map(3);
+    pk.pack(std::string("type"));
+    pk.pack(std::string("close"));
+    pk.pack(std::string("session"));
+    pk.pack(session);
+    pk.pack(std::string("last_seq"));
+    pk.pack(last_seq);
+}
+
+/// Encoding SampleBatch. rows: a matrix (n, columns) row by row, float or double, little-endian; in its first
+/// column the time since t0 [s]. Every value is finite, n is at most 1000.
+template <class Packer, class Real>
+void pack_batch(Packer& pk, const Opening& opening, std::uint64_t seq, double t0, const std::vector<Real>& rows) {
+    const auto bytes = static_cast<std::uint32_t>(rows.size() * sizeof(Real));
+    pk.pack_map(7);
+    pk.pack(std::string("session"));
+    pk.pack(opening.session);
+    pk.pack(std::string("epoch"));
+    pk.pack(opening.epoch);
+    pk.pack(std::string("seq"));
+    pk.pack(seq);
+    pk.pack(std::string("n"));
+    pk.pack(static_cast<std::uint64_t>(rows.size() / opening.columns.size()));
+    pk.pack(std::string("columns"));
+    pack_names(pk, opening.columns);
+    pk.pack(std::string("t0"));
+    pk.pack(t0);
+    pk.pack(std::string("samples"));
+    pk.pack_bin(bytes);
+    pk.pack_bin_body(reinterpret_cast<const char*>(rows.data()), bytes);
+}
+
+/// Encoding Heartbeat: twice a second while nothing else is sent. seq: the last batch that was put.
+template <class Packer>
+void pack_heartbeat(Packer& pk, const Opening& opening, std::int64_t seq) {
+    pk.pack_map(3);
+    pk.pack(std::string("session"));
+    pk.pack(opening.session);
+    pk.pack(std::string("epoch"));
+    pk.pack(opening.epoch);
+    pk.pack(std::string("seq"));
+    pk.pack(seq);
+}
+
+/// Encoding Error, the answer to a replay that asks for what the ring has lost.
+template <class Packer>
+void pack_evicted(Packer& pk, std::uint64_t asked, std::uint64_t oldest) {
+    pk.pack_map(4);
+    pk.pack(std::string("code"));
+    pk.pack(std::string("evicted"));
+    pk.pack(std::string("message"));
+    pk.pack(std::string("the ring no longer has these samples"));
+    pk.pack(std::string("value"));
+    pk.pack(asked);
+    pk.pack(std::string("limit"));
+    pk.pack(oldest);
+}
+
+}  // namespace caesura

@@ -1,0 +1,40 @@
+"""A bridge for a robot of one's own: a class that yields matrices of samples, and `run`.
+
+Here the robot is a sine; put the reading of yours into `chunks`. The bridge numbers the samples, keeps the
+last 30 s for whoever missed some, finds the service again when it was away, and closes the session.
+"""
+
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from caesura_clients import connect
+from caesura_clients.bridge.sources import Chunk
+
+
+class Sine:
+    """Up and down along z, for some seconds."""
+
+    columns = ("t", "px", "py", "pz", "fx", "fy", "fz")  # time [s] first, then what there is
+    wrench_source = "flange_sensor"  # where the force is measured: say it, nobody can guess it
+    force_frame = "base"
+    length_unit = "m"
+    can_wait = False  # a live robot does not
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+
+    def chunks(self) -> Iterator[Chunk]:
+        """20 samples every 20 ms, each a row of `columns`."""
+        begun = time.monotonic()
+        for first in range(0, round(self.seconds * 1000), 20):
+            t = (first + np.arange(20)) / 1000.0
+            still = np.zeros_like(t)
+            yield np.column_stack([t, still + 0.4, still, 0.3 + 0.1 * np.sin(t), still, still, still])
+            time.sleep(max(0.0, begun + t[-1] - time.monotonic()))
+
+
+with connect() as caesura, caesura.bridge("cell-1", Sine(float((sys.argv[1:] or ["5"])[0]))) as bridge:
+    print(f"session {bridge.session}: {bridge.run().next_seq} batches")

@@ -17,8 +17,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Action, Control, Edit, Insert
 
-EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in about two seconds
-PATIENCE_S = 60.0  # an hour is rebuilt from the journal in less
+EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in half of that, on a busy machine
+PATIENCE_S = 60.0  # a minute of a session is rebuilt from the journal in one or two
 SILENCE_S = 5.0  # in which another instance takes over from one that died
 RETRY_S = 0.25
 MARK_ATTEMPTS = 5

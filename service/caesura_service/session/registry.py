@@ -152,10 +152,14 @@ class Registry:
             session = self._session(station, command.session)
             with _recording():
                 if isinstance(command, Edit) and not session.is_folded:
+                    session.check_revision(command)
                     owner = self.custody.owner(station, now)
                     return [Answer(self._reviving.ask(station, session, owner))]
                 return self._minded(session, session.receive(command, now))
         except ProtocolError as error:
+            if isinstance(command, Edit):  # which is the editor's affair, not that of the session's bridge
+                self.tally = self.tally.with_refusal(error)
+                return [Answer(error)]
             return [*self._charge(station, command.session, error), Answer(error)]
 
     def samples(

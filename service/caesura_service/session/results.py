@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from caesura_protocol.messages import Program
@@ -20,6 +21,8 @@ from caesura_service.session.standing import (
     time_of,
 )
 from caesura_service.session.view import View
+
+PIECE = 1000  # segments in one message, which are less than half of what it may hold
 
 
 @dataclass(frozen=True)
@@ -76,13 +79,15 @@ def with_status(standing: Standing) -> tuple[Standing, Publish]:
 def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, list[Publish]]:
     """Take a new view and say what differs from the old one."""
     old, standing = standing.view, replace(standing, view=view, tally=tally)
-    said = []
+    said: list[Publish] = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
-        standing = _bump(standing, "changepoints")
-        said.append(Publish(changepoints_of(standing, first)))
+        for start, stop in _pieces(first, len(view.changepoints)):
+            standing = _bump(standing, "changepoints")
+            said.append(Publish(changepoints_of(standing, start, stop)))
     if (first := first_difference(old.segments, view.segments)) is not None:
-        standing = _bump(standing, "segments")
-        said.append(Publish(segments_of(standing, first)))
+        for start, stop in _pieces(first, len(view.segments)):
+            standing = _bump(standing, "segments")
+            said.append(Publish(segments_of(standing, start, stop)))
     if _posterior(view) != _posterior(old):
         standing = _bump(standing, "posterior")
         said.append(Publish(posterior_of(standing)))
@@ -123,6 +128,12 @@ def _next_program(standing: Standing, **changes: Any) -> tuple[Standing, list[Pu
     program, t = standing.program, time_of(standing.view)
     fresh = program.model_copy(update={"version": program.version + 1, "t": t, **changes})
     return replace(standing, program=fresh), [Publish(fresh)]
+
+
+def _pieces(first: int, count: int) -> list[tuple[int, int | None]]:
+    """What to say one after another so that no message is too long: each goes on where the last one ended."""
+    starts = [*range(first, max(count, first + 1), PIECE)]
+    return [*pairwise(starts), (starts[-1], None)]
 
 
 def _posterior(view: View) -> tuple[object, ...]:

@@ -165,6 +165,12 @@ class Session:
             case Edit():
                 return self._receive_edit(message, now)
 
+    def check_revision(self, edit: Edit) -> None:
+        """Raises ProtocolError `conflict` where the editor has not seen what there is."""
+        if edit.revision != self.revision:
+            why = "somebody else has corrected the session meanwhile: look at it again"
+            raise ProtocolError("conflict", why, value=edit.revision, limit=self.revision)
+
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal that is charged to this session, and show it."""
         return self._demonstration.refuse(error)
@@ -266,9 +272,7 @@ class Session:
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
         after(self.standing.state, "edit")
-        if edit.revision != self.revision:
-            why = "somebody else has corrected the session meanwhile: look at it again"
-            raise ProtocolError("conflict", why, value=edit.revision, limit=self.revision)
+        self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
         self._record(edit, now)

@@ -116,16 +116,16 @@ def status_of(standing: Standing) -> SessionStatus:
     )
 
 
-def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
+def changepoints_of(standing: Standing, first: int = 0, stop: int | None = None) -> Changepoints:
     """The changepoints from the `first` on."""
-    return Changepoints(
-        **standing.header("changepoints"), first=first, changepoints=standing.view.changepoints[first:]
-    )
+    shown = standing.view.changepoints[first:stop]
+    return Changepoints(**standing.header("changepoints"), first=first, changepoints=shown)
 
 
-def segments_of(standing: Standing, first: int = 0) -> Segments:
+def segments_of(standing: Standing, first: int = 0, stop: int | None = None) -> Segments:
     """The segments from the `first` on."""
-    return Segments(**standing.header("segments"), first=first, segments=standing.view.segments[first:])
+    shown = standing.view.segments[first:stop]
+    return Segments(**standing.header("segments"), first=first, segments=shown)
 
 
 def posterior_of(standing: Standing) -> Posterior:

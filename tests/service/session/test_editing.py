@@ -35,6 +35,7 @@ from caesura_protocol.messages import (
 from caesura_service.journal import JournalError, MemoryJournal
 from caesura_service.recordings import batches as batches_of
 from caesura_service.recordings import opening_of
+from caesura_service.session import results
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.ports import NotTaken, Output
@@ -204,6 +205,36 @@ def test_an_error_of_ours_changes_nothing_and_the_demonstration_goes_on(monkeypa
     assert session.is_open
 
 
+def test_a_long_session_is_told_in_pieces_that_a_reader_puts_together(monkeypatch):
+    monkeypatch.setattr(results, "PIECE", 2)
+    session, _ = open_session()
+    run(session, 40)
+    view = session.standing.view
+    said = session.receive(edit(action=Insert(t=0.1)), 0.0)
+    pieces = published(said, Segments)
+    assert [len(one.segments) for one in pieces[:-1]] == [2] * (len(pieces) - 1)
+    assert len(pieces) > 3
+    assert [one.seq for one in pieces] == list(range(pieces[0].seq, pieces[0].seq + len(pieces)))
+    segments, changepoints = view.segments, view.changepoints
+    for one in pieces:
+        segments = segments[: one.first] + one.segments
+    for other in published(said, Changepoints):
+        changepoints = changepoints[: other.first] + other.changepoints
+    assert segments == session.standing.view.segments
+    assert changepoints == session.standing.view.changepoints
+    assert pieces[-1].seq == snapshot_of(session.standing).segments.seq
+
+
+def test_a_refused_edit_is_told_to_its_author_and_not_held_against_the_bridge():
+    registry = new_registry()
+    registry.command(STATION, opening(), 0.0)
+    said = registry.command(STATION, edit(revision=7), 0.0)
+    assert refused(answer(said)).code == "conflict"
+    assert len(said) == 1
+    assert registry.tally.refused == {"conflict": 1}
+    assert registry.board.standings()[0].tally.refused == {}
+
+
 # --- folded again ---------------------------------------------------------------------------------------
 
 
@@ -318,8 +349,10 @@ def test_what_was_taken_up_from_its_outcome_shows_its_revision():
 
 def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     registry, before = closed_and_taken_up(MemoryJournal())
+    assert refused(answer(registry.command(STATION, edit(0), 4.0))).limit == 1
+    assert (registry.is_busy, registry.tally.refused) == (False, {"conflict": 1})
     told = refused(answer(registry.command(STATION, edit(1, Undo()), 4.0)))
-    assert (told.code, registry.tally.refused) == ("overloaded", {})
+    assert (told.code, registry.tally.refused) == ("overloaded", {"conflict": 1})
     assert registry.step() == []  # a record at a time: others are served meanwhile
     assert isinstance(answer(registry.command("cell-2", opening(), 0.0)), Ack)
     assert refused(answer(registry.command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"

@@ -208,7 +208,7 @@ class Changepoint(Message):
 
     t: Seconds  # [s]
     probability: Probability  # smoothed, given everything up to now
-    certainty: Certainty  # a final one is never revised
+    certainty: Certainty  # a final one is never revised but by an edit
     t_low: Seconds | None = None  # [s] it lies between these two with probability 0.9
     t_high: Seconds | None = None
     corrected: bool = False  # somebody said that it is here

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +49,11 @@ class Dashboard(Process):
         )
 
 
-class Stage:
-    """Everything that a browser looks at."""
+class Bridges:
+    """Bridges of a service, in processes of their own, which are killed in the end."""
 
-    def __init__(self, service: Service, dashboard: Dashboard, folder: Path) -> None:
-        self.service, self.dashboard, self.folder = service, dashboard, folder
+    def __init__(self, service: Service, folder: Path) -> None:
+        self.service, self.folder = service, folder
         self._bridges: dict[str, subprocess.Popen[bytes]] = {}
 
     def teach(self, station: str, recording: Recording, *, session: str = "s1", pace: str = "real") -> None:
@@ -92,12 +92,20 @@ class Stage:
             yield Caesura(transport)
 
 
+class Stage(Bridges):
+    """Everything that a browser looks at."""
+
+    def __init__(self, service: Service, dashboard: Dashboard, folder: Path) -> None:
+        super().__init__(service, folder)
+        self.dashboard = dashboard
+
+
 @contextmanager
 def staged(folder: Path) -> Iterator[Stage]:
     """Service and dashboard, ready."""
-    with running(Service(folder / "journal")) as service, running(Dashboard(service.endpoint)) as dashboard:
-        stage = Stage(service, dashboard, folder)
-        try:
-            yield stage
-        finally:
-            stage.close()
+    with (
+        running(Service(folder / "journal")) as service,
+        running(Dashboard(service.endpoint)) as dashboard,
+        closing(Stage(service, dashboard, folder)) as stage,
+    ):
+        yield stage

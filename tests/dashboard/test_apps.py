@@ -52,3 +52,10 @@ def test_a_timeline_has_its_version_and_what_a_reader_must_know():
     assert shown["version"] == 7
     assert shown["notes"] == ["a gap from 1 s to 2 s"]
     assert [one["number"] for one in shown["apps"]] == list(range(1, len(program.apps) + 1))
+
+
+def test_a_long_program_shows_its_newest_apps_by_their_numbers():
+    program = example(Program).model_copy(update={"apps": (app(),) * 250})
+    shown = timeline(program, newest=100)
+    assert shown["before"] == 150
+    assert [one["number"] for one in shown["apps"]] == list(range(151, 251))

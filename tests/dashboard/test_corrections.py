@@ -126,6 +126,7 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     assert operator.wire.now.program.author == "Ann"
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
     operator.visitor.picture("inserted")
+    assert operator.visitor.barriers() == []
 
     operator.press("Undo")
     operator.is_told("Undone")

@@ -7,6 +7,7 @@ from typing import Any
 
 from caesura_protocol.messages import App, AppKind, Program, Vector
 
+NEWEST = 100  # apps that are drawn
 TITLE: Mapping[AppKind, str] = {
     "cartesian_motion": "move",
     "move_to_contact": "move to contact",
@@ -18,15 +19,17 @@ TITLE: Mapping[AppKind, str] = {
 }
 
 
-def timeline(program: Program) -> dict[str, Any]:
-    """What the page shows of a program."""
+def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
+    """What the page shows of a program; of a long one the newest apps, and how many come before them."""
+    before = max(0, len(program.apps) - newest)
     return {
         "version": program.version,
         "complete": program.complete,
         "author": program.author or "",
         "edited": program.edited,
         "notes": list(program.notes),
-        "apps": [card(index, app) for index, app in enumerate(program.apps, start=1)],
+        "before": before,
+        "apps": [card(index, app) for index, app in enumerate(program.apps[before:], start=before + 1)],
     }
 
 

@@ -14,6 +14,7 @@ from caesura_clients.dashboard.elements import Program, SessionView
 from caesura_clients.dashboard.glance import Glance, glance, reached
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.results import Update
+from caesura_protocol import messages as wire
 
 
 class SessionPage:
@@ -30,6 +31,8 @@ class SessionPage:
                 editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
             self._program = Program()
+        self._timeline_of: wire.Program | None = None
+        self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._tick()
         ui.timer(TICK_S, self._tick)
@@ -47,7 +50,13 @@ class SessionPage:
         signals = gateway.signals(self._station, self._view.seen_rows)
         self._view.follow(update, signals, self._more(update))
         if update is not None:
-            self._program.show(timeline(update.program))
+            self._show_program(update.program)
+
+    def _show_program(self, program: wire.Program) -> None:
+        """In words, made anew only where it changed: a long one takes its time."""
+        if program is not self._timeline_of:
+            self._timeline_of, self._timeline = program, timeline(program)
+        self._program.show(self._timeline)
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""

@@ -11,6 +11,8 @@ export default {
       <ul v-if="program && program.notes.length" class="notes" aria-label="Notes">
         <li v-for="note in program.notes" :key="note">{{ note }}</li>
       </ul>
+      <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
+        before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">
         <li v-for="app in program.apps" :key="app.number" class="app">
           <h3>{{ app.number }} · {{ app.title }}</h3>

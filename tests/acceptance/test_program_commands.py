@@ -1,0 +1,99 @@
+"""`caesura program`, `check` and `execute` as a user calls them, from a program to a recorded run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import pytest
+from typer.testing import CliRunner
+
+from caesura_clients.cli import build
+from caesura_clients.recording import load_recording
+from harness.programs import as_file, press
+
+
+def caesura(*words: object):
+    return CliRunner().invoke(build(), [str(word) for word in words])
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "press.json"
+    path.write_text(as_file(press(), "press").as_json(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def spoilt(program: Path) -> Path:
+    content = json.loads(program.read_text("utf-8"))
+    content["apps"][1]["force"] = [0.0, 0.0, -40.0]
+    program.write_text(json.dumps(content), encoding="utf-8")
+    return program
+
+
+def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> None:
+    outs = {name: tmp_path / f"out.{name}" for name in ("table", "json", "franky", "bt")}
+    for name, out in outs.items():
+        done = caesura("program", "--file", program, "--format", name, "-o", out)
+        assert done.exit_code == 0, done.output
+    assert "Move To Contact" in outs["table"].read_text("utf-8")
+    assert json.loads(outs["json"].read_text("utf-8"))["version"] == 1
+    assert "MAX_SPEED_M_PER_S" in outs["franky"].read_text("utf-8")
+    assert Xml.parse(outs["bt"]).getroot().get("BTCPP_format") == "4"
+    assert "Apply Force" in caesura("program", "--file", program).output
+
+
+def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Path) -> None:
+    assert caesura("check", program, "--scenario", "dispenser").exit_code == 0
+    content = json.loads(program.read_text("utf-8"))
+    content["apps"][1]["force"] = [0.0, 0.0, -40.0]
+    program.write_text(json.dumps(content), encoding="utf-8")
+    done = caesura("check", program)
+    assert done.exit_code == 1
+    assert "error: app 1 (apply_force): force 40 N, expected 1 to 10 N" in done.output
+    assert "cannot be run" in done.output
+    (finding,) = json.loads(caesura("check", program, "--json").output)
+    assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 10.0)
+
+
+def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.npz"
+    done = caesura("execute", program, "--simulated", "--scenario", "dispenser", "-o", out)
+    assert done.exit_code == 0, done.output
+    assert "at most 0." in done.output
+    assert load_recording(out).t[-1] > 5.0
+
+
+def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.npz"
+    done = caesura("execute", spoilt, "--simulated", "--scenario", "dispenser", "-o", out)
+    assert done.exit_code == 1
+    assert "app 1 (apply_force): force 40 N" in done.output
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "only --simulated"),
+        (("--simulated",), "--scenario"),
+        (("--simulated", "--scenario", "moon"), "no scenario 'moon'"),
+        (("--simulated", "--scenario", "dispenser", "-o", "run.csv"), "expected .npz"),
+    ],
+)
+def test_misuse_is_one_line(words: tuple[str, ...], said: str, program: Path) -> None:
+    done = caesura("execute", program, *words)
+    assert done.exit_code == 1
+    assert said in done.output
+    assert len(done.output.strip().splitlines()) == 1
+
+
+def test_a_file_that_is_no_program_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "no.json"
+    path.write_text("{}", encoding="utf-8")
+    for command in (("check", path), ("program", "--file", path)):
+        done = caesura(*command)
+        assert done.exit_code == 1
+        assert "no.json: " in done.output

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,8 @@ from caesura_protocol import messages
 
 ROOT = Path(__file__).parents[2]
 TABLE = [line for line in (ROOT / "docs" / "queues.md").read_text().splitlines() if line.startswith("| ")][1:]
-BOUND = re.compile(r"`([a-z_/]+):([A-Za-z_./0-9]+)` = ([0-9.]+)(?: (MiB|GB))?")
-PLACE = re.compile(r"\(?`([a-z_]+(?:/[a-z_]+)*)`")
+BOUND = re.compile(r"`([a-z0-9_/]+):([A-Za-z_./0-9]+)` = ([0-9.]+)(?: (MiB|GB))?")
+PLACE = re.compile(r"\(?`([a-z0-9_]+(?:/[a-z0-9_]+)*)`")
 UNITS = {None: 1, "MiB": 1 << 20, "GB": 10**9}
 QUEUE = re.compile(r"\b(?:deque|Inbox|SimpleQueue|Queue|LifoQueue|FifoChannel|RingChannel)\(")
 PACKAGES = {"service": "caesura_service", "clients": "caesura_clients"}
@@ -32,10 +31,13 @@ def bounds() -> list[tuple[str, str, float]]:
 
 
 def module_of(place: str) -> Any:
-    names = [f"{package}.{place.replace('/', '.')}" for package in PACKAGES.values()]
-    found = [name for name in names if find_spec(name.rpartition(".")[0]) and find_spec(name)]
-    (name,) = found
-    return import_module(name)
+    there = [
+        package
+        for folder, package in PACKAGES.items()
+        if (ROOT / folder / package / f"{place}.py").exists() or (ROOT / folder / package / place).is_dir()
+    ]
+    (package,) = there
+    return import_module(f"{package}.{place.replace('/', '.')}")
 
 
 @pytest.mark.parametrize(("place", "name", "value"), bounds(), ids=str)

@@ -15,6 +15,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 
 NS = 10**9
 MAX_AGE_S = 0.5
+HELD = 20_000  # values of a signal that wait for the leader, live
 FOREVER = float("inf")
 Row = list[float]
 Values = Sequence[float]
@@ -47,8 +48,14 @@ class Joiner:
             if name == self.leader:
                 self._led.append((stamp, value))
             elif name in self._others:
-                self._others[name].append((stamp, value))
+                self._hold(name, stamp, value)
         return self._rows(self._patience_ns)
+
+    def _hold(self, name: str, stamp: int, value: Values) -> None:
+        queue = self._others[name]
+        queue.append((stamp, value))
+        if self._patience_ns != FOREVER and len(queue) > HELD:
+            self._now[name] = queue.popleft()
 
     def flush(self) -> list[Row]:
         """The rows that still wait; no more comes."""

@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
+from harness.demonstrations import guided
 from harness.processes import eventually
 
 pytestmark = pytest.mark.skipif(
@@ -227,3 +228,23 @@ def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, sta
     operator.press("Insert")
     operator.is_told("inserted at 1.4")
     eventually(lambda: len(operator.wire.corrected()) == 2)
+
+
+def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Browser):
+    stage.teach("cell-over", guided(), session="over", pace="4")
+    stage.wait("cell-over")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-over/over")
+    expect(page.locator(".app").first).to_be_visible()
+    page.get_by_label("Your name").fill("Ann")
+    page.get_by_label("Time [s]").fill(str(T))
+    page.get_by_role("button", name="Insert", exact=True).click()
+    expect(page.locator(".message")).to_contain_text("inserted at 1.4")
+    expect(page.locator("#program-title")).to_contain_text("complete, corrected by Ann")
+    with stage.reader() as caesura:
+        assert any(one.corrected for one in caesura.snapshot("cell-over", "over").changepoints.changepoints)
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator(".message")).to_contain_text("Undone")
+    assert visitor.errors == []
+    visitor.close()

@@ -1,7 +1,8 @@
 """What the browser draws of a session, as rows of plain values, and only what it does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up]; a changepoint [t, probability, final,
-t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths [t, [[length, probability], …]].
+A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
+[px, py, pz, fx, fy, fz]; a changepoint [t, probability, final, t_low, t_high, corrected]; a gap
+[t0, tn, reason]; a column of run lengths [t, [[length, probability], …]].
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 from caesura_clients.dashboard.glance import reached
 from caesura_clients.dashboard.signals import SCALE, Rows, drawn
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Gap, Posterior, Segment
+from caesura_protocol.messages import Changepoint, Gap, Posterior, Segment, Vector
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -81,7 +82,13 @@ def segment_row(one: Segment) -> Cells:
         one.certainty == "final",
         one.corrected,
         one.runner_up,
+        _end(one.position_start, one.force_start),
+        _end(one.position_end, one.force_end),
     ]
+
+
+def _end(position: Vector, force: Vector) -> Cells:
+    return [*(round(value, 4) for value in position), *(round(value, 2) for value in force)]
 
 
 def changepoint_row(one: Changepoint) -> Cells:

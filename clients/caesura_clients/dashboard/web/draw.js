@@ -94,7 +94,7 @@ function drawPanel(context, scale, [y0, y1], signal, state, ink) {
   const rows = shownRows(scale, signal, state);
   const [low, high] = extent(rows, signal.columns, signal.least, signal.zero);
   const y = (value) => y1 - ((value - low) / (high - low)) * (y1 - y0);
-  frame(context, scale, [y0, y1], ink, titleOf(signal, state));
+  frame(context, scale, [y0, y1], ink, titleOf(signal, state) + whatIsMissing(signal, state, rows));
   yTicks(context, scale, low, high, y, ink);
   signal.columns.forEach((column, i) => {
     context.strokeStyle = ink.lines[signal.columns.length === 1 ? 0 : i];
@@ -104,21 +104,36 @@ function drawPanel(context, scale, [y0, y1], signal, state, ink) {
   });
   context.setLineDash([]);
   context.lineWidth = 1;
-  if (!rows.some((row) => row[signal.columns[0]] !== null)) {
-    context.fillStyle = ink.faint;
-    context.textAlign = "center";
-    context.fillText("not held for this time", (scale.x0 + scale.x1) / 2, (y0 + y1) / 2);
-  }
+}
+
+function whatIsMissing(signal, state, rows) {
+  const has = (row) => row[signal.columns[0]] !== null;
+  if (rows.some((row) => has(row) && !row.rough)) return "";
+  if (state.signals.length && !state.signals.some(has)) return ": the robot does not send it";
+  return rows.some(has) ? ": straight between the ends of segments" : ": not held for this time";
+}
+
+// Where samples are not held any more, the ends of segments still say how it went.
+function roughRows(scale, { segments, signals }) {
+  const held = signals.length ? signals[0][0] : Infinity;
+  return segments.filter(([t0, tn]) => tn >= scale.from && t0 <= scale.to && t0 < held).flatMap(([t0, tn, , , , , , start, end]) =>
+    [[t0, start], [tn, end]].map(([t, [px, py, pz, fx, fy, fz]]) => Object.assign([t, px, py, pz, null, fx, fy, fz], { rough: true })));
 }
 
 // Axes that lie far apart would flatten each other, so positions are drawn from where the session began. Forces are
 // drawn without their bias, as the service sees them, once it has found it.
-function shownRows(scale, signal, { signals, origin, tare }) {
+function shownRows(scale, signal, state) {
+  const { signals, tare } = state;
   const rows = signals.filter((row) => row[0] >= scale.from - 0.1 && row[0] <= scale.to + 0.1);
-  const off = signal.relative && origin ? origin.slice(1, 4) : signal.tared && tare ? tare : null;
-  if (!off) return rows;
-  const [first] = signal.columns;
-  return rows.map((row) => row.map((value, i) => (signal.columns.includes(i) && value !== null ? value - off[i - first] : value)));
+  const rough = roughRows(scale, state);
+  const origin = state.segments.length ? state.segments[0][7] : null;
+  if (signal.relative && origin) return [...rough, ...rows].map((row) => less(row, signal.columns, origin));
+  return signal.tared && tare ? [...rough, ...rows.map((row) => less(row, signal.columns, tare))] : [...rough, ...rows];
+}
+
+function less(row, columns, off) {
+  const without = row.map((value, i) => (columns.includes(i) && value !== null ? value - off[i - columns[0]] : value));
+  return Object.assign(without, { rough: row.rough });
 }
 
 function titleOf(signal, { unit, tare, frame }) {
@@ -135,7 +150,7 @@ function line(context, scale, rows, column, y) {
   let last = -Infinity;
   for (const row of rows) {
     if (row[column] === null) continue;
-    if (row[0] - last > 0.5) context.moveTo(scale.x(row[0]), y(row[column]));
+    if (row[0] - last > 0.5 && !row.rough) context.moveTo(scale.x(row[0]), y(row[column]));
     else context.lineTo(scale.x(row[0]), y(row[column]));
     last = row[0];
   }

@@ -12,7 +12,7 @@ const PLAY_S = 0.1;
 
 const empty = () => ({
   segments: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
-  origin: null, tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
 
 export default {
@@ -71,7 +71,7 @@ export default {
       return this.segments.slice(-30).reverse();
     },
     ready() {
-      return this.editable && this.author.trim() !== "" && !this.busy;
+      return this.editable && this.session !== "" && this.author.trim() !== "" && !this.busy;
     },
   },
   methods: {
@@ -84,7 +84,6 @@ export default {
       for (const name of ["segments", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
-      if (payload.signals && !this.origin) this.origin = payload.signals.find((row) => row[1] !== null) || null;
       if (payload.signals) this.signals = Object.freeze([...this.signals, ...payload.signals].slice(-HELD_ROWS));
       if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_ROWS));
       this.forgetWhatIsGone();
@@ -186,7 +185,7 @@ export default {
 
     // --- corrections ---
     edit(action) {
-      if (!this.editable) return;
+      if (!this.editable || this.session === "") return;
       if (!this.author.trim()) {
         this.answered("Say who you are first: corrections carry a name.", true);
         this.$refs.author.focus();

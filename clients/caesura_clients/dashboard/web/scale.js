@@ -1,7 +1,7 @@
 // Where things lie in the plot: time to the right, panels one below the other. Pixels are those of CSS.
 export const MARGIN = { left: 56, right: 12, top: 26, bottom: 24 };
 export const GAP = 14; // between panels
-export const HANDLE = 9; // how near a pointer must come to a changepoint
+export const HANDLE = { mouse: 9, pen: 12, touch: 22 }; // how near a pointer must come to a changepoint
 
 export class Scale {
   constructor(width, height, from, to, panels) {
@@ -22,11 +22,12 @@ export class Scale {
   t(x) {
     return this.from + ((x - this.x0) / (this.x1 - this.x0)) * (this.to - this.from);
   }
-  near(x, times) {
+  near(x, times, pointer) {
+    const reach = HANDLE[pointer] || HANDLE.mouse;
     let best = -1;
     times.forEach((t, i) => {
       const off = Math.abs(this.x(t) - x);
-      if (off <= HANDLE && (best < 0 || off < Math.abs(this.x(times[best]) - x))) best = i;
+      if (off <= reach && (best < 0 || off < Math.abs(this.x(times[best]) - x))) best = i;
     });
     return best;
   }

@@ -127,7 +127,7 @@ export default {
     // --- pointer: a press on a changepoint selects it, and drags it where it is moved; elsewhere it sets the time ---
     pressed(event) {
       const scale = this.scale(), x = event.offsetX;
-      const found = scale.near(x, this.changepoints.map(([t]) => t));
+      const found = scale.near(x, this.changepoints.map(([t]) => t), event.pointerType);
       this.selected = found < 0 ? null : this.changepoints[found][0];
       this.cursor = this.selected ?? this.within(scale.t(x));
       this.pressedAt = x;

@@ -1,0 +1,51 @@
+"""With a reader's certificate the dashboard shows everything; to correct it needs an operator's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.dashboard.editing import Refused, correct, corrector
+from caesura_clients.dashboard.gateway import Gateway
+from caesura_clients.transport import ZenohTransport
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from harness.demonstrations import guided
+from harness.processes import eventually
+from service.security.acl_world import certificates
+
+INSERT = {"do": "insert", "t": 1.4, "session": "s1", "revision": 0, "author": "Ann"}
+
+
+@pytest.fixture
+def network(tmp_path) -> Iterator[tuple]:
+    """Where the service listens, and a way to connect in a role."""
+    certificates(tmp_path)
+    config = ServiceConfig(instance="west", listen="tls/127.0.0.1:0", zenoh_config=tmp_path / "router.json5")
+    with Service(config) as service:
+        yield lambda label: ZenohTransport(
+            service.endpoint, config_file=tmp_path / f"{label}.json5", timeout_s=10.0
+        )
+
+
+def test_a_reader_sees_and_an_operator_corrects(network):
+    with (
+        network("dashboard.wall") as wall,
+        network("operator.boss") as boss,
+        network("bridge.cell-1") as robot,
+        Gateway(wall, refresh_s=0.2) as gateway,
+    ):
+        eventually(lambda: gateway.world.alive and gateway.world.services)
+        with Bridge(robot, "cell-1", FileSource(guided(), pace=math.inf), session="s1") as bridge:
+            bridge.run()
+        eventually(lambda: gateway.world.update("cell-1") and gateway.world.update("cell-1").closed)
+        assert gateway.signals("cell-1").rows, "samples are let through to a reader"
+
+        with pytest.raises(Refused, match="or it is forbidden"):
+            correct(corrector(wall), "cell-1", INSERT)
+        assert correct(corrector(boss), "cell-1", INSERT) == "Changepoint inserted at 1.40 s."
+        eventually(lambda: gateway.world.update("cell-1").program.author == "Ann")

@@ -24,6 +24,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, LengthUnit,
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
 CHUNK_MS = 20  # of the robot's time
 GRIPPER_S = 0.02  # between two questions
+GIVEN_UP_S = 3.0
 MS = 1000
 NO_GRIPPER = " (without a gripper: --no-gripper)"
 
@@ -90,9 +91,9 @@ class FrankaSource:
             self.close()
 
     def close(self) -> None:
-        """Stop asking the gripper."""
+        """Stop asking the gripper: a thread in libfranka at the interpreter's end takes all with it."""
         if self._gripper is not None:
-            self._gripper.over.set()
+            self._gripper.close()
 
     def _next(self, after_s: float) -> FrankaState:
         if self._gripper is not None and self._gripper.failure is not None:
@@ -123,13 +124,19 @@ class _Gripper:
     def __init__(self, ask: Callable[[], float]) -> None:
         self.width = ask()
         self.failure: str | None = None
-        self.over = threading.Event()
+        self._over = threading.Event()
         self._ask = ask
-        threading.Thread(target=self._run, name="gripper", daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Wait for the last answer, which libfranka itself gives up in time."""
+        self._over.set()
+        self._thread.join(GIVEN_UP_S)
 
     def _run(self) -> None:
         try:
-            while not self.over.wait(GRIPPER_S):
+            while not self._over.wait(GRIPPER_S):
                 self.width = self._ask()
         except Exception as error:
             self.failure = _said(error)

@@ -116,7 +116,7 @@ function whatIsMissing(signal, state, rows) {
 // Where samples are not held any more, the ends of segments still say how it went.
 function roughRows(scale, { segments, signals }) {
   const held = signals.length ? signals[0][0] : Infinity;
-  return segments.filter(([t0, tn]) => tn >= scale.from && t0 <= scale.to && t0 < held).flatMap(([t0, tn, , , , , , start, end]) =>
+  return segments.filter(([t0, tn]) => tn >= scale.from && t0 <= scale.to && tn <= held).flatMap(([t0, tn, , , , , , start, end]) =>
     [[t0, start], [tn, end]].map(([t, [px, py, pz, fx, fy, fz]]) => Object.assign([t, px, py, pz, null, fx, fy, fz], { rough: true })));
 }
 

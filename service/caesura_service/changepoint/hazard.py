@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import nbinom
+from scipy.special import betainc, gammaln
 
 Array = NDArray[np.float64]
 
@@ -119,10 +119,14 @@ class NegativeBinomial:
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """Log g(n)."""
-        mass: Array = nbinom.logpmf(np.asarray(n) - 1, self.shape, self._success)
+        failures, shape, success = np.asarray(n) - 1.0, self.shape, self._success
+        ways = gammaln(failures + shape) - gammaln(failures + 1.0) - gammaln(shape)
+        mass: Array = ways + shape * np.log(success) + failures * np.log1p(-success)
         return mass
 
     def log_survival(self, n: NDArray[np.int64]) -> Array:
-        """Log S(n)."""
-        survival: Array = nbinom.logsf(np.asarray(n) - 1, self.shape, self._success)
-        return survival
+        """Log S(n): n failures before the successes (`scipy.stats` takes half a second to load)."""
+        n = np.asarray(n)
+        with np.errstate(divide="ignore"):
+            survival: Array = np.log(betainc(np.maximum(n, 1), self.shape, 1.0 - self._success))
+        return np.where(n > 0, survival, 0.0)

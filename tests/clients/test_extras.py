@@ -1,0 +1,65 @@
+"""Whoever lacks an extra is told its name; a client install reads npz and csv without any of them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
+from caesura_clients.errors import BadSource
+from caesura_clients.recording import load_recording
+from clients.examples import recording
+
+PACKAGES_OF = {"mcap": "mcap", "ros2": "rosbags", "franky": "franky", "panda": "panda_py"}
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """A machine on which an extra is not installed."""
+
+    def remove(extra: str) -> None:
+        package = PACKAGES_OF[extra]
+        gone = [name for name in sys.modules if name.partition(".")[0] == package]
+        ours = [
+            name
+            for name in sys.modules
+            if name.startswith(("caesura_clients.formats.", "caesura_clients.bridge.sources.ros2"))
+        ]
+        for name in (*gone, *ours):
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setitem(sys.modules, package, None)
+
+    return remove
+
+
+@pytest.mark.parametrize(("extra", "file"), [("mcap", "x.mcap"), ("ros2", "x.db3")])
+def test_a_file_that_needs_an_extra_names_it(tmp_path, without, extra, file):
+    (tmp_path / file).write_bytes(b"not looked at")
+    without(extra)
+    with pytest.raises(BadSource, match=rf"{file} needs .*: pip install 'caesura\[{extra}\]'"):
+        load_recording(tmp_path / file)
+
+
+@pytest.mark.parametrize("source", ["ros2", "franky", "panda"])
+def test_a_source_that_needs_an_extra_names_it(without, source):
+    without(source)
+    with pytest.raises(BadSource, match=rf"the source {source} needs .*: pip install 'caesura\[{source}\]'"):
+        open_source(source, SourceOptions(host="172.16.0.2", ros="tcp/127.0.0.1:1"))
+
+
+def test_the_table_imports_nothing_of_the_extras(tmp_path):
+    file = tmp_path / "plain.npz"
+    recording(30).save(file)
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source\n"
+        f"open_source('file', SourceOptions(file=Path({str(file)!r})))\n"
+        "from caesura_clients.cli import build; build(())\n"
+        f"heavy = {{*{list(PACKAGES_OF.values())!r}, 'pinocchio', 'scipy', 'numba', 'matplotlib'}}\n"
+        "print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+    assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ros2"} == set(SOURCES)

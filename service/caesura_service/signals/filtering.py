@@ -3,7 +3,7 @@
 Reading it off at the centre keeps the phase linear and costs a delay of half a window, which is declared.
 Each filtered row is stamped with the time that it describes, so boundaries are late but not shifted.
 Taps are added up one by one in a fixed order: a filtered row has the same bits in every batch.
-Savitzky & Golay 1964; coefficients from SciPy.
+Savitzky & Golay 1964; the taps are those of `scipy.signal.savgol_coeffs`, which takes a second to load.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
 
 Array = NDArray[np.float64]
 
@@ -60,12 +59,20 @@ class SavitzkyGolay:
 
     @cached_property
     def _smoothing_taps(self) -> tuple[float, ...]:
-        return tuple(savgol_coeffs(self.window, self.order, use="dot").tolist())
+        return self._taps(0)
 
     @cached_property
     def _slope_taps(self) -> tuple[float, ...]:
-        taps = savgol_coeffs(self.window, self.order, deriv=1, delta=1.0 / self.rate_hz, use="dot")
-        return tuple(taps.tolist())
+        return self._taps(1)
+
+    def _taps(self, derivative: int) -> tuple[float, ...]:
+        """Weights of the rows in the polynomial's value (0) or slope (1) at the centre, by least squares."""
+        offsets = np.arange(-self.half, self.half + 1, dtype=np.float64)
+        powers = np.vander(offsets, self.order + 1, increasing=True).T
+        wanted = np.zeros(self.order + 1)
+        wanted[derivative] = self.rate_hz**derivative
+        taps: list[float] = np.linalg.lstsq(powers, wanted, rcond=None)[0].tolist()
+        return tuple(taps)
 
     def _apply(self, taps: tuple[float, ...], rows: Array) -> Array:
         n = max(0, len(rows) - self.window + 1)

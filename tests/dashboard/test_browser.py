@@ -165,6 +165,8 @@ def test_with_a_password_nothing_is_shown_before_it(stage: Stage, visitor: Visit
         page.get_by_role("link", name="cell-2").click()
         expect(page.locator(".app").first).to_be_visible()
         expect(page.get_by_text("Corrections are off")).to_be_visible()
+        page.close()
+        assert locked.end() == 0
 
 
 def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):

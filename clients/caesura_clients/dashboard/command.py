@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -54,7 +56,13 @@ def dashboard(
             )
         check_free(address)
         with connected(endpoint, config, patient=True) as caesura, Gateway(caesura.transport) as gateway:
-            serve(Site(gateway, None if read_only else corrector(caesura.transport)), address)
+            signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
+            with suppress(KeyboardInterrupt):
+                serve(Site(gateway, None if read_only else corrector(caesura.transport)), address)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _password(file: Path | None) -> str | None:

@@ -150,6 +150,8 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
         if (close := getattr(source, "close", None)) is not None:
             stack.callback(close)
         yield source
+    if dropped := getattr(source, "dropped", 0):
+        typer.echo(f"{name}: {dropped} messages came faster than they were taken", err=True)
 
 
 def _tell_outcome(status: SessionStatus) -> None:

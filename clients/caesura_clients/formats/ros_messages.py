@@ -124,12 +124,23 @@ def _wrench_stamped(message: Any, rule: TopicRule) -> Values:
 
 def _joint_state(message: Any, rule: TopicRule) -> Values:
     told: dict[str, Sequence[float]] = {}
-    if rule.joints is not None or any(_arm_joint(name) for name in message.name):
+    if _wanted("q", rule) and _has_arm(message, rule):
         told["q"] = _joints(message, rule)
     fingers = _fingers(message, rule)
     if fingers:
         told["gripper"] = (sum(fingers) * (2.0 if len(fingers) == 1 else 1.0),)
     return told
+
+
+def _wanted(signal: str, rule: TopicRule) -> bool:
+    return rule.signals is None or signal in rule.signals
+
+
+def _has_arm(message: Any, rule: TopicRule) -> bool:
+    """Are joints of the arm in it? Others of the topic's nodes may tell those of the gripper alone."""
+    if rule.joints is not None:
+        return any(name in rule.joints for name in message.name)
+    return any(_arm_joint(name) for name in message.name)
 
 
 def _pose_stamped(message: Any, rule: TopicRule) -> Values:

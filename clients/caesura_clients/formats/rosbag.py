@@ -6,6 +6,7 @@ several topics become one matrix: `joining`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2 import Reader, ReaderError
 
 from caesura_clients.formats.content import Content
 from caesura_clients.formats.joining import Joiner, Row
@@ -25,6 +26,7 @@ from caesura_clients.formats.ros_types import READ, typestore
 from caesura_clients.recording import RecordingError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 
+TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
 LOOKED_AT = 50  # messages of a topic, to find out what it tells: joint states may come from several nodes
 
 
@@ -33,12 +35,24 @@ def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) ->
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))
     try:
+        _check_types(path)
         with AnyReader([path], default_typestore=store) as reader:
             topics = _topics(reader, rules, path)
             plan = plan_of(list(_heard(reader, topics)), mapped, wrench_source)
             return _content(path, reader, topics, plan)
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def _check_types(path: Path) -> None:
+    """Refuse names that are none before rosbags makes classes of them, for which it compiles what it read."""
+    with Reader(path) as reader:
+        for connection in reader.connections:
+            if not TYPE_NAME.fullmatch(connection.msgtype):
+                raise RecordingError(
+                    f"{path}: {connection.topic!r} has the type {connection.msgtype[:100]!r}, "
+                    "expected package/msg/Name"
+                )
 
 
 def _topics(reader: AnyReader, rules: Mapping[str, TopicRule], path: Path) -> dict[str, Topic]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -243,3 +245,39 @@ def test_a_damaged_bag_is_one_line(demonstration, tmp_path, storage):
 def test_a_directory_that_is_no_bag_says_what_is_expected(tmp_path: Path):
     with pytest.raises(RecordingError, match=r"a directory without metadata.yaml, expected one of \.npz"):
         load_recording(tmp_path)
+
+
+def test_a_gripper_is_read_beside_the_joints_of_two_arms_and_of_other_nodes(demonstration, tmp_path):
+    how = tmp_path / "map.toml"
+    how.write_text('[topics."/pose"]\n[topics."/joint_states"]\nsignals = ["gripper"]\n')
+    (topic, kind, _, both) = two_arms(demonstration)[0]
+    alone = ros.joints(ros.BEGAN_NS, dict.fromkeys(ros.FINGERS, 0.01))
+    messages = [
+        (topic, kind, 0, both),
+        (topic, kind, 0, alone),
+        ("/pose", POSE, 0, ros.pose(ros.BEGAN_NS, (0.1, 0.2, 0.3))),
+    ]
+    found = load_recording(ros.write_bag(tmp_path / "bag", messages, "mcap"), mapping=how)
+    assert found.signals["gripper"].tolist() == [[0.02]]
+
+
+def test_joints_that_are_named_may_come_between_those_of_other_nodes(tmp_path):
+    how = tmp_path / "map.toml"
+    how.write_text(f'[topics."/joint_states"]\njoints = {list(ros.ARM)}\n')
+    arm = ros.joints(ros.BEGAN_NS, dict.fromkeys(ros.ARM, 0.5))
+    alone = ros.joints(ros.BEGAN_NS, dict.fromkeys(ros.FINGERS, 0.01))
+    messages = [("/joint_states", JOINT_STATE, 0, message) for message in (alone, arm)]
+    found = load_recording(ros.write_bag(tmp_path / "bag", messages, "mcap"), mapping=how)
+    assert found.signals["q"].tolist() == [[0.5] * 7]
+
+
+def test_a_type_that_is_no_name_is_refused_before_anything_is_made_of_it(demonstration, tmp_path):
+    """rosbags makes classes of what a bag calls its types, by compiling them."""
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(demonstration), "sqlite3")
+    (file,) = bag.glob("*.db3")
+    hostile = "a/msg/B:\n    import pathlib; pathlib.Path('taken').touch()\nclass C"
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("UPDATE topics SET type = ?", (hostile,))
+        database.execute("UPDATE message_definitions SET topic_type = ?", (hostile,))
+    with pytest.raises(RecordingError, match=r"has the type .a/msg/B:.*expected package/msg/Name"):
+        load_recording(file, wrench_source=SENSOR)

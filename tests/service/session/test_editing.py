@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import pairwise
@@ -36,6 +37,7 @@ from caesura_service.journal import JournalError, MemoryJournal
 from caesura_service.recordings import batches as batches_of
 from caesura_service.recordings import opening_of
 from caesura_service.session import results
+from caesura_service.session.corrections import Correction, Corrections
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.ports import NotTaken, Output
@@ -473,3 +475,57 @@ def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair
     a.registry.leave(STATION)
     b.close()
     assert T in [one.t for one in b.standing.view.changepoints]
+
+
+# What may happen: a batch, an edit, a close, the station changes hands, somebody is killed, somebody hangs.
+steps = st.lists(
+    st.one_of(
+        st.integers(0, COUNT - 1),
+        st.sampled_from([Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo()]),
+        st.sampled_from(["commit", "hand", "kill", "freeze", "look", "close"]),
+    ),
+    max_size=30,
+)
+
+
+def edited(instance: Instance, action: Any) -> bool:
+    """Was it acknowledged? A session that is known by its outcome is rebuilt first."""
+    revision = instance.standing.revision
+    reply = corrected(instance, revision, action)
+    if isinstance(reply, ProtocolError) and reply.code == "overloaded":
+        assert not [said for said in stepped(instance.registry) if isinstance(said, NotTaken)]
+        reply = corrected(instance, revision, action)
+    return isinstance(reply, Ack)
+
+
+@settings(deadline=None, max_examples=50)
+@given(steps)
+def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(steps: list[Any]):
+    with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
+        owner, other = (Instance(Path(directory), name, stack) for name in "ab")
+        owner.open()
+        model, expected = Corrections(), 0
+        for step in steps:
+            match step:
+                case int():
+                    owner.feed(step)
+                case "commit":
+                    owner.journal.commit()
+                case "look":
+                    owner.take(renew=False)
+                case "close":
+                    close = closing(owner.next_seq - 1)
+                    owner.registry.command(STATION, close, 0.0)
+                case str():
+                    if step == "hand":
+                        owner.registry.leave(STATION)
+                    elif step == "kill":
+                        owner.kill()
+                    owner, other = other, owner
+                    owner.take()
+                case action if edited(owner, action):
+                    model = model.after(action, lambda change: Correction(inserted=change.t))
+                    expected += 1
+            assert owner.standing.revision == expected
+            shown = {one.t for one in owner.standing.view.changepoints}
+            assert {one.inserted for one in model.active} == shown & {0.155, 0.525, 1.155}

@@ -27,6 +27,7 @@ YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force 
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
+MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of the press
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
@@ -97,9 +98,12 @@ class Acting:
         glide = Glide(start, target, seconds, arriving)
         turn = Turn(self.setpoint.rotation, rotation, seconds)
         search_s = 0.0 if until is None else self.safety.search_m / search
+        weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
         for k in range(1, round((seconds + search_s) / DT) + 1):
             felt = self.tick(Setpoint(*_first(glide.at(k * DT), turn.at(k * DT))))
-            if until is not None and -float(until @ felt.force) > self.safety.contact_n:
+            if k == weighed:
+                self._weigh(felt)
+            if until is not None and k > weighed and -float(until @ felt.force) > self.safety.contact_n:
                 self._stand_on(until)
                 self._meet(until)
                 return
@@ -169,6 +173,14 @@ class Acting:
         """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
         fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / seconds
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
+
+    def _weigh(self, felt: Felt) -> None:
+        """Compare what hangs on the arm with what the program says; what is off would pass for a contact."""
+        wrong = float(felt.force[2])
+        if abs(wrong) > MISWEIGHED_N:
+            how = "lighter" if wrong > 0.0 else "heavier"
+            load = f"{self.arm.load_kg:.2f} kg of its load"
+            raise Stopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
 
     def _meet(self, along: Array) -> None:
         """Come to rest on what was met, so that it is one event and what follows another."""

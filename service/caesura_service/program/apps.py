@@ -27,9 +27,10 @@ GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 GRAVITY = 9.81
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
-ACROSS_M, ACROSS_SHARE = 0.015, 0.5  # a stroke along a surface is longer than this, and pushes nothing in
+ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
+STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 
 GRIP_APPS: dict[str, AppKind] = {
@@ -93,7 +94,7 @@ def task_program(
     """
     kept = [step for step in steps if step.seconds >= least_s]
     kept = [step for before, step in zip([None, *kept], kept, strict=False) if not _lets_go(before, step)]
-    kept = [_hanging(step) for step in kept]
+    kept = [_leaving(_hanging(step)) for step in kept]
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
     rest = list(grips)
     apps: list[App] = []
@@ -145,17 +146,31 @@ class _Group:
 
     def touch(self) -> dict[str, object]:
         """Where the contact that follows was made."""
-        begin = self.steps[-1].segment.tn
-        return self.touched(begin, begin if self.following is None else self.following.tn)
+        begin, following = self.steps[-1].segment.tn, self.following
+        return {} if following is None else self.touched(begin, following.tn, following.force)
 
-    def touched(self, begin: float, end: float) -> dict[str, object]:
-        """Where something first pushed back between two boundaries [s]; at the first, if nothing did."""
-        first = self.moment_at(begin + TOUCHED_S)
-        looks = (begin + TOUCHED_S + k * OBSERVED_S for k in range(round((end - begin) / OBSERVED_S)))
-        moments = (self.moment_at(t) for t in looks)
-        pressed = (m for m in moments if m.force is not None and _length(m.force) >= PUSHES_BACK_N)
-        moment = next(pressed, first)
-        return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
+    def touched(self, begin: float, end: float, force: Vector) -> dict[str, object]:
+        """Where what pushes back with a force [N] in the end did so first between two boundaries [s].
+
+        What a sensor drifts by before does not count; where nothing pushes back, at the first observation.
+        """
+        free = self.moment_at(begin - TOUCHED_S)
+        moments = self._moments(begin, end)
+        pushing = (m for m in moments if _along(m.force, force) - _along(free.force, force) >= PUSHES_BACK_N)
+        return _where(next(pushing, moments[0]))
+
+    def pressed(self, force: Vector) -> dict[str, object]:
+        """Where it was pressed last with most of a force [N]: the segment's end may lie in the letting go."""
+        moments = self._moments(self.steps[0].segment.t0, self.steps[-1].segment.tn)
+        least = STILL_PRESSED * _length(force)
+        held = (m for m in reversed(moments) if m.force is not None and _along(m.force, force) >= least)
+        moment = next(held, None)
+        return {} if moment is None else _where(moment)
+
+    def _moments(self, begin: float, end: float) -> list[Moment]:
+        """Every observation between two boundaries [s], one at least."""
+        count = max(round((end - begin) / OBSERVED_S), 1)
+        return [self.moment_at(begin + TOUCHED_S + k * OBSERVED_S) for k in range(count)]
 
 
 def _motions(group: _Group) -> Iterable[App]:
@@ -178,12 +193,13 @@ def _contacts(group: _Group) -> Iterable[App]:
         yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
     first = group.steps[0]
     if first.segment.kind == "sliding" and _pushed_in(first.segment) > ARRIVES_M and not mine:
-        where = group.touched(first.segment.t0, first.segment.tn)
+        where = group.touched(first.segment.t0, first.segment.tn, first.segment.force)
         yield group.app("move_to_contact", [first], **where)
     held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
     taught = max((step.segment.force for step in held), key=_length)
     if not mine and _length(taught) >= LEAST_CONTACT_N:
-        yield group.app("apply_force", group.steps, **_forces(taught, group.force_limit_n))
+        forces = _forces(taught, group.force_limit_n)
+        yield group.app("apply_force", group.steps, **forces, **group.pressed(taught))
 
 
 def _slides(group: _Group) -> Iterable[App]:
@@ -224,6 +240,15 @@ def _group_key(step: Step) -> str:
     return "transport" if kind == "hold" else kind
 
 
+def _where(moment: Moment) -> dict[str, object]:
+    return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
+
+
+def _along(force: Vector | None, direction: Vector) -> float:
+    """[N] of a force in a direction; 0 where it is not known."""
+    return 0.0 if force is None else float(np.dot(force, direction)) / max(_length(direction), 1e-12)
+
+
 def _pushed_in(segment: Segment) -> float:
     """[m] by which it goes against the force that acts on the robot."""
     moved = np.subtract(segment.position_end, segment.position_start)
@@ -235,7 +260,7 @@ def _gives_way(segment: Segment) -> bool:
     moved = np.subtract(segment.position_end, segment.position_start)
     along = np.asarray(segment.force) / max(_length(segment.force), 1e-12)
     across = _length(moved - along * float(along @ moved))
-    return across < max(ACROSS_M, ACROSS_SHARE * _pushed_in(segment))
+    return across < max(ACROSS_M, ACROSS_SHARE * abs(_pushed_in(segment)))
 
 
 def _hanging(step: Step) -> Step:
@@ -250,6 +275,14 @@ def _hanging(step: Step) -> Step:
     load = {"load_kg": down / GRAVITY, "load_sd_kg": HANGING_SD_N / GRAVITY}
     carried = {"kind": "transport", "contact": "transport", **load}
     return replace(step, segment=segment.model_copy(update=carried))
+
+
+def _leaving(step: Step) -> Step:
+    """A movement far out of what was pressed goes on in the air: it is no press."""
+    segment = step.segment
+    if segment.kind != "sliding" or not _gives_way(segment) or -_pushed_in(segment) < ARRIVES_M:
+        return step
+    return replace(step, segment=segment.model_copy(update={"kind": "motion", "contact": "free"}))
 
 
 def _lets_go(before: Step | None, step: Step) -> bool:

@@ -129,3 +129,15 @@ def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, ro
 def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
     gentle = Safety(felt_force_n=8.0)
     assert ": force " in stopped(press(), PRESSING, robot, gentle)
+
+
+@pytest.mark.parametrize(("kg", "said"), [(1.2, "lighter than the 1.20 kg"), (None, "")])
+def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str, robot: Robot) -> None:
+    carried = tuple(
+        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one for one in pick_and_place()
+    )
+    done = execute(carried, PICKING, robot=robot)
+    assert violations(done.trace, DEFAULT) == []
+    if said:
+        assert done.stopped is not None
+        assert said in done.stopped

@@ -149,13 +149,14 @@ def test_a_grip_in_free_space_is_an_app_in_its_place():
 
 
 def test_sliding_presses_on_its_way_to_a_target_and_holding_is_part_of_a_carry():
+    across: dict[str, Any] = {"position_start": (0.0, 0.0, 0.1), "position_end": (0.1, 0.0, 0.1)}
     apps = program(
-        segment("sliding", 0.0, 1.0, force_end=(0.0, 0.0, 8.0)),
+        segment("sliding", 0.0, 1.0, force_end=(0.0, 0.0, 8.0), **across),
         segment("hold", 2.0, 3.0, load_kg=0.3, load_sd_kg=0.1),
         segment("transport", 3.0, 4.0, load_kg=0.5, load_sd_kg=0.1),
     )
     assert kinds(apps) == ["apply_force", "hold", "transport"]
-    assert apps[0].target == (0.0, 0.0, 0.1)
+    assert apps[0].target == (0.1, 0.0, 0.1)
     assert apps[1].load_kg == apps[2].load_kg == pytest.approx(0.4)
 
 
@@ -223,3 +224,22 @@ def test_a_contact_was_made_where_something_pushed_back_not_where_its_segment_be
     steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
     touching, _ = task_program([Step(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
     assert touching.target == pytest.approx((0.0, 0.0, 0.235))
+
+
+def test_a_movement_far_out_of_a_press_is_a_movement() -> None:
+    out: dict[str, Any] = {"position_start": (0.0, 0.0, 0.16), "position_end": (0.01, 0.0, 0.29)}
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0)),
+        segment("sliding", 3.0, 4.5, force_held=(1.0, 0.0, 6.0), **out),
+    )
+    assert kinds(apps) == ["move_to_contact", "apply_force", "cartesian_motion"]
+
+
+def test_a_press_has_its_target_where_it_was_last_pressed() -> None:
+    def pushed(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.0, 0.0, 8.0 if 2.0 < t < 2.6 else 1.0))
+
+    steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
+    _, pressed = task_program([Step(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
+    assert pressed.target == pytest.approx((0.0, 0.0, 0.255))

@@ -113,6 +113,15 @@ def test_a_removed_changepoint_is_gone_and_nothing_takes_its_place_between_its_n
         assert left == []
 
 
+def test_forbidding_its_interval_only_would_put_a_removed_changepoint_right_beside(shown: Pipeline):
+    first, back = shown.view.segments[0].t0, 0
+    for one in shown.view.changepoints:
+        low, high = (round((t - first) / STEP_S + 0.5) for t in (one.t_low, one.t_high))
+        view = shown.corrected([Correction(none=tuple(range(low, high + 1)))]).view
+        back += any(abs(t - one.t) < 0.35 for t in times(view))
+    assert (back, len(shown.view.changepoints)) == (6, 7)
+
+
 def test_a_changepoint_is_meant_from_half_a_second_away_and_the_nearest_of_all(shown: Pipeline):
     assert shown.resolve(Remove(t=4.15 + 0.45)) == shown.resolve(Remove(t=4.15))
     assert shown.resolve(Remove(t=5.65 - 0.45)) == shown.resolve(Remove(t=5.65))

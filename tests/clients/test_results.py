@@ -1,5 +1,7 @@
 """A reader ends up with what the service knows, whatever the network drops."""
 
+import threading
+
 import pytest
 
 from caesura_clients.results import Forgotten, ServiceIs, SessionReader, Update, events, follow
@@ -243,3 +245,14 @@ def test_leaving_the_loop_ends_the_subscriptions(memory):
             assert len(memory.subscribers) == 5
             break
         assert memory.subscribers == []
+
+
+def test_another_thread_ends_the_iteration(memory):
+    over = threading.Event()
+    told = events(memory.transport(), refresh_s=0.02, over=over)
+    following = threading.Thread(target=lambda: list(told), daemon=True)
+    following.start()
+    over.set()
+    following.join(8.0)
+    assert not following.is_alive()
+    assert memory.subscribers == []

@@ -77,6 +77,7 @@ def serve(site: Site, address: Address) -> None:
         show=False,
         tailwind=False,
         show_welcome_message=False,
+        gzip_middleware_factory=None,
         message_history_length=0,
         reconnect_timeout=5.0,
     )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from caesura_clients import Caesura, connect
@@ -55,9 +58,15 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
     told = caesura.snapshot(station, SESSION)
     assert segment_recording(found).segments == told.segments.segments
     if suffix == "mcap":
+        counts: Counter[str] = Counter()
         with out.open("rb") as stream:
-            segments = list(make_reader(stream).iter_messages(topics=["/segments"]))
-        assert len(segments) == len(told.segments.segments)
+            for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+                Draft202012Validator(json.loads(schema.data)).validate(json.loads(message.data))
+                counts[channel.topic] += 1
+        assert counts["/state"] == counts["/wrench"] == RECORDING.t.size
+        assert counts["/segments"] == len(told.segments.segments)
+        assert counts["/changepoints"] == len(told.changepoints.changepoints)
+        assert counts["/program"] == counts["/path"] == 1
 
 
 def test_interrupted_it_writes_what_came_and_says_that_the_session_goes_on(caesura, tmp_path):

@@ -281,3 +281,14 @@ def test_a_type_that_is_no_name_is_refused_before_anything_is_made_of_it(demonst
         database.execute("UPDATE message_definitions SET topic_type = ?", (hostile,))
     with pytest.raises(RecordingError, match=r"has the type .a/msg/B:.*expected package/msg/Name"):
         load_recording(file, wrench_source=SENSOR)
+
+
+def test_a_simulator_of_the_other_sign_is_named_in_a_mapping(demonstration, tmp_path):
+    messages = list(ros.franka_topic(whole(demonstration)))[:20]
+    bag = ros.write_bag(tmp_path / "bag", messages, "mcap")
+    how = tmp_path / "map.toml"
+    how.write_text(f'[topics."{messages[0][0]}"]\nforce_of = "environment"\n')
+    real, simulated = load_recording(bag), load_recording(bag, mapping=how)
+    for name in ("force", "tau"):
+        assert np.array_equal(real.signals[name], -simulated.signals[name])
+        assert np.any(real.signals[name] != 0.0)

@@ -17,9 +17,11 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from caesura_clients import Caesura, connect
+from caesura_clients.bridge import Bridge
 from caesura_clients.recording import load_recording
 from caesura_service.recordings import segment_recording
-from harness.processes import RECORDING, SESSION, reaches, serving, teaching
+from clients.examples import LiveSource, samples
+from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, teaching
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,7 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
     with recording(caesura, station, out) as process, teaching(caesura, station) as taught:
         taught.result(60.0)
         said, complaints = process.communicate(timeout=30.0)  # it ends with the session
-    assert (process.returncode, complaints) == (0, "")
+    assert (process.returncode, complaints) == (0, f"recording {station}/{SESSION}\n")
     assert said == f"{out}: {station}/{SESSION}, {RECORDING.t.size} samples, {RECORDING.t[-1]:.2f} s\n"
     found = load_recording(out)
     np.testing.assert_allclose(found.t, RECORDING.t, atol=1e-12)
@@ -71,16 +73,18 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
 
 def test_interrupted_it_writes_what_came_and_says_that_the_session_goes_on(caesura, tmp_path):
     out = tmp_path / "part.npz"
-    with teaching(caesura, "cell-late", pace=1.0) as taught:
-        reaches(caesura, "cell-late", 200)
+    with Bridge(caesura.transport, "cell-late", LiveSource(), session=SESSION, settings=QUICK) as bridge:
+        bridge.wait_open(30.0)
+        bridge.send(samples(1000))
         with recording(caesura, "cell-late", out) as process:
-            more = reaches(caesura, "cell-late", 400).status.samples
+            assert "cell-late" in process.stderr.readline()  # its heartbeats go on
+            bridge.send(samples(500, t0=1.0))
+            reaches(caesura, "cell-late", 1500)
             process.send_signal(signal.SIGINT)
             _, complaints = process.communicate(timeout=30.0)
-        taught.cancel() or taught.result(60.0)
-    assert process.returncode == 0, complaints
+        assert process.returncode == 0, complaints
+        bridge.finish()
     assert "the session goes on" in complaints
     found = load_recording(out)
     assert found.t[0] == 0.0  # what came before was asked of the bridge's ring
-    assert 0 < found.t.size <= RECORDING.t.size
-    assert more >= 400
+    assert 1000 <= found.t.size <= 1500

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -17,7 +17,7 @@ from caesura_clients.cli.options import Config, Connect, connected, named, repor
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.network import DEFAULT_ENDPOINT
-from caesura_clients.recorder import Recorded, record
+from caesura_clients.recorder import Recorded, Recorder, record
 from caesura_clients.recording import needing
 
 
@@ -42,7 +42,7 @@ def record_session(
                 import_module("caesura_clients.formats.mcap_write")
         with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
             typer.echo(f"waiting for {station}/{session or '…'} at {endpoint}; Ctrl-C ends it", err=True)
-            found = record(caesura.transport, station, session, over=over)
+            found = record(caesura.transport, station, session, over=over, told=_teller(station))
         try:
             _write(out, station, found)
         except OSError as error:
@@ -54,6 +54,18 @@ def record_session(
         typer.echo(f"{where}: {found.missed}", err=True)
     if found.recorder.lost:
         raise typer.Exit(1)
+
+
+def _teller(station: str) -> Callable[[Recorder], None]:
+    """Says once what is recorded."""
+    said: set[str] = set()
+
+    def tell(recorder: Recorder) -> None:
+        if recorder.session not in said:
+            said.add(recorder.session)
+            typer.echo(f"recording {station}/{recorder.session}", err=True)
+
+    return tell
 
 
 @contextmanager

@@ -21,6 +21,7 @@ check: $(STAMP)
 	$(BIN)/python scripts/write_schema.py --check
 	$(BIN)/python scripts/write_vectors.py --check
 	$(BIN)/python scripts/write_security.py --check
+	$(BIN)/python scripts/write_program_schema.py --check
 	scripts/lint_deploy.sh $(BIN)
 
 bench: $(STAMP)

@@ -52,9 +52,16 @@ class Encoded(NamedTuple):
 
 def encode(message: Message) -> Encoded:
     """The wire form of a message. Raises ProtocolError `too_large` over MAX_MESSAGE_BYTES."""
-    payload: bytes = msgpack.packb(message.model_dump())
+    payload: bytes = msgpack.packb(message, default=_fields)
     _check_size(payload)
     return Encoded(payload, encoding_of(type(message)))
+
+
+def _fields(message: object) -> dict[str, Any]:
+    """What a message within a message holds: so no tree of copies is made of a long one."""
+    if not isinstance(message, Message):
+        raise TypeError(f"{type(message).__name__} does not go over the wire")
+    return message.__dict__
 
 
 def encoding_of(model: type[Message]) -> str:

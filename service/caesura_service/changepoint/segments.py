@@ -19,7 +19,7 @@ INTERVAL_PROBABILITY = 0.9
 INTERVAL_REACH = 5  # observations to either side at which the same event may lie
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """What a segment is, given where it begins and ends."""
 
@@ -29,7 +29,7 @@ class Verdict:
     log_odds: float  # of the kind over the runner-up; 0 without one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Stretch:
     """Observations start to end, the end not included, as one segment."""
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Starts = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Ended:
     """A segment of the best segmentation up to some start: where it began, and what it was."""
 

@@ -61,7 +61,7 @@ class Grip:
     width: float | None  # [m] where the fingers settled
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Step:
     """A segment as the program sees it."""
 

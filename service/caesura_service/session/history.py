@@ -12,9 +12,8 @@ from caesura_service.signals import Observation
 Array = NDArray[np.float64]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
-_ORIENTATION, _JOINTS, _WIDTH, _SUM, _SUM2 = slice(7, 11), slice(11, 18), 18, 19, 20
-_HOLDING, _AFTER_GAP = 21, 22
-_COLUMNS = 23
+_SUM, _SUM2, _HOLDING, _AFTER_GAP, _COLUMNS = 7, 8, 9, 10, 11
+_ORIENTATION, _JOINTS, _WIDTH, _POSE_COLUMNS = slice(0, 4), slice(4, 11), 11, 12
 PRESS_SHARE, PRESS_LOOKS = 0.7, 600
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
@@ -24,6 +23,7 @@ class History:
 
     def __init__(self) -> None:
         self._rows = np.empty((256, _COLUMNS))
+        self._poses: Array | None = None  # what only some sessions have
         self._count = 0
 
     def __len__(self) -> int:
@@ -37,20 +37,27 @@ class History:
     def append(self, observation: Observation) -> None:
         """Keep one more observation."""
         if self._count == len(self._rows):
-            grown = np.empty((2 * self._count, _COLUMNS))  # memory that nothing is written to costs nothing
-            grown[: self._count] = self._rows
-            self._rows = grown
+            self._rows = _doubled(self._rows)
+            self._poses = None if self._poses is None else _doubled(self._poses)
         row = self._rows[self._count]
         row[_T] = observation.t
         row[_POSITION], row[_FORCE] = observation.position_base, observation.force_base
-        row[_ORIENTATION] = np.nan if observation.orientation is None else observation.orientation
-        row[_JOINTS] = np.nan if observation.joints is None else observation.joints
-        row[_WIDTH] = np.nan if observation.gripper_width is None else observation.gripper_width
         row[_HOLDING], row[_AFTER_GAP] = holding(observation), observation.after_gap
         before = self._rows[self._count - 1, _SUM : _SUM2 + 1] if self._count else np.zeros(2)
         fz = float(observation.force_base[2])
         row[_SUM], row[_SUM2] = before[0] + fz, before[1] + fz * fz
+        self._append_pose(observation)
         self._count += 1
+
+    def _append_pose(self, observation: Observation) -> None:
+        parts = (observation.orientation, observation.joints, observation.gripper_width)
+        if self._poses is None:
+            if all(part is None for part in parts):
+                return
+            self._poses = np.empty((len(self._rows), _POSE_COLUMNS))
+            self._poses[: self._count] = np.nan
+        row = self._poses[self._count]
+        row[_ORIENTATION], row[_JOINTS], row[_WIDTH] = (np.nan if part is None else part for part in parts)
 
     def observed(self, index: int) -> Observed:
         """What the segment models see of an observation."""
@@ -102,7 +109,15 @@ class History:
 
     def moment_at(self, index: int) -> Moment:
         """The pose at an observation."""
-        row = self._rows[index]
+        if self._poses is None:
+            return Moment(
+                self.position(index),
+                orientation=None,
+                joints=None,
+                gripper_width=None,
+                force=self.force(index),
+            )
+        row = self._poses[index]
         orientation, joints = row[_ORIENTATION].tolist(), row[_JOINTS].tolist()
         return Moment(
             position=self.position(index),
@@ -111,6 +126,13 @@ class History:
             gripper_width=None if np.isnan(row[_WIDTH]) else float(row[_WIDTH]),
             force=self.force(index),
         )
+
+
+def _doubled(rows: Array) -> Array:
+    """Twice as many, the new ones untouched: memory that nothing is written to costs nothing."""
+    grown = np.empty((2 * len(rows), rows.shape[1]))
+    grown[: len(rows)] = rows
+    return grown
 
 
 def holding(observation: Observation) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 from fastapi import HTTPException
-from nicegui import app, ui
+from nicegui import app, background_tasks, ui
 
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.guard import LOOPBACK, Guard
@@ -18,6 +20,7 @@ from caesura_clients.errors import CaesuraError
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 
+LOOK_S = 0.02  # between two looks whether the socket is bound
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
     'fill="#0b57a4"/><path d="M5 3v10M11 3v10" stroke="#fff" stroke-width="2.4"/></svg>'
@@ -65,7 +68,7 @@ def serve(site: Site, address: Address) -> None:
     """Serve until the process is told to end."""
     declare(site)
     app.add_middleware(Guard, names=address.known_as, password=address.password)
-    app.on_startup(lambda: print(f"ready: {address.url()}", flush=True))
+    app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(
         host=address.host,
         port=address.port,
@@ -81,6 +84,20 @@ def serve(site: Site, address: Address) -> None:
         message_history_length=0,
         reconnect_timeout=5.0,
     )
+
+
+async def _announce(address: Address) -> None:
+    """Say that it can be found, once it can: the application starts before the socket is bound."""
+    url = urlsplit(address.url())
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(url.hostname, url.port)
+        except OSError:
+            await asyncio.sleep(LOOK_S)
+        else:
+            writer.close()
+            print(f"ready: {address.url()}", flush=True)
+            return
 
 
 def declare(site: Site) -> None:

@@ -1,5 +1,6 @@
-"""Random examples: thirty a property, so that all of the tests are quick; `make test ARGS=--hypothesis-profile=default`
-has a hundred. Where a property says how many, that many.
+"""Random examples: thirty a property, so that all of the tests are quick, unless a property says otherwise.
+
+`make test ARGS=--hypothesis-profile=default` has a hundred.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 3 $(ARGS)
+	$(BIN)/python -m pytest -n 2 $(ARGS)
 
 check: $(STAMP)
 	$(BIN)/ruff check .

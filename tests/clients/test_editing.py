@@ -145,15 +145,23 @@ def test_a_marker_does_not_mind_other_editors(caesura: Caesura):
     assert snapshot.program.author == "pedal"
 
 
+def count(caesura: Caesura, what: str) -> int | None:
+    """Of the station's status; None where the service has no time to tell."""
+    try:
+        return int(getattr(caesura.snapshot("cell-4").status, what))
+    except ProtocolError:
+        return None
+
+
 def test_every_line_on_standard_input_is_a_mark_and_one_that_fails_ends_nothing(caesura: Caesura, capsys):
     with Bridge(caesura.transport, "cell-4", Guided(), settings=QUICK) as bridge:
         bridge.wait_open(5.0)
         with marking(bridge, StringIO("\n")):
             eventually(lambda: "no mark: " in capsys.readouterr().err)
         guide(bridge, 0, 3000)
-        eventually(lambda: caesura.snapshot("cell-4").status.samples == 3000)
+        eventually(lambda: count(caesura, "samples") == 3000)
         with marking(bridge, StringIO("\n\n")):
-            eventually(lambda: caesura.snapshot("cell-4").status.revision == 2)
+            eventually(lambda: count(caesura, "revision") == 2)
         bridge.finish()
 
 

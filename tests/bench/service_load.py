@@ -236,7 +236,8 @@ def read(endpoint: str, stations: int, told: Any) -> None:
 
 def family(pid: int) -> list[int]:
     """A process and its children."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    started = Path(f"/proc/{pid}/task").glob("*/children")  # by any of its threads
+    children = [child for path in started for child in path.read_text().split()]
     return [pid, *(one for child in children for one in family(int(child)))]
 
 

@@ -17,8 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from caesura_clients.bridge.sources import panda_arm
-from caesura_clients.bridge.sources.franka import FrankaSource
+from caesura_clients.bridge.sources.franka import FrankaSource, state_of
 from caesura_clients.errors import BadSource
 from caesura_clients.formats.joining import Joiner
 from caesura_clients.formats.ros_messages import TopicRule, stamp_of
@@ -36,7 +35,7 @@ def franka() -> float:
     script = Script([state(i) for i in range(SAMPLES)])
     robot = fake_libfranka(script).Robot("", None)
     raw = iter([robot.read_once() for _ in range(SAMPLES)])
-    source = FrankaSource("bench", lambda: panda_arm.state_of(next(raw)))
+    source = FrankaSource("bench", lambda: state_of(next(raw)))
     begun, count = time.perf_counter(), 0
     try:
         for chunk in source.chunks():

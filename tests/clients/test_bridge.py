@@ -234,18 +234,6 @@ def test_a_close_waits_until_the_service_has_everything(memory):
         assert acks[0].next_seq == 5
 
 
-def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory):
-    with FakeService(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
-        bridge.wait_open(5.0)
-        bridge.send(samples(100))
-        eventually(lambda: service.next_seq == 5)
-        service.batches.clear()
-        service.openings.clear()
-        assert bridge.finish().next_seq == 5
-    assert service.rows() == 100
-
-
 class Forgetful(FakeService):
     """Has a session of that name only at another station, once it has forgotten ours."""
 
@@ -255,8 +243,9 @@ class Forgetful(FakeService):
         return super()._close(station, close)
 
 
-def test_a_lost_session_whose_name_another_station_has_too_is_told_again(memory):
-    with Forgetful(memory.transport()) as service, ExitStack() as stack:
+@pytest.mark.parametrize("kind", [FakeService, Forgetful])
+def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory, kind):
+    with kind(memory.transport()) as service, ExitStack() as stack:
         bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
         bridge.wait_open(5.0)
         bridge.send(samples(100))
@@ -264,6 +253,7 @@ def test_a_lost_session_whose_name_another_station_has_too_is_told_again(memory)
         service.batches.clear()
         service.openings.clear()
         assert bridge.finish().next_seq == 5
+    assert service.rows() == 100
 
 
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):

@@ -7,12 +7,10 @@ The same observations give the same state, bit for bit. `OnlineFilter` is the re
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
@@ -21,7 +19,7 @@ from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import check_finite, check_start
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.smoothing import Smoothing
+from caesura_service.changepoint.smoothing import Smoothed, Smoothing
 from caesura_service.changepoint.walk import Walk
 from caesura_service.changepoint.window import Ended, Starts
 
@@ -32,7 +30,7 @@ __all__ = ["CompiledFilter", "can_compile", "compile_now"]
 FIRST_LENGTHS = 64  # samples of a segment that the tables reach at first
 
 
-class CompiledFilter:
+class CompiledFilter(Smoothed):
     """See `OnlineFilter`. Raises ValueError for a lattice that cannot be compiled."""
 
     def __init__(self, lattice: Lattice, hazard: Hazard, parameters: FilterParameters | None = None) -> None:
@@ -91,7 +89,6 @@ class CompiledFilter:
         check_start(start, self.root, self.count, self.parameters)
         self._smoothing.decide(start)
         self._make_room()
-        self._room -= self.parameters.window + 1
         steps.condition(self._model, self._state, start)
         self._settle()
         self._room = 0
@@ -126,18 +123,6 @@ class CompiledFilter:
         """(h,) log joint of each hypothesis and everything so far."""
         return self._state.joint[: self._living.size].copy()
 
-    @property
-    def posterior(self) -> Array:
-        """(h,) probability of each hypothesis."""
-        joint = self.log_joint
-        result: Array = np.exp(joint - log_sum_exp(joint))
-        return result
-
-    @property
-    def smoothed(self) -> Array:
-        """(n,) smoothed probability at every observation; about what was taken for certain, that before."""
-        return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
-
     def map_path(self) -> list[Ended]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         state, living = self._state, self._living
@@ -150,14 +135,6 @@ class CompiledFilter:
             path.append(Ended(int(state.node_start[parent]), state.node_kinds[node].copy()))
             node = parent
         return path[::-1]
-
-    def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
-        """Smoothed probability that a segment starts at observation `start`; see `Smoothing`."""
-        return self._smoothing.probability(start, about)
-
-    def event_probability(self, start: int, others: Collection[int] = ()) -> float:
-        """Smoothed probability of a start here or next to it; see `Smoothing`."""
-        return self._smoothing.event(start, others)
 
     @property
     def _living(self) -> NDArray[np.int64]:

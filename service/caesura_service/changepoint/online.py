@@ -23,7 +23,6 @@ evidence, and A and its maximum are summed anew from there. Either way all livin
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,14 +33,14 @@ from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice, LatticeRows
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.smoothing import Smoothing
+from caesura_service.changepoint.smoothing import Smoothed, Smoothing
 from caesura_service.changepoint.window import Ended, Starts, Window
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class OnlineFilter:
+class OnlineFilter(Smoothed):
     """Takes observations one by one; the same observations give the same state, bit for bit."""
 
     lattice: Lattice
@@ -107,13 +106,6 @@ class OnlineFilter:
         survived = self.hazard.log_survival(self.count - 1 - self.starts)
         return self.log_prior + survived + self.log_evidence
 
-    @property
-    def posterior(self) -> Array:
-        """(h,) probability of each hypothesis."""
-        joint = self.log_joint
-        result: Array = np.exp(joint - log_sum_exp(joint))
-        return result
-
     def map_path(self) -> list[Ended]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         survived = self.hazard.log_survival(self.count - 1 - self.starts)
@@ -122,26 +114,6 @@ class OnlineFilter:
         while path[-1].start != self.root:
             path.append(self.ended[path[-1].start])
         return path[::-1]
-
-    def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
-        """Smoothed probability that a segment starts at observation `start`.
-
-        Given everything so far while it is in the window, and as of its leaving the window after that.
-        about: where this start was taken for certain, as it was just before, of what had been seen then.
-        """
-        return self._smoothing.probability(start, about)
-
-    @property
-    def smoothed(self) -> Array:
-        """(n,) smoothed probability at every observation; about what was taken for certain, that before."""
-        return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
-
-    def event_probability(self, start: int, others: Collection[int] = ()) -> float:
-        """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.
-
-        others: neighbours that are events of their own.
-        """
-        return self._smoothing.event(start, others)
 
     def _grow(self, observed: Observed, changepoint: bool | None) -> None:
         self.rows = self.lattice.extend(self.rows, observed)

@@ -6,11 +6,15 @@ Where a start was taken for certain, what is said of it and its neighbours stays
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.window import Ended
 
 Array = NDArray[np.float64]
 
@@ -70,3 +74,46 @@ class Smoothing:
 
     def _near(self, start: int, others: Collection[int]) -> list[int]:
         return [s for s in (start - 1, start, start + 1) if 0 <= s < self.count and s not in others]
+
+
+class Smoothed(ABC):
+    """What follows from the joints and the smoothed probabilities of a filter, however it computes them."""
+
+    final: Sequence[Ended]
+    _smoothing: Smoothing
+
+    @property
+    @abstractmethod
+    def log_joint(self) -> Array:
+        """(h,) log joint of each hypothesis and everything so far."""
+
+    @abstractmethod
+    def map_path(self) -> list[Ended]:
+        """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
+
+    @property
+    def posterior(self) -> Array:
+        """(h,) probability of each hypothesis."""
+        joint = self.log_joint
+        result: Array = np.exp(joint - log_sum_exp(joint))
+        return result
+
+    @property
+    def smoothed(self) -> Array:
+        """(n,) smoothed probability at every observation; about what was taken for certain, that before."""
+        return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
+
+    def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
+        """Smoothed probability that a segment starts at observation `start`.
+
+        Given everything so far while it is in the window, and as of its leaving the window after that.
+        about: where this start was taken for certain, as it was just before, of what had been seen then.
+        """
+        return self._smoothing.probability(start, about)
+
+    def event_probability(self, start: int, others: Collection[int] = ()) -> float:
+        """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.
+
+        others: neighbours that are events of their own.
+        """
+        return self._smoothing.event(start, others)

@@ -18,7 +18,7 @@ import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
 from caesura_clients.errors import BadSource
-from caesura_clients.formats.poses import Pose, flange_of, nearest
+from caesura_clients.formats.poses import Pose, flange_of, nearest, pose_of
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, LengthUnit, WrenchSource
 
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
@@ -38,6 +38,18 @@ class FrankaState(NamedTuple):
     effector_on_flange: Pose  # F_T_EE
     wrench: Sequence[float]  # O_F_ext_hat_K
     tau: Sequence[float]  # tau_ext_hat_filtered
+
+
+def state_of(state: Any, pose: Callable[[Any], Pose] = pose_of) -> FrankaState:
+    """A franka::RobotState as a wrapper shows it, in plain values; pose: reads what it has as a matrix."""
+    return FrankaState(
+        time_ms=int(state.time.to_msec()),
+        q=state.q,
+        effector=pose(state.O_T_EE),
+        effector_on_flange=pose(state.F_T_EE),
+        wrench=state.O_F_ext_hat_K,
+        tau=state.tau_ext_hat_filtered,
+    )
 
 
 class FrankaSource:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, FrankaState, connected
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
 from caesura_clients.formats.poses import Pose, pose_of
 from caesura_clients.recording import needing
 
@@ -29,19 +29,7 @@ def open_franky(host: str, *, gripper: bool = True) -> FrankaSource:
     if gripper:
         hand = connected(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.state.width)  # noqa: E731 - it closes over the hand
-    return FrankaSource(who, lambda: state_of(robot.state), width)
-
-
-def state_of(state: Any) -> FrankaState:
-    """A franky.RobotState in plain values."""
-    return FrankaState(
-        time_ms=int(state.time.to_msec()),
-        q=state.q,
-        effector=_pose(state.O_T_EE),
-        effector_on_flange=_pose(state.F_T_EE),
-        wrench=state.O_F_ext_hat_K,
-        tau=state.tau_ext_hat_filtered,
-    )
+    return FrankaSource(who, lambda: state_of(robot.state, _pose), width)
 
 
 def _pose(affine: Any) -> Pose:

@@ -9,10 +9,8 @@ Its exceptions are RuntimeErrors with libfranka's text. `panda_py.Panda` is not 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, FrankaState, connected
-from caesura_clients.formats.poses import pose_of
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
 from caesura_clients.recording import needing
 
 
@@ -27,15 +25,3 @@ def open_panda(host: str, *, gripper: bool = True) -> FrankaSource:
         hand = connected(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.read_once().width)  # noqa: E731 - it closes over the hand
     return FrankaSource(who, lambda: state_of(robot.read_once()), width)
-
-
-def state_of(state: Any) -> FrankaState:
-    """A franka::RobotState in plain values."""
-    return FrankaState(
-        time_ms=int(state.time.to_msec()),
-        q=state.q,
-        effector=pose_of(state.O_T_EE),
-        effector_on_flange=pose_of(state.F_T_EE),
-        wrench=state.O_F_ext_hat_K,
-        tau=state.tau_ext_hat_filtered,
-    )

@@ -89,8 +89,7 @@ COUNTERS = np.dtype(
         ("next", "i8"),  # node of the next hypothesis
         ("capped", "i8"),
         ("settled", "i8"),  # segments that became final in this step
-        ("leaving", "i8"),  # did an observation leave the window in this step?
-        ("left", "f8"),  # smoothed probability of the one that left last
+        ("left", "f8"),  # smoothed probability of the observation that left the window last
         ("nodes", "i8"),  # that are not free
         ("next_prior", "f8"),
         ("next_map", "f8"),

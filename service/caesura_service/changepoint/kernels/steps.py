@@ -6,7 +6,7 @@ import math
 
 from caesura_service.changepoint.kernels.channels import take
 from caesura_service.changepoint.kernels.compiling import compiled
-from caesura_service.changepoint.kernels.elementary import exp_of_negative, log_sum_exp
+from caesura_service.changepoint.kernels.elementary import exp_of_negative, log_sum_exp, most_of
 
 FREE = -1
 UNKNOWN = -1
@@ -32,11 +32,11 @@ def step(model, state, z, boundary, changepoint):
     prepare_next(model, state)
     prune(model, state)
     settle(state)
-    me.leaving = me.count > state.window_priors.shape[0]
-    if me.leaving:
+    leaving = me.count > state.window_priors.shape[0]
+    if leaving:
         me.left = state.smoothed[0]
     smooth(model, state)
-    return me.leaving, me.left, me.settled, certain(model, state)
+    return leaving, me.left, me.settled, certain(model, state)
 
 
 @compiled
@@ -55,8 +55,7 @@ def condition(model, state, start):
     for place in range(me.living):
         slot = state.order[place]
         copy(state.priors[slot], state.window_priors[state.starts[slot] % size])
-        survived = model.log_survival[me.count - 1 - state.starts[slot]]
-        state.joint[place] = state.priors[slot, 0] + survived + state.evidence[slot]
+    join(model, state)
     settle(state)
     smooth(model, state)
 
@@ -204,15 +203,21 @@ def prepare_next(model, state):
 
 
 @compiled
-def prune(model, state):
-    """Drop what is not worth its work, and leave the joints of the rest."""
-    me, settings = state.counters[0], model.settings[0]
-    best = -math.inf
+def join(model, state):
+    """`OnlineFilter.log_joint`."""
+    me = state.counters[0]
     for place in range(me.living):
         slot = state.order[place]
         survived = model.log_survival[me.count - 1 - state.starts[slot]]
         state.joint[place] = state.priors[slot, 0] + survived + state.evidence[slot]
-        best = max(best, state.joint[place])
+
+
+@compiled
+def prune(model, state):
+    """Drop what is not worth its work, and leave the joints of the rest."""
+    me, settings = state.counters[0], model.settings[0]
+    join(model, state)
+    best = most_of(state.joint[: me.living])
     before = me.living
     for place in range(before - settings.keep_youngest - 1, -1, -1):
         if not state.joint[place] >= best + settings.log_prune:

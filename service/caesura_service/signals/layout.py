@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,13 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
 }
 _KNOWN = {column: signal for signal, columns in SIGNALS.items() for column in columns}
 
-TIME_LIMIT_S = 1e10  # beyond it a double no longer tells samples at 1 kHz apart
+#: Column → how large its values may be, and what they are.
+LIMITS: Mapping[str, tuple[float, str]] = {
+    "t": (1e10, "a time [s]"),  # beyond it a double no longer tells samples at 1 kHz apart
+    "gripper": (1.0, "an opening [m] or a closed flag"),  # metres stay below it, a flag reaches it
+}
+LARGEST = float(np.finfo(np.float64).max)
 QUATERNION_NORM_TOLERANCE = 0.1  # a quaternion further from unit length is not a rounding error
-GRIPPER_LIMIT = 1.0  # an opening in metres stays below it, a closed flag reaches it
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class Layout:
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Signal → its place among the columns that `read` returns."""
+        """Signal → its place among the values, the columns after the time in what `take` returns."""
         place, slices = 0, {}
         for signal in self._used():
             width = len(SIGNALS[signal])
@@ -92,7 +96,12 @@ class Layout:
         return slices
 
     def read(self, samples: Array) -> tuple[Array, Array]:
-        """Split samples into times (n,) [s] and the columns in use (n, c), positions in metres.
+        """Times (n,) [s] and values (n, c) of what `take` returns."""
+        taken = self.take(samples)
+        return taken[:, 0], taken[:, 1:]
+
+    def take(self, samples: Array) -> Array:
+        """Copy the columns in use: (n, 1 + c), time [s] first, then values, positions in metres.
 
         samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.
         """
@@ -100,18 +109,25 @@ class Layout:
         if samples.ndim != 2 or samples.shape[1] != len(self.columns):
             expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
             raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
-        self._check_values(samples)
-        return samples[:, 0].copy(), samples[:, self._picked] * self._scale
+        if not (np.abs(samples) <= self._limits).all():
+            self._refuse(samples)
+        taken = samples.take(self._picked, axis=1)
+        values = taken[:, 1:]
+        if "quat" in self.slices:
+            _check_quaternions(values[:, self.slices["quat"]])
+        if self.metres_per_unit != 1.0 and "pos" in self.slices:
+            values[:, self.slices["pos"]] *= self.metres_per_unit
+        return taken
 
     @cached_property
     def _picked(self) -> NDArray[np.intp]:
-        names = [column for signal in self._used() for column in SIGNALS[signal]]
+        names = ["t", *(column for signal in self._used() for column in SIGNALS[signal])]
         return np.array([self.columns.index(name) for name in names], dtype=np.intp)
 
     @cached_property
-    def _scale(self) -> Array:
-        scales = {"pos": self.metres_per_unit}
-        return np.array([scales.get(signal, 1.0) for signal in self._used() for _ in SIGNALS[signal]])
+    def _limits(self) -> Array:
+        """How large a value of each column may be; nothing infinite and no nan is below any limit."""
+        return np.array([LIMITS[column][0] if column in LIMITS else LARGEST for column in self.columns])
 
     def _used(self) -> tuple[str, ...]:
         unused = {"torque"} | ({"tau"} if self.has("force") else set())
@@ -119,17 +135,17 @@ class Layout:
             unused = {"torque", "force", "tau"}
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
 
-    def _check_values(self, samples: Array) -> None:
-        if not np.isfinite(samples).all():
-            row, column = np.argwhere(~np.isfinite(samples))[0]
-            value = samples[row, column]
-            raise ValueError(f"sample {row}: {self.columns[column]} is {value}, expected a finite number")
-        _refuse_beyond(samples[:, 0], TIME_LIMIT_S, "t", "a time [s]")
-        if self.has("gripper"):
-            gripper = samples[:, self.columns.index("gripper")]
-            _refuse_beyond(gripper, GRIPPER_LIMIT, "gripper", "an opening [m] or a closed flag")
-        if self.has("quat"):
-            _check_quaternions(samples[:, [self.columns.index(name) for name in SIGNALS["quat"]]])
+    def _refuse(self, samples: Array) -> NoReturn:
+        """Name the first value that is not finite, else the first one beyond the limit of its column."""
+        finite = np.isfinite(samples)
+        beyond = ~finite if not finite.all() else np.abs(samples) > self._limits
+        row, place = np.argwhere(beyond)[0]
+        column, value = self.columns[place], samples[row, place]
+        expected = "a finite number"
+        if np.isfinite(value):
+            limit, meaning = LIMITS[column]
+            expected = f"{meaning} within ±{limit:g}"
+        raise ValueError(f"sample {row}: {column} is {value}, expected {expected}")
 
     def _check_options(self) -> None:
         if self.wrench_source not in WRENCH_SOURCES:
@@ -180,15 +196,8 @@ class Layout:
             )
 
 
-def _refuse_beyond(values: Array, limit: float, name: str, meaning: str) -> None:
-    beyond = np.abs(values) > limit
-    if beyond.any():
-        row = int(beyond.argmax())
-        raise ValueError(f"sample {row}: {name} is {values[row]}, expected {meaning} within ±{limit:g}")
-
-
 def _check_quaternions(quaternions: Array) -> None:
-    norms = np.sqrt((quaternions * quaternions).sum(axis=1))
+    norms = np.sqrt(np.vecdot(quaternions, quaternions))
     off = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
     if off.any():
         row = int(off.argmax())

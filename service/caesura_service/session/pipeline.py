@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Self
 
 import numpy as np
@@ -108,7 +108,7 @@ class SegmentationPipeline:
         self._history = History()
         self._gaps = Gaps()
         self._grips: list[Grip] = []
-        self._settled = Settled()
+        self._settled, self._baseline = Settled(), list[Stretch]()
         self._program = self._growing()
         self._lost = False  # the next gap was declared, not seen
         self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
@@ -148,7 +148,7 @@ class SegmentationPipeline:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
         other = copy(self)
         other._heeded = Heeded(corrections)
-        other._settled = Settled()
+        other._settled, other._baseline = Settled(), []
         other._program = other._growing()
         other._begin(tared=self._tared)
         for index in range(len(self._history)):
@@ -206,7 +206,7 @@ class SegmentationPipeline:
         return UNTARED_BIAS_N if self._conditioner.tare is None else TARED_BIAS_N
 
     def _look(self) -> View:
-        self._parts_shown = parts = self._parts()
+        self._unsettled = parts = self._parts()
         return View(
             t=self._history.t_last,
             samples=self._conditioner.samples,
@@ -227,20 +227,21 @@ class SegmentationPipeline:
         )
 
     def _parts(self) -> list[Part]:
-        """Every stretch with its segment; remembers those that have settled."""
+        """Every stretch that has not settled, with its segment; remembers those that have."""
         if not self._online.count:
             return []
-        known = len(self._settled)
-        found = stretches(self._online, known, decided=self._decided)
+        found = stretches(self._online, len(self._settled), decided=self._decided)
         fresh = [self._as_said(stretch) for stretch in found]
-        every = [*self._settled.stretches, *fresh]
+        every, first = [*self._baseline, *fresh], len(self._baseline)
         parts = [
-            Part(stretch, self._segment(every, known + i), self._changepoint(stretch))
-            for i, stretch in enumerate(fresh)
+            Part(one.start, one.end, self._segment(every, first + i), self._changepoint(one))
+            for i, one in enumerate(fresh)
         ]
-        whole = [*self._settled.parts, *parts]
-        self._settled.take(parts[: self._settling(fresh)])
-        return whole
+        count = self._settling(fresh)
+        self._settled.take(parts[:count], self._program.first)
+        free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
+        self._baseline = [*islice(free, 1)] or self._baseline
+        return parts[count:]
 
     def _as_said(self, stretch: Stretch) -> Stretch:
         """As somebody has placed and named it: given its ends, a name is the whole inference."""
@@ -314,13 +315,14 @@ class SegmentationPipeline:
             corrected=self._heeded.is_certain(stretch.start),
         )
 
-    def _apps(self, parts: list[Part]) -> tuple[App, ...]:
+    def _apps(self, unsettled: list[Part]) -> tuple[App, ...]:
         first = self._program.first
-        starts = [*(part.stretch.start_probability for part in parts[first:]), 1.0]
+        parts = [*self._settled.since(first), *unsettled]
+        starts = [*(part.changepoint.probability for part in parts), 1.0]
         starts[0] = starts[0] if first else 1.0
         steps = [
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
-            for i, part in enumerate(parts[first:])
+            for i, part in enumerate(parts)
         ]
         apps = self._program.apps(steps, len(self._settled), self._grips, self._gaps.all)
         return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
@@ -331,14 +333,14 @@ class SegmentationPipeline:
 
     def _shown(self) -> Shown:
         """What there is to correct."""
-        parts, last = self._parts_shown, len(self._parts_shown) - 1
+        parts = [*self._settled.since(0), *self._unsettled]
         spans = [
             Span(
                 t0=part.segment.t0,
                 tn=part.segment.tn,
-                start=part.stretch.start,
-                end=part.stretch.end,
-                grows=i == last and not self._finished,
+                start=part.start,
+                end=part.end,
+                grows=i == len(parts) - 1 and not self._finished,
             )
             for i, part in enumerate(parts)
         ]
@@ -354,14 +356,14 @@ class SegmentationPipeline:
 
     def _mark(self, before: Part, part: Part) -> Mark:
         """A changepoint, with what lies between its neighbours."""
-        between = range(before.stretch.start + 1, part.stretch.end)
-        gaps = self._online.boundaries
+        between = range(before.start + 1, part.end)
+        shown, gaps = part.changepoint, self._online.boundaries
         return Mark(
-            t=part.changepoint.t,
-            t_low=self._boundary(part.stretch.start_interval[0]),
-            t_high=self._boundary(part.stretch.start_interval[1]),
+            t=shown.t,
+            t_low=shown.t if shown.t_low is None else shown.t_low,
+            t_high=shown.t if shown.t_high is None else shown.t_high,
             between=tuple(index for index in between if index not in gaps),
-            after_gap=part.stretch.start in gaps,
+            after_gap=part.start in gaps,
         )
 
     def _notes(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from caesura_protocol.messages import Program
 from caesura_service.session.corrections import Corrections
+from caesura_service.session.kept import M, alike
 from caesura_service.session.ports import Owner, Publish
 from caesura_service.session.standing import (
     Standing,
@@ -140,23 +141,13 @@ def _posterior(view: View) -> tuple[object, ...]:
     return view.observations, view.posterior_starts, view.posterior_probabilities
 
 
-def first_difference(old: Sequence[object], new: Sequence[object]) -> int | None:
+def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
     """The first index at which two sequences differ; None where they are alike."""
-    if old == new:
-        return None
-    first = _alike(old, new)
-    for index, (before, after) in enumerate(zip(old[first:], new[first:], strict=False), start=first):
+    known = alike(old, new)
+    for index, (before, after) in enumerate(zip(old[known:], new[known:], strict=False), start=known):
         if before is not after and before != after:
             return index
-    return min(len(old), len(new))
-
-
-def _alike(old: Sequence[object], new: Sequence[object]) -> int:
-    """So many of the first are alike, at least; looked for from the end, which is where things change."""
-    count, back = min(len(old), len(new)), 8
-    while count and old[:count] != new[:count]:
-        count, back = max(count - back, 0), 2 * back
-    return count
+    return None if len(old) == len(new) else min(len(old), len(new))
 
 
 def _bump(standing: Standing, stream: Stream) -> Standing:

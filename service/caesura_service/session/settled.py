@@ -1,18 +1,24 @@
-"""What nothing can change any more of a demonstration, as it is shown: kept, not gathered at every look."""
+"""What nothing can change any more of a demonstration, as it is shown: kept, not gathered at every look.
+
+What the program still looks back at is kept as it is, what lies before that in a fifth of the memory.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, Segment
-from caesura_service.changepoint.segments import Stretch
+from caesura_service.session.kept import Kept, Shown
 
 
 class Part(NamedTuple):
-    """A stretch, and what is shown of it."""
+    """Observations start to end, the end not included, and what is shown of them."""
 
-    stretch: Stretch
+    start: int
+    end: int
     segment: Segment
     changepoint: Changepoint  # its start; the first part's is never shown
 
@@ -21,25 +27,36 @@ class Settled:
     """The first parts of a demonstration, in order."""
 
     def __init__(self) -> None:
-        self.parts: list[Part] = []
-        self.stretches: list[Stretch] = []
-        self._segments: tuple[Segment, ...] = ()
-        self._changepoints: tuple[Changepoint, ...] = ()
+        self._starts = array("q", [0])  # of those that are packed, and of the first that is not
+        self._segments = Kept(Segment)
+        self._changepoints = Kept(Changepoint)
+        self._parts: list[Part] = []  # behind those
 
     def __len__(self) -> int:
-        return len(self.parts)
+        return len(self._segments) + len(self._parts)
 
-    def take(self, parts: Sequence[Part]) -> None:
-        """These have settled too."""
-        self.parts += parts
-        self.stretches += [part.stretch for part in parts]
-        self._segments += tuple(part.segment for part in parts)
-        self._changepoints += tuple(part.changepoint for part in parts)
+    def take(self, parts: Iterable[Part], quiet: int) -> None:
+        """These have settled too; no later program asks what came before part number `quiet`."""
+        self._parts += parts
+        count = max(min(quiet - len(self._segments), len(self._parts)), 0)
+        packed, self._parts = self._parts[:count], self._parts[count:]
+        self._starts.extend(part.end for part in packed)
+        self._changepoints.extend(part.changepoint for part in packed)
+        self._segments.extend(part.segment for part in packed)
 
-    def segments(self, parts: Sequence[Part]) -> tuple[Segment, ...]:
-        """Of all parts (of which the first have settled)."""
-        return self._segments + tuple(part.segment for part in parts[len(self) :])
+    def since(self, number: int) -> list[Part]:
+        """The parts from this number on."""
+        count = len(self._segments)
+        if number >= count:
+            return self._parts[number - count :]
+        spans = pairwise(self._starts[number:])
+        shown = zip(self._segments.read(number, count), self._changepoints.read(number, count), strict=True)
+        return [*(Part(*span, *one) for span, one in zip(spans, shown, strict=True)), *self._parts]
 
-    def changepoints(self, parts: Sequence[Part]) -> tuple[Changepoint, ...]:
+    def segments(self, rest: Sequence[Part]) -> Sequence[Segment]:
+        """Of all parts; rest: those that have not settled."""
+        return Shown(self._segments, (part.segment for part in (*self._parts, *rest)))
+
+    def changepoints(self, rest: Sequence[Part]) -> Sequence[Changepoint]:
         """Likewise; one fewer, for the first part has none."""
-        return (self._changepoints + tuple(part.changepoint for part in parts[len(self) :]))[1:]
+        return Shown(self._changepoints, (part.changepoint for part in (*self._parts, *rest)), first=1)

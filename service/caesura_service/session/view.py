@@ -19,14 +19,14 @@ from caesura_service.session.corrections import Change, Correction
 
 @dataclass(frozen=True)
 class View:
-    """What is known now. Tuples are replaced, never changed, so a view may be handed to another thread."""
+    """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
 
     t: float  # [s] the last observation; -inf before the first
     samples: int
     repeats: int  # samples whose time did not advance
     observations: int
-    changepoints: tuple[Changepoint, ...]
-    segments: tuple[Segment, ...]
+    changepoints: Sequence[Changepoint]
+    segments: Sequence[Segment]
     posterior_starts: tuple[float, ...]  # [s] living hypotheses
     posterior_probabilities: tuple[float, ...]
     apps: tuple[App, ...]

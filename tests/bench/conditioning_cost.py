@@ -38,7 +38,7 @@ Call = Callable[[], object]
 
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
-    "taking": ((Layout, "read"),),
+    "taking": ((Layout, "take"),),
     "resampling": ((Resampler, "advance"),),
     "flange rows": ((conditioning, "flange_rows"),),
     "kinematics": ((Robot, "flange_poses"), (Robot, "wrenches_of_joint_torques")),

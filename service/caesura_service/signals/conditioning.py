@@ -158,14 +158,14 @@ class Conditioner:
         """
         if self._state.finished:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
-        times, values = self.layout.read(samples)
+        samples = self.layout.take(samples)
         state = self._state
-        grid, resampled = self._resampler.advance(state.grid, times, values, broken=state.broken)
+        grid, resampled = self._resampler.advance(state.grid, samples, broken=state.broken)
         state = replace(
             state,
             grid=grid,
             broken=state.broken and not resampled.blocks,
-            samples=state.samples + len(times),
+            samples=state.samples + len(samples),
             repeats=state.repeats + resampled.repeats,
         )
         events: tuple[GripperEvent, ...] = ()
@@ -173,7 +173,7 @@ class Conditioner:
             state, happened = self._take(state, block)
             events += happened
         self._state, ready = _released(state)
-        return Conditioned(ready, resampled.gaps, events, len(times), resampled.repeats)
+        return Conditioned(ready, resampled.gaps, events, len(samples), resampled.repeats)
 
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next are lost, however short the time between.

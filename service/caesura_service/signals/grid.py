@@ -9,14 +9,16 @@ Rules
    longer than the gap limit. Such a hole ends a stretch, is reported, and the next stretch starts afresh.
 4. A row is the same, bit for bit, however the samples were cut into pushes: an unfinished cell keeps its
    samples, never a partial sum.
-5. Rows may be handed out `every` so many together, as soon as the last of them is complete: where only some
-   rows lead to anything, looking at each as it comes costs as much again for every push.
+5. Rows may be handed out `every` so many together, as soon as the last of them is complete. Until then a push
+   whose samples are in order is looked at once and kept as it is: all else is done for many rows at once.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -47,19 +49,18 @@ class Resampled(NamedTuple):
     repeats: int  # samples dropped because their time did not advance
 
 
-@dataclass(frozen=True, eq=False)
-class GridState:
-    """Where the grid stands, and the samples that the rows to come still want."""
+NOTHING = Resampled((), (), 0)
+
+
+class GridState(NamedTuple):
+    """Where the grid stands, and the samples that the rows to come still want, as they were pushed."""
 
     anchor: float  # [s] time of the first sample
     next_row: int
-    times: Array  # (m,) [s]
-    values: Array  # (m, c)
-
-    @property
-    def latest(self) -> float:
-        """Time of the last sample [s]."""
-        return float(self.times[-1])
+    due: float  # [s] the first sample from then on completes rows that are handed out
+    latest: float  # [s] time of the last sample
+    waiting: tuple[Array, ...]  # (m, 1 + c) each, time first
+    known: int  # samples in all of these
 
 
 @dataclass(frozen=True)
@@ -82,49 +83,65 @@ class Resampler:
         return anchor + row / self.grid_hz
 
     def advance(
-        self, state: GridState | None, times: Array, values: Array, *, broken: bool = False
+        self, state: GridState | None, samples: Array, *, broken: bool = False
     ) -> tuple[GridState | None, Resampled]:
-        """Take samples: times (n,) [s], values (n, c). The state is None before the first sample.
+        """Take samples (n, 1 + c), time first [s]. The state is None before the first one.
 
-        broken: samples before these were lost for good. Raises ValueError over MAX_WAITING_SAMPLES, and for a
-        clock that goes back by more than a gap or leaps by more than LEAP_LIMIT_S.
+        Keeps the matrix: nobody may write to it. broken: samples before these were lost for good. Raises
+        ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or leaps by
+        more than LEAP_LIMIT_S.
         """
-        if state is not None and not broken and self._is_steady(times, state.latest):
-            state, block = self._extend(state, times, self._with_continuous_signs(state, values), False)
+        if state is not None and not broken and self._is_steady(samples[:, 0], state.latest):
+            anchor, next_row, due, _, waiting, known = state
+            latest, waiting, known = float(samples[-1, 0]), (*waiting, samples), known + len(samples)
+            if latest < due and known <= MAX_WAITING_SAMPLES:
+                return GridState(anchor, next_row, due, latest, waiting, known), NOTHING
+            state, block = self._extended(anchor, next_row, self._joined(waiting), restarts=False)
             return state, Resampled((block,), (), 0)
-        self._check_clock(times, None if state is None else state.latest)
-        fresh = _advancing(times, -math.inf if state is None else state.latest)
-        repeats = len(times) - int(np.count_nonzero(fresh))
-        times, values = times[fresh], values[fresh]
-        if len(times) == 0:
-            return state, Resampled((), (), repeats)
-        values = self._with_continuous_signs(state, values)
-        before = np.concatenate([times[:1] if state is None else state.times[-1:], times[:-1]])
-        holes = times - before > self.gap_limit_s
-        holes[0] |= broken and state is not None
-        blocks: list[Block] = []
-        for start, stop in _stretches(holes):
-            restarts = bool(holes[start])
-            if restarts and state is not None:
-                state, rest = self.flush(state)
-                blocks += [rest] if len(rest.rows) else []
-            state, block = self._extend(state, times[start:stop], values[start:stop], restarts)
-            blocks.append(block)
-        gaps = tuple((float(before[i]), float(times[i])) for i in np.flatnonzero(holes))
-        return state, Resampled(tuple(blocks), gaps, repeats)
+        return self._sorted_out(state, samples, broken=broken)
 
     def flush(self, state: GridState) -> tuple[GridState, Block]:
         """Hand out the rows that are complete but wait for others."""
+        samples = self._joined(state.waiting)
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
-        rows = self._rows(state.anchor, state.next_row, next_row, state.times, state.values)
-        return replace(state, next_row=next_row), Block(state.next_row, rows, restarts=False)
+        rows = self._rows(state.anchor, state.next_row, next_row, samples)
+        return self._state(state.anchor, next_row, samples), Block(state.next_row, rows, restarts=False)
 
     def _is_steady(self, times: Array, latest: float) -> bool:
-        """Whether every sample is later than the one before, and none by more than a gap."""
-        if not times.size or not 0.0 < times[0] - latest <= self.gap_limit_s:
+        """Whether every sample is later than the one before, and all are too close for a gap."""
+        if not times.size or not (times[0] > latest and times[-1] - latest <= self.gap_limit_s):
             return False
-        steps = times[1:] - times[:-1]
-        return not steps.size or bool(steps.min() > 0.0 and steps.max() <= self.gap_limit_s)
+        return bool((times[1:] > times[:-1]).all())
+
+    def _sorted_out(
+        self, state: GridState | None, samples: Array, *, broken: bool
+    ) -> tuple[GridState | None, Resampled]:
+        """Take samples of which some may be repeated, or lie beyond a gap."""
+        latest = -math.inf if state is None else state.latest
+        self._check_clock(samples[:, 0], None if state is None else latest)
+        fresh = samples[_advancing(samples[:, 0], latest)]
+        repeats = len(samples) - len(fresh)
+        if len(fresh) == 0:
+            return state, Resampled((), (), repeats)
+        known, waiting = (0, ()) if state is None else (state.known, state.waiting)
+        samples = self._joined((*waiting, fresh))
+        times = samples[:, 0]
+        holes = np.concatenate([[False], times[1:] - times[:-1] > self.gap_limit_s])
+        holes[known] |= broken and state is not None
+        anchor = float(times[0]) if state is None else state.anchor
+        blocks: list[Block] = []
+        for start, stop in pairwise([0, *np.flatnonzero(holes).tolist(), len(samples)]):
+            if start and state is not None:
+                state, rest = self.flush(state)
+                blocks += [rest] if len(rest.rows) else []
+            if start or state is None:
+                first = self._row_from(anchor, float(times[start]))
+            else:
+                first = state.next_row
+            state, block = self._extended(anchor, first, samples[start:stop], restarts=start > 0)
+            blocks += [block] if start or len(block.rows) else []
+        gaps = tuple((float(times[i - 1]), float(times[i])) for i in np.flatnonzero(holes))
+        return state, Resampled(tuple(blocks), gaps, repeats)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
         """Refuse a clock that was set: what it says of before and after cannot be put in order."""
@@ -141,33 +158,34 @@ class Resampler:
                     f"expected within {limit:g} s"
                 )
 
-    def _with_continuous_signs(self, state: GridState | None, values: Array) -> Array:
-        if self.quaternion is None:
-            return values
-        previous = None if state is None else state.values[-1, self.quaternion]
-        values = values.copy()
-        values[:, self.quaternion] = sign_continuous(values[:, self.quaternion], previous)
-        return values
+    def _joined(self, waiting: Sequence[Array]) -> Array:
+        """One matrix of all samples, whose quaternions go on from one to the next, where they do not yet."""
+        samples = np.concatenate(waiting)
+        if self.quaternion is not None:
+            quaternions = samples[:, 1:][:, self.quaternion]
+            quaternions[:] = sign_continuous(quaternions, None)
+        return samples
 
-    def _extend(
-        self, state: GridState | None, times: Array, values: Array, restarts: bool
+    def _extended(
+        self, anchor: float, first: int, samples: Array, *, restarts: bool
     ) -> tuple[GridState, Block]:
-        """Add samples without a hole, and turn the cells that they complete into rows."""
-        anchor = float(times[0]) if state is None else state.anchor
-        if state is None or restarts:
-            first = self._row_from(anchor, float(times[0]))
-        else:
-            first = state.next_row
-            times, values = np.concatenate([state.times, times]), np.concatenate([state.values, values])
-        unfinished = self._row_open_at(anchor, float(times[-1]))
+        """Turn the cells from `first` on that samples without a hole complete into rows."""
+        unfinished = self._row_open_at(anchor, float(samples[-1, 0]))
+        self._check_waiting(samples[:, 0], self._edge(anchor, max(first, unfinished)))
         next_row = max(first, unfinished - (unfinished - self.phase) % self.every)
-        self._check_waiting(times, self._edge(anchor, max(first, unfinished)))
-        rows = self._rows(anchor, first, next_row, times, values)
-        wanted = _wanted_from(times, self._edge(anchor, next_row))
-        state = GridState(anchor, next_row, times[wanted:].copy(), values[wanted:].copy())
-        return state, Block(first, rows, restarts)
+        rows = self._rows(anchor, first, next_row, samples)
+        return self._state(anchor, next_row, samples), Block(first, rows, restarts)
 
-    def _rows(self, anchor: float, first: int, next_row: int, times: Array, values: Array) -> Array:
+    def _state(self, anchor: float, next_row: int, samples: Array) -> GridState:
+        """Keep of these samples what rows from next_row on want."""
+        last = next_row + 1 + (self.phase - next_row - 1) % self.every
+        kept = samples[_wanted_from(samples[:, 0], self._edge(anchor, next_row)) :].copy()
+        return GridState(
+            anchor, next_row, self._edge(anchor, last), float(samples[-1, 0]), (kept,), len(kept)
+        )
+
+    def _rows(self, anchor: float, first: int, next_row: int, samples: Array) -> Array:
+        times, values = samples[:, 0], samples[:, 1:]
         if next_row == first:
             return np.empty((0, values.shape[1]))
         rows = np.arange(first, next_row + 1, dtype=np.float64)
@@ -209,12 +227,6 @@ def _advancing(times: Array, latest: float) -> NDArray[np.bool_]:
     highest = np.maximum.accumulate(np.concatenate([[latest], times]))
     advancing: NDArray[np.bool_] = times > highest[:-1]
     return advancing
-
-
-def _stretches(holes: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Ranges of samples without a hole inside; a hole before the first sample divides nothing."""
-    starts = [0, *(np.flatnonzero(holes[1:]) + 1).tolist()]
-    return list(zip(starts, [*starts[1:], len(holes)], strict=True))
 
 
 def _wanted_from(times: Array, edge: float) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.threshold import OnlineThreshold
@@ -45,13 +47,14 @@ class Stretch:
 
 def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     """The most probable kind; kind_log_evidence: (kinds,)."""
-    order = np.argsort(-kind_log_evidence, kind="stable")
-    best, second = int(order[0]), int(order[1]) if len(kinds) > 1 else None
-    probability = float(np.exp(kind_log_evidence[best] - log_sum_exp(kind_log_evidence)))
-    if second is None:
+    values = kind_log_evidence.tolist()
+    best, *others = sorted(range(len(kinds)), key=lambda kind: -values[kind])
+    odds_against = sum(math.exp(values[kind] - values[best]) for kind in others)
+    probability = 1.0 / (1.0 + odds_against)
+    if not others:
         return Verdict(kinds[best], probability, None, 0.0)
-    log_odds = float(kind_log_evidence[best] - kind_log_evidence[second])
-    return Verdict(kinds[best], min(probability, 1.0), kinds[second], log_odds)
+    second = others[0]
+    return Verdict(kinds[best], probability, kinds[second], values[best] - values[second])
 
 
 def stretches(online: Filter, first: int = 0, *, decided: OnlineThreshold | None = None) -> list[Stretch]:
@@ -94,9 +97,8 @@ def _interval(online: Filter, before: int, start: int, after: int) -> tuple[int,
         return 0, 0
     first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
     around = range(first, last + 1)
-    mass = np.array([online.changepoint_probability(s, about=start) for s in around])
-    share = np.cumsum(mass) / max(mass.sum(), np.finfo(float).tiny)
+    mass = list(accumulate(online.changepoint_probability(s, about=start) for s in around))
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
-    low, high = (int(np.searchsorted(share, level)) for level in (tail, 1.0 - tail))
-    low, high = min(first + low, start) - 1, max(first + min(high, mass.size - 1), start) + 1
+    low, high = (bisect_left(mass, share * mass[-1]) for share in (tail, 1.0 - tail))
+    low, high = min(first + low, start) - 1, max(first + min(high, len(mass) - 1), start) + 1
     return max(low, 0), min(high, online.count - 1)

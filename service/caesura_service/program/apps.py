@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -154,23 +155,19 @@ class _Group:
 
         What a sensor drifts by before does not count; where nothing pushes back, at the first observation.
         """
-        free = self.moment_at(begin - TOUCHED_S)
-        moments = self._moments(begin, end)
-        pushing = (m for m in moments if _along(m.force, force) - _along(free.force, force) >= PUSHES_BACK_N)
-        return _where(next(pushing, moments[0]))
+        least = _along(self.moment_at(begin - TOUCHED_S).force, force) + PUSHES_BACK_N
+        times = _observed(begin, end)
+        pushing = (m for m in map(self.moment_at, times) if _along(m.force, force) >= least)
+        return _where(next(pushing, None) or self.moment_at(times[0]))
 
     def pressed(self, force: Vector) -> dict[str, object]:
         """Where it was pressed last with most of a force [N]: the segment's end may lie in the letting go."""
-        moments = self._moments(self.steps[0].segment.t0, self.steps[-1].segment.tn)
+        times = _observed(self.steps[0].segment.t0, self.steps[-1].segment.tn)
         least = STILL_PRESSED * _length(force)
-        held = (m for m in reversed(moments) if m.force is not None and _along(m.force, force) >= least)
+        moments = map(self.moment_at, reversed(times))
+        held = (m for m in moments if m.force is not None and _along(m.force, force) >= least)
         moment = next(held, None)
         return {} if moment is None else _where(moment)
-
-    def _moments(self, begin: float, end: float) -> list[Moment]:
-        """Every observation between two boundaries [s], one at least."""
-        count = max(round((end - begin) / OBSERVED_S), 1)
-        return [self.moment_at(begin + TOUCHED_S + k * OBSERVED_S) for k in range(count)]
 
 
 def _motions(group: _Group) -> Iterable[App]:
@@ -213,10 +210,10 @@ def _carries(group: _Group) -> Iterable[App]:
     weighed = [step for step in group.steps if step.segment.load_kg is not None]
     load: dict[str, object] = {}
     if weighed:
-        seconds = [step.seconds for step in weighed]
-        loads = [(step.segment.load_kg, step.segment.load_sd_kg) for step in weighed]
-        kg, sd_kg = np.average(np.array(loads, float), axis=0, weights=seconds).tolist()
-        load = {"load_kg": kg, "load_sd_kg": sd_kg}
+        load = {
+            "load_kg": _average(weighed, lambda segment: segment.load_kg or 0.0),
+            "load_sd_kg": _average(weighed, lambda segment: segment.load_sd_kg or 0.0),
+        }
     sets_down = group.following is not None and group.following.contact == "contact"
     for step in group.steps:
         where = group.touch() if sets_down and step is group.steps[-1] else {}
@@ -232,6 +229,11 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
 }
 
 
+def _average(steps: Sequence[Step], value: Callable[[Segment], float]) -> float:
+    """Of a number of segments, weighted by time."""
+    return sum(step.seconds * value(step.segment) for step in steps) / sum(step.seconds for step in steps)
+
+
 def _group_key(step: Step) -> str:
     """Transport and hold are one carry; pushing in what gives way is part of the press."""
     kind = step.segment.kind
@@ -240,13 +242,21 @@ def _group_key(step: Step) -> str:
     return "transport" if kind == "hold" else kind
 
 
+def _observed(begin: float, end: float) -> list[float]:
+    """[s] Every observation between two boundaries, one at least."""
+    count = max(round((end - begin) / OBSERVED_S), 1)
+    return [begin + TOUCHED_S + k * OBSERVED_S for k in range(count)]
+
+
 def _where(moment: Moment) -> dict[str, object]:
     return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
 
 
 def _along(force: Vector | None, direction: Vector) -> float:
     """[N] of a force in a direction; 0 where it is not known."""
-    return 0.0 if force is None else float(np.dot(force, direction)) / max(_length(direction), 1e-12)
+    if force is None:
+        return 0.0
+    return sum(a * b for a, b in zip(force, direction, strict=True)) / max(_length(direction), 1e-12)
 
 
 def _pushed_in(segment: Segment) -> float:
@@ -323,4 +333,4 @@ def _forces(on_robot: Vector, limit_n: float) -> dict[str, object]:
 
 
 def _length(vector: Sequence[float] | np.ndarray) -> float:
-    return float(np.linalg.norm(vector))
+    return math.hypot(*vector)

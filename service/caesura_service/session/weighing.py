@@ -6,10 +6,9 @@ something is carried is compared with free space on either side of it, not with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from caesura_service.changepoint.levels import GRAVITY
 from caesura_service.changepoint.segments import Stretch
@@ -48,10 +47,10 @@ def weigh(stretches: Sequence[Stretch], index: int, history: History, bias_n: fl
     sides = (reversed(stretches[:index]), stretches[index + 1 :])
     nearest = [next((s for s in side if is_baseline(s, history, bias_n)), None) for side in sides]
     baselines = [_vertical(s, history) for s in nearest if s is not None]
-    zero = float(np.mean([m for m, _ in baselines])) if baselines else 0.0
-    noise = variance + float(np.mean([v for _, v in baselines])) if baselines else variance
-    sd = np.sqrt(noise + _bias_sd([m for m, _ in baselines], bias_n) ** 2)
-    return Load(max(-(mean - zero) / GRAVITY, 0.0), float(sd) / GRAVITY)
+    means, variances = [m for m, _ in baselines], [v for _, v in baselines]
+    zero, noise = (sum(values) / max(len(values), 1) for values in (means, variances))
+    sd = math.hypot(math.sqrt(variance + noise), _bias_sd(means, bias_n))
+    return Load(max(-(mean - zero) / GRAVITY, 0.0), sd / GRAVITY)
 
 
 def _bias_sd(means: list[float], bias_n: float) -> float:
@@ -60,7 +59,7 @@ def _bias_sd(means: list[float], bias_n: float) -> float:
             return bias_n
         case [_]:
             return WANDER_N
-    return float(abs(means[1] - means[0]) / np.sqrt(12.0))
+    return abs(means[1] - means[0]) / math.sqrt(12.0)
 
 
 def _vertical(stretch: Stretch, history: History) -> tuple[float, float]:

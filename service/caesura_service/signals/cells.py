@@ -12,50 +12,38 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def cell_means(edges: Array, times: Array, values: Array) -> Array:
+def cell_means(edges: Array, samples: Array) -> Array:
     """Mean over each cell of the interpolant through samples, (n, c).
 
-    edges: (n + 1,) [s] cells' borders; times: (m,) [s] ascending, spanning the edges; values: (m, c).
-    Exact for straight lines: the trapezium rule on pieces between samples and edges.
+    edges: (n + 1,) [s] cells' borders; samples: (m, 1 + c), ascending times first, spanning the edges.
+    Exact for straight lines: the trapezium rule on the pieces between knots, which are edges and samples.
     """
-    left = np.maximum(np.searchsorted(times, edges) - 1, 0)  # times[left] < edge <= times[left + 1]
-    inside = _strictly_inside(edges, times, left)
-    inner = times[inside]
-    place = np.searchsorted(inner, edges) + np.arange(len(edges))
-    knots = _merged(place, edges, inner)
-    heights = _merged(place, _interpolated(edges, times, values, left), values[inside])
-    widths = np.diff(knots)
-    areas = widths[:, None] * (heights[1:] + heights[:-1])
-    sums = np.add.reduceat(areas, place[:-1], axis=0)
-    means: Array = sums / (2.0 * np.add.reduceat(widths, place[:-1]))[:, None]
-    return means
+    times = samples[:, 0]
+    after = times.searchsorted(edges)  # times[after - 1] < edge <= times[after]
+    first, stop = after[0], after[-1]
+    order = np.concatenate([edges, times[first:stop]]).argsort(kind="stable")  # an edge before its equal
+    knots = np.concatenate([_interpolated(edges, samples, after), samples[first:stop]]).take(order, axis=0)
+    values = knots[:, 1:]
+    areas = values[1:] + values[:-1]
+    areas *= (knots[1:, 0] - knots[:-1, 0])[:, None]
+    sums = np.add.reduceat(areas, after[:-1] - first + np.arange(len(edges) - 1), axis=0)
+    sums /= (2.0 * (edges[1:] - edges[:-1]))[:, None]
+    return sums
 
 
-def held_values(at: Array, times: Array, values: Array) -> Array:
-    """Hold each sample until the next: the last one at or before each time, (n, c). times[0] <= at."""
-    held: Array = values[np.searchsorted(times, at, side="right") - 1]
+def held_values(at: Array, samples: Array) -> Array:
+    """Hold each sample (m, 1 + c) until the next: the last at or before each time, (n, c). times[0] <= at."""
+    held: Array = samples[samples[:, 0].searchsorted(at, side="right") - 1, 1:]
     return held
 
 
-def _interpolated(at: Array, times: Array, values: Array, left: NDArray[np.intp]) -> Array:
-    t, v = times[left], values[left]
-    fraction = (at - t) / (times[left + 1] - t)
-    interpolated: Array = v + fraction[:, None] * (values[left + 1] - v)
-    return interpolated
-
-
-def _strictly_inside(edges: Array, times: Array, left: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Mark samples between the edges that do not fall on one: there, the edge itself is the knot."""
-    inside: NDArray[np.bool_] = (times > edges[0]) & (times < edges[-1])
-    after = left + 1
-    inside[after[times[after] == edges]] = False
-    return inside
-
-
-def _merged(place: NDArray[np.intp], at_edges: Array, between: Array) -> Array:
-    """Edges' entries at their places, the samples' entries in order in between."""
-    merged = np.empty((len(at_edges) + len(between), *at_edges.shape[1:]))
-    is_edge = np.zeros(len(merged), dtype=np.bool_)
-    is_edge[place] = True
-    merged[is_edge], merged[~is_edge] = at_edges, between
-    return merged
+def _interpolated(at: Array, samples: Array, after: NDArray[np.intp]) -> Array:
+    """Points (n, 1 + c) of the interpolant; `after` is the first sample at or after each."""
+    left = np.maximum(after - 1, 0)
+    before = samples.take(left, axis=0)
+    points = samples.take(left + 1, axis=0)
+    points -= before
+    points *= ((at - before[:, 0]) / points[:, 0])[:, None]
+    points += before
+    points[:, 0] = at
+    return points

@@ -129,15 +129,13 @@ class Resampler:
         holes = np.concatenate([[False], times[1:] - times[:-1] > self.gap_limit_s])
         holes[known] |= broken and state is not None
         anchor = float(times[0]) if state is None else state.anchor
+        first = self._row_from(anchor, anchor) if state is None else state.next_row
         blocks: list[Block] = []
         for start, stop in pairwise([0, *np.flatnonzero(holes).tolist(), len(samples)]):
             if start and state is not None:
                 state, rest = self.flush(state)
                 blocks += [rest] if len(rest.rows) else []
-            if start or state is None:
                 first = self._row_from(anchor, float(times[start]))
-            else:
-                first = state.next_row
             state, block = self._extended(anchor, first, samples[start:stop], restarts=start > 0)
             blocks += [block] if start or len(block.rows) else []
         gaps = tuple((float(times[i - 1]), float(times[i])) for i in np.flatnonzero(holes))
@@ -185,15 +183,12 @@ class Resampler:
         )
 
     def _rows(self, anchor: float, first: int, next_row: int, samples: Array) -> Array:
-        times, values = samples[:, 0], samples[:, 1:]
         if next_row == first:
-            return np.empty((0, values.shape[1]))
+            return np.empty((0, samples.shape[1] - 1))
         rows = np.arange(first, next_row + 1, dtype=np.float64)
-        edges = anchor + (rows - 0.5) / self.grid_hz
-        means = cell_means(edges, times, values)
+        means = cell_means(anchor + (rows - 0.5) / self.grid_hz, samples)
         if self.held:
-            centres = anchor + rows[:-1] / self.grid_hz
-            means[:, -self.held :] = held_values(centres, times, values[:, -self.held :])
+            means[:, -self.held :] = held_values(anchor + rows[:-1] / self.grid_hz, samples)[:, -self.held :]
         return means
 
     def _check_waiting(self, times: Array, edge: float) -> None:

@@ -48,7 +48,7 @@ def test_a_cell_is_the_mean_of_the_interpolant_over_it() -> None:
         quad(lambda s: float(np.interp(s, t, x)), a, b, points=t[(t > a) & (t < b)], limit=200)[0] / (b - a)
         for a, b in pairwise(edges)
     ]
-    assert_allclose(cell_means(edges, t, x[:, None])[:, 0], expected, atol=1e-10)
+    assert_allclose(cell_means(edges, samples(t, x))[:, 0], expected, atol=1e-10)
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 60.0, 100.0, 250.0, 1000.0])

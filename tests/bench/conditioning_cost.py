@@ -43,8 +43,8 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "flange rows": ((conditioning, "flange_rows"),),
     "kinematics": ((Robot, "flange_poses"), (Robot, "wrenches_of_joint_torques")),
     "gripper": ((GripperTracker, "advance"),),
-    "filtering": ((SavitzkyGolay, "smooth"), (SavitzkyGolay, "slope"), (SavitzkyGolay, "tail")),
-    "tare": ((Taring, "advance"), (conditioning, "tared")),
+    "filtering": ((SavitzkyGolay, "starts"), (SavitzkyGolay, "fit"), (SavitzkyGolay, "tail")),
+    "tare": ((Taring, "advance"),),
     "observations": ((conditioning, "observation_of"),),
 }
 

@@ -63,8 +63,8 @@ def _poses(taught: Taught) -> Poses:
     kept = every(times, TRANSFORM_S)
     if not kept:
         return NOWHERE
-    rows = np.concatenate(flange_rows(layout, values[kept], None), axis=1)
     columns = columns_of(layout)
+    rows = flange_rows(layout, columns, values[kept])
     upright = np.tile(UPRIGHT, (len(kept), 1))
     turned = upright if columns.orientation is None else rows[:, columns.orientation]
     return Poses(times[kept], rows[:, columns.position], turned)

@@ -2,8 +2,9 @@
 
 Theory of operation. Samples become rows of a fixed grid (`grid`), rows become flange positions and forces in
 the base frame (`flange`), these are filtered (`filtering`), tared (`tare`) and every tenth is handed on.
-Each stage maps a frozen state and its input to the next state and its output; the conditioner keeps one
-state and replaces it when a push has succeeded, so a push that raises has changed nothing.
+Each stage maps a frozen state and its input to the next state and its output; the conditioner keeps the
+states and replaces them when a push has succeeded, so a push that raises has changed nothing. Most pushes
+complete no observation: of those samples nothing but the grid hears.
 
 What comes out does not depend on how the samples were cut into pushes, bit for bit.
 """
@@ -21,7 +22,8 @@ from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
-from caesura_service.signals.observation import Observation, observation_of, tared
+from caesura_service.signals.observation import FilteredRow, Observation, observation_of
+from caesura_service.signals.rotation import lengths
 from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchSource
 
@@ -81,23 +83,25 @@ class Conditioned:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Everything that the next push needs."""
+    """What the grid rows so far leave to those that follow."""
 
-    grid: GridState | None = None
-    broken: bool = False  # samples were lost for good before the next one
     tail: Array | None = None  # (m, c) flange rows that the filter still needs
     gripper: GripperState = field(default_factory=GripperState)
     tare: TareState = field(default_factory=TareState)
-    waiting: tuple[Observation, ...] = ()  # for the tare
+    waiting: tuple[FilteredRow, ...] = ()  # for the tare
     after_gap: bool = False
-    finished: bool = False
-    samples: int = 0
-    repeats: int = 0
-    observations: int = 0
+    rows: int = 0  # of the segmentation grid
 
 
 class Conditioner:
     """The conditioning of one session. Copies share nothing that changes."""
+
+    _grid: GridState | None
+    _state: _State
+    _broken: bool  # samples were lost for good before the next one
+    _finished: bool
+    _samples: int
+    _repeats: int
 
     def __init__(self, layout: Layout, parameters: ConditioningParameters | None = None) -> None:
         self.layout = layout
@@ -114,7 +118,7 @@ class Conditioner:
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
         )
         self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper)
-        self._state = self._initial()
+        self.reset()
 
     @property
     def delay_s(self) -> float:
@@ -138,17 +142,17 @@ class Conditioner:
     @property
     def samples(self) -> int:
         """Samples pushed so far."""
-        return self._state.samples
+        return self._samples
 
     @property
     def repeats(self) -> int:
         """Samples dropped so far because their time did not advance."""
-        return self._state.repeats
+        return self._repeats
 
     @property
     def observations(self) -> int:
         """Observations handed out so far."""
-        return self._state.observations - len(self._state.waiting)
+        return self._state.rows - len(self._state.waiting)
 
     def push(self, samples: Array) -> Conditioned:
         """Take the next samples, (n, columns) as the layout names them, time first.
@@ -156,23 +160,21 @@ class Conditioner:
         Raises ValueError for samples that cannot be right and RuntimeError after `finish`; either way nothing
         has changed.
         """
-        if self._state.finished:
+        if self._finished:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
         samples = self.layout.take(samples)
+        grid, resampled = self._resampler.advance(self._grid, samples, broken=self._broken)
         state = self._state
-        grid, resampled = self._resampler.advance(state.grid, samples, broken=state.broken)
-        state = replace(
-            state,
-            grid=grid,
-            broken=state.broken and not resampled.blocks,
-            samples=state.samples + len(samples),
-            repeats=state.repeats + resampled.repeats,
-        )
         events: tuple[GripperEvent, ...] = ()
         for block in resampled.blocks:
-            state, happened = self._take(state, block)
+            assert grid is not None, "rows come from a grid"
+            state, happened = self._take(state, grid.anchor, block)
             events += happened
-        self._state, ready = _released(state)
+        state, ready = self._released(state)
+        self._grid, self._state = grid, state
+        self._broken = self._broken and not resampled.blocks
+        self._samples += len(samples)
+        self._repeats += resampled.repeats
         return Conditioned(ready, resampled.gaps, events, len(samples), resampled.repeats)
 
     def declare_gap(self) -> None:
@@ -180,83 +182,90 @@ class Conditioner:
 
         The gap is reported with the sample that ends it.
         """
-        self._state = replace(self._state, broken=self._state.grid is not None)
+        self._broken = self._grid is not None
 
     def finish(self) -> Conditioned:
         """End the demonstration: hand out what waited. Calling it again changes nothing."""
-        state = self._state
-        if state.finished or state.grid is None:
-            self._state = replace(state, finished=True)
+        if self._finished or self._grid is None:
+            self._finished = True
             return Conditioned()
-        grid, rest = self._resampler.flush(state.grid)
-        state, events = self._take(replace(state, grid=grid), rest)
+        grid, rest = self._resampler.flush(self._grid)
+        state, events = self._take(self._state, grid.anchor, rest)
         events += self._gripper.finish(state.gripper, grid.anchor)
         tare = self._taring.interrupted(state.tare, "the demonstration ended within the tare window")
-        self._state, ready = _released(replace(state, tare=tare, finished=True))
+        self._state, ready = self._released(replace(state, tare=tare))
+        self._grid, self._finished = grid, True
         return Conditioned(ready, gripper_events=events)
 
     def reset(self) -> None:
         """Forget every sample: the same pushes give the same results again."""
-        self._state = self._initial()
+        bare = self.layout.wrench_source == "none"
+        tare = TareState(Tare(None, "Not tared: there is no wrench.")) if bare else TareState()
+        self._grid, self._state = None, _State(tare=tare)
+        self._broken = self._finished = False
+        self._samples = self._repeats = 0
 
-    def _initial(self) -> _State:
-        if self.layout.wrench_source == "none":
-            return _State(tare=TareState(Tare(None, "Not tared: there is no wrench.")))
-        return _State()
-
-    def _take(self, state: _State, block: Block) -> tuple[_State, tuple[GripperEvent, ...]]:
+    def _take(self, state: _State, anchor: float, block: Block) -> tuple[_State, tuple[GripperEvent, ...]]:
         """Take the grid rows of one stretch."""
         if block.restarts:
             state = self._restarted(state)
         if len(block.rows) == 0:
             return state, ()
-        assert state.grid is not None, "rows come from a grid"
-        anchor = state.grid.anchor
-        parts = flange_rows(self.layout, block.rows, self._columns.orientation_before(state.tail))
-        gripper, grips, events = self._grip(state.gripper, anchor, block)
-        rows = np.concatenate([*parts, grips], axis=1)
-        recent = rows if state.tail is None else np.concatenate([state.tail, rows])
-        first = block.first + len(rows) - len(recent)
-        state = replace(state, gripper=gripper, tail=self._filter.tail(recent))
-        return self._observe(state, anchor, first, recent), events
+        recent = flange_rows(self.layout, self._columns, block.rows, state.tail)
+        first = block.first + len(block.rows) - len(recent)  # grid index of the first of these
+        gripper = state.gripper
+        events: tuple[GripperEvent, ...] = ()
+        if "gripper" in self.layout.slices:
+            gripper, grips = self._gripper.advance(gripper, anchor, block.first, block.rows[:, -1])
+            recent[block.first - first :, self._columns.width] = grips.width
+            recent[block.first - first :, self._columns.closed] = grips.closed
+            events = grips.events
+        tare = state.tare if state.tare.tare is not None else self._tare(state.tare, first, recent)
+        filtered = self._filtered(state, anchor, first, recent)
+        return _State(
+            tail=self._filter.tail(recent),
+            gripper=gripper,
+            tare=tare,
+            waiting=(*state.waiting, *filtered),
+            after_gap=state.after_gap and not filtered,
+            rows=state.rows + len(filtered),
+        ), events
 
     def _restarted(self, state: _State) -> _State:
         tare = self._taring.interrupted(state.tare, "samples are missing within the tare window")
         gripper = self._gripper.restarted(state.gripper)
         return replace(state, tail=None, after_gap=True, tare=tare, gripper=gripper)
 
-    def _grip(
-        self, state: GripperState, anchor: float, block: Block
-    ) -> tuple[GripperState, Array, tuple[GripperEvent, ...]]:
-        """Follow the gripper: its columns of the flange rows (n, 2), and its events."""
-        if not self.layout.has("gripper"):
-            return state, np.full((len(block.rows), 2), np.nan), ()
-        state, rows = self._gripper.advance(state, anchor, block.first, block.rows[:, -1])
-        return state, np.column_stack([rows.width, rows.closed]), rows.events
+    def _tare(self, state: TareState, first: int, recent: Array) -> TareState:
+        """Filter the rows first, first + 1, … as far as the tare looks at them."""
+        wanted = recent[: max(0, self._taring.last_row + self._filter.half + 1 - first)]
+        values, slopes = self._filter.fit(wanted, self._filter.starts(len(wanted)))
+        speeds = lengths(slopes[:, self._columns.position])
+        return self._taring.advance(state, first + self._filter.half, values[:, self._columns.force], speeds)
 
-    def _observe(self, state: _State, anchor: float, first: int, recent: Array) -> _State:
-        """Filter the rows first, first + 1, …, tare them, and make every tenth an observation."""
-        moving, half = self._columns.moving, self._filter.half
-        smooth = self._filter.smooth(recent[:, :moving])
-        velocity = self._filter.slope(recent[:, self._columns.position])
-        speed = np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2 + velocity[:, 2] ** 2)
-        filtered = np.concatenate([smooth, recent[half : half + len(smooth), moving:]], axis=1)
-        tare = self._taring.advance(state.tare, first + half, smooth[:, self._columns.force], speed)
-        state = replace(state, tare=tare)
-        for i in range(-(first + half) % self.parameters.decimation, len(smooth), self.parameters.decimation):
-            t = self._resampler.time_of(anchor, first + half + i)
-            state = self._with_observation(state, filtered[i], t, float(speed[i]))
-        return state
+    def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
+        """Filter the rows first, first + 1, … where they are on the segmentation grid."""
+        half, moving = self._filter.half, self._columns.moving
+        every = self.parameters.decimation
+        starts = self._filter.starts(len(recent), -(first + half) % every, every)
+        rows = recent[starts + half]
+        rows[:, :moving], slopes = self._filter.fit(recent[:, :moving], starts)
+        speeds = lengths(slopes[:, self._columns.position])
+        return [
+            FilteredRow(
+                number=state.rows + i,
+                t=self._resampler.time_of(anchor, first + half + start),
+                row=row,
+                speed=speed,
+                after_gap=state.after_gap and i == 0,
+            )
+            for i, (start, row, speed) in enumerate(zip(starts.tolist(), rows, speeds.tolist(), strict=True))
+        ]
 
-    def _with_observation(self, state: _State, row: Array, t: float, speed: float) -> _State:
-        index, after_gap = state.observations, state.after_gap
-        new = observation_of(self._columns, row, index=index, t=t, speed=speed, after_gap=after_gap)
-        return replace(state, waiting=(*state.waiting, new), after_gap=False, observations=index + 1)
-
-
-def _released(state: _State) -> tuple[_State, tuple[Observation, ...]]:
-    """Hand out the waiting observations once the tare is known."""
-    tare = state.tare.tare
-    if tare is None or not state.waiting:
-        return state, ()
-    return replace(state, waiting=()), tuple(tared(observation, tare) for observation in state.waiting)
+    def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
+        """Hand out the waiting rows as observations once the tare is known."""
+        tare = state.tare.tare
+        if tare is None or not state.waiting:
+            return state, ()
+        observations = tuple(observation_of(self._columns, filtered, tare) for filtered in state.waiting)
+        return replace(state, waiting=()), observations

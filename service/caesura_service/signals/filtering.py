@@ -45,38 +45,29 @@ class SavitzkyGolay:
         """How much earlier the described time is than the row that completes the window [s]."""
         return self.half / self.rate_hz
 
-    def smooth(self, rows: Array) -> Array:
-        """Filter rows (n, c) to values (n - window + 1, c); the first describes row `half`."""
-        return self._apply(self._smoothing_taps, rows)
+    def fit(self, rows: Array, starts: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Values (n, c) and slopes (n, c) [unit/s] of polynomials through windows of rows, at their centres.
 
-    def slope(self, rows: Array) -> Array:
-        """Differentiate rows (n, c) to slopes (n - window + 1, c), in their unit per second."""
-        return self._apply(self._slope_taps, rows)
+        rows: (m, c); starts: (n,) the first row of each window, whose centre is `half` rows on.
+        """
+        windows = rows[starts[:, None] + np.arange(self.window)]  # (n, window, c)
+        both: Array = np.add.reduce(windows[:, None] * self._taps, axis=2)
+        return both[:, 0], both[:, 1]
+
+    def starts(self, n: int, first: int = 0, every: int = 1) -> NDArray[np.intp]:
+        """Where complete windows begin in n rows: at `first` and `every` so many rows on."""
+        return np.arange(first, n - self.window + 1, every)
 
     def tail(self, rows: Array) -> Array:
         """Keep the rows that the next ones still need, at most window - 1."""
         return rows[max(0, len(rows) - (self.window - 1)) :].copy()
 
     @cached_property
-    def _smoothing_taps(self) -> tuple[float, ...]:
-        return self._taps(0)
-
-    @cached_property
-    def _slope_taps(self) -> tuple[float, ...]:
-        return self._taps(1)
-
-    def _taps(self, derivative: int) -> tuple[float, ...]:
-        """Weights of the rows in the polynomial's value (0) or slope (1) at the centre, by least squares."""
+    def _taps(self) -> Array:
+        """Weights (2, window, 1) of the rows in the polynomial's value and slope at the centre."""
         offsets = np.arange(-self.half, self.half + 1, dtype=np.float64)
         powers = np.vander(offsets, self.order + 1, increasing=True).T
-        wanted = np.zeros(self.order + 1)
-        wanted[derivative] = self.rate_hz**derivative
-        taps: list[float] = np.linalg.lstsq(powers, wanted, rcond=None)[0].tolist()
-        return tuple(taps)
-
-    def _apply(self, taps: tuple[float, ...], rows: Array) -> Array:
-        n = max(0, len(rows) - self.window + 1)
-        total = np.zeros((n, rows.shape[1]))
-        for offset, tap in enumerate(taps):
-            total += tap * rows[offset : offset + n]
-        return total
+        wanted = np.zeros((self.order + 1, 2))
+        wanted[0, 0], wanted[1, 1] = 1.0, self.rate_hz
+        taps = np.linalg.lstsq(powers, wanted, rcond=None)[0]
+        return np.array(taps.T[:, :, None], dtype=np.float64, order="C")

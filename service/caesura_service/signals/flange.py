@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.layout import Layout
-from caesura_service.signals.rotation import normalised, rotated, sign_continuous
+from caesura_service.signals.rotation import make_sign_continuous, normalised, rotated
 
 Array = NDArray[np.float64]
 
@@ -32,9 +32,10 @@ class FlangeColumns(NamedTuple):
         """Gripper closed: 1, 0 or nan."""
         return self.width + 1
 
-    def orientation_before(self, rows: Array | None) -> Array | None:
-        """Orientation (4,) of the last of these flange rows, where there is one."""
-        return None if rows is None or self.orientation is None else rows[-1, self.orientation]
+    @property
+    def total(self) -> int:
+        """How many columns there are."""
+        return self.width + 2
 
 
 def columns_of(layout: Layout) -> FlangeColumns:
@@ -46,18 +47,27 @@ def columns_of(layout: Layout) -> FlangeColumns:
     return FlangeColumns(slice(0, 3), slice(3, 6), orientation, joints, width=end, moving=end)
 
 
-def flange_rows(layout: Layout, rows: Array, previous_orientation: Array | None) -> list[Array]:
-    """Position, force and what else `columns_of` names, as matrices of n >= 1 rows each.
+def flange_rows(layout: Layout, columns: FlangeColumns, rows: Array, before: Array | None = None) -> Array:
+    """Flange rows (m, columns) that came before, and after them those of n >= 1 grid rows: (m + n, columns).
 
-    rows: (n, c) as `Layout.slices` says. previous_orientation: (4,) of the row before the first.
+    rows: (n, c) as `Layout.slices` says. What the gripper does is left open.
     """
-    at = layout.slices
-    joints = rows[:, at["q"]] if "q" in at else None
-    position, orientation = _pose(layout, rows, joints)
-    if orientation is not None:
-        orientation = sign_continuous(normalised(orientation), previous_orientation)
-    force = _force(layout, rows, joints, orientation)
-    return [part for part in (position, force, orientation, joints) if part is not None]
+    known = 0 if before is None else len(before)
+    flange = np.empty((known + len(rows), columns.total))
+    if before is not None:
+        flange[:known] = before
+    fresh = flange[known:]
+    joints = rows[:, layout.slices["q"]] if columns.joints else None
+    fresh[:, columns.position], orientation = _pose(layout, rows, joints)
+    if columns.orientation and orientation is not None:
+        fresh[:, columns.orientation] = normalised(orientation)
+        make_sign_continuous(flange[max(0, known - 1) :, columns.orientation])
+        orientation = fresh[:, columns.orientation]
+    fresh[:, columns.force] = _force(layout, rows, joints, orientation)
+    if columns.joints:
+        fresh[:, columns.joints] = joints
+    fresh[:, columns.width :] = np.nan
+    return flange
 
 
 def _pose(layout: Layout, rows: Array, joints: Array | None) -> tuple[Array, Array | None]:
@@ -73,7 +83,7 @@ def _pose(layout: Layout, rows: Array, joints: Array | None) -> tuple[Array, Arr
     return position, orientation
 
 
-def _force(layout: Layout, rows: Array, joints: Array | None, orientation: Array | None) -> Array:
+def _force(layout: Layout, rows: Array, joints: Array | None, orientation: Array | None) -> Array | float:
     at = layout.slices
     if "force" in at:
         force = rows[:, at["force"]]
@@ -81,4 +91,4 @@ def _force(layout: Layout, rows: Array, joints: Array | None, orientation: Array
         return rotated(orientation, force) if in_flange and orientation is not None else force
     if "tau" in at and joints is not None and layout.wrench_of_joint_torques is not None:
         return layout.wrench_of_joint_torques(joints, rows[:, at["tau"]])[:, :3]
-    return np.zeros((len(rows), 3))
+    return 0.0

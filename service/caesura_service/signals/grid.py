@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.cells import cell_means, held_values
-from caesura_service.signals.rotation import sign_continuous
+from caesura_service.signals.rotation import make_sign_continuous
 
 Array = NDArray[np.float64]
 
@@ -160,8 +160,7 @@ class Resampler:
         """One matrix of all samples, whose quaternions go on from one to the next, where they do not yet."""
         samples = np.concatenate(waiting)
         if self.quaternion is not None:
-            quaternions = samples[:, 1:][:, self.quaternion]
-            quaternions[:] = sign_continuous(quaternions, None)
+            make_sign_continuous(samples[:, 1:][:, self.quaternion])
         return samples
 
     def _extended(

@@ -15,6 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES, WrenchSource
 
 Array = NDArray[np.float64]
@@ -197,7 +198,7 @@ class Layout:
 
 
 def _check_quaternions(quaternions: Array) -> None:
-    norms = np.sqrt(np.vecdot(quaternions, quaternions))
+    norms = lengths(quaternions)
     off = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
     if off.any():
         row = int(off.argmax())

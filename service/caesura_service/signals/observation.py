@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,34 +32,33 @@ class Observation:
     after_gap: bool  # samples are missing between the observation before and this one
 
 
-def observation_of(
-    columns: FlangeColumns, row: Array, *, index: int, t: float, speed: float, after_gap: bool
-) -> Observation:
-    """Make an observation of a filtered flange row (c,), not yet tared."""
-    orientation = None if columns.orientation is None else normalised(row[None, columns.orientation])[0]
-    width, closed = float(row[columns.width]), float(row[columns.closed])
+class FilteredRow(NamedTuple):
+    """What becomes an observation once the tare is known."""
+
+    number: int
+    t: float
+    row: Array  # a flange row
+    speed: float
+    after_gap: bool
+
+
+def observation_of(columns: FlangeColumns, filtered: FilteredRow, tare: Tare) -> Observation:
+    """Tare a filtered flange row and put its parts under their names."""
+    row = filtered.row.copy()
+    row[columns.force] = tare.off(row[columns.force])
+    if columns.orientation:
+        row[columns.orientation] = normalised(row[None, columns.orientation])
+    row.flags.writeable = False
+    width, closed = row[columns.width :].tolist()
     return Observation(
-        index=index,
-        t=t,
-        position_base=_frozen(row[columns.position]),
-        force_base=_frozen(row[columns.force]),
-        orientation=None if orientation is None else _frozen(orientation),
-        joints=None if columns.joints is None else _frozen(row[columns.joints]),
+        index=filtered.number,
+        t=filtered.t,
+        position_base=row[columns.position],
+        force_base=row[columns.force],
+        orientation=row[columns.orientation] if columns.orientation else None,
+        joints=row[columns.joints] if columns.joints else None,
         gripper_width=None if math.isnan(width) else width,
         gripper_closed=None if math.isnan(closed) else closed > 0.0,
-        speed=speed,
-        after_gap=after_gap,
+        speed=filtered.speed,
+        after_gap=filtered.after_gap,
     )
-
-
-def tared(observation: Observation, tare: Tare) -> Observation:
-    """Take the bias off an observation's force."""
-    if tare.bias is None:
-        return observation
-    return replace(observation, force_base=_frozen(tare.off(observation.force_base)))
-
-
-def _frozen(values: Array) -> Array:
-    copy: Array = np.array(values)
-    copy.flags.writeable = False
-    return copy

@@ -4,34 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from caesura_service.signals.filtering import SavitzkyGolay
 
+Array = NDArray[np.float64]
+
 FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
+
+
+def everywhere(rows: Array) -> tuple[Array, Array]:
+    return FILTER.fit(rows, FILTER.starts(len(rows)))
 
 
 def test_it_smooths_as_scipy_does() -> None:
     rows = np.random.default_rng(0).normal(size=(60, 3))
-    assert_allclose(FILTER.smooth(rows), savgol_filter(rows, 11, 2, axis=0)[5:-5], atol=1e-14)
+    assert_allclose(everywhere(rows)[0], savgol_filter(rows, 11, 2, axis=0)[5:-5], atol=1e-14)
 
 
 def test_its_slope_is_scipys_derivative() -> None:
     rows = np.random.default_rng(1).normal(size=(60, 2))
     expected = savgol_filter(rows, 11, 2, deriv=1, delta=0.01, axis=0)[5:-5]
-    assert_allclose(FILTER.slope(rows), expected, atol=1e-11)
+    assert_allclose(everywhere(rows)[1], expected, atol=1e-11)
 
 
 def test_a_parabola_passes_unchanged_half_a_window_late() -> None:
     t = np.arange(40) / 100.0
-    assert_allclose(FILTER.smooth((t * t)[:, None])[:, 0], (t * t)[5:-5], atol=1e-15)
+    assert_allclose(everywhere((t * t)[:, None])[0][:, 0], (t * t)[5:-5], atol=1e-15)
     assert FILTER.delay_s == 0.05
+
+
+def test_some_windows_are_fitted_as_all_of_them_are() -> None:
+    rows = np.random.default_rng(2).normal(size=(60, 3))
+    some, all_of_them = FILTER.fit(rows, FILTER.starts(60, 4, 10)), everywhere(rows)
+    assert_array_equal(some[0], all_of_them[0][4::10])
+    assert_array_equal(some[1], all_of_them[1][4::10])
 
 
 def test_fewer_rows_than_a_window_give_nothing_and_are_kept() -> None:
     rows = np.ones((10, 3))
-    assert FILTER.smooth(rows).shape == (0, 3)
+    assert everywhere(rows)[0].shape == (0, 3)
     assert len(FILTER.tail(rows)) == 10
     assert len(FILTER.tail(np.ones((30, 3)))) == 10
 

@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -113,9 +112,9 @@ class GripperTracker:
         self, state: GripperState, anchor: float, first: int, values: Array
     ) -> tuple[GripperState, GripperRows]:
         """Take the gripper column (n,) of the grid rows first, first + 1, …"""
-        n = _leading_zeros(values)
         if state.signal != "undecided":
             return self._follow(state, anchor, first, values)
+        n = _leading_zeros(values)
         state, early = self._follow(state, anchor, first, values[:n])
         if n == len(values):
             return state, early
@@ -151,13 +150,12 @@ class GripperTracker:
         """Run the state machine from change to change between still and moving."""
         openings = self.parameters.opening_max_m * (1.0 - values) if state.signal == "flag" else values
         recent = np.concatenate([state.tail, openings])
-        still = self._still(recent)[len(state.tail) :]
-        ends = len(state.tail) + np.arange(len(openings)) + 1
         closed = self._closed(state, openings)
         events: tuple[GripperEvent, ...] = ()
-        for i in np.flatnonzero(still != np.concatenate([[state.still], still[:-1]])).tolist():
-            if still[i]:
-                level = float(np.median(recent[ends[i] - self.window : ends[i]]))
+        for i, stills in self._changes(state.still, recent, len(openings)):
+            if stills:
+                end = len(state.tail) + i + 1
+                level = float(np.median(recent[end - self.window : end]))
                 state, event = self._settled(state, anchor, first + i, level)
                 events += event
             else:
@@ -166,14 +164,21 @@ class GripperTracker:
         width = openings if state.signal == "opening" else np.full(len(openings), np.nan)
         return self._remembered(state, recent, first, len(openings)), GripperRows(events, width, closed)
 
-    def _still(self, recent: Array) -> NDArray[np.bool_]:
-        """Whether the window that ends at each row is narrow; without a full window, no."""
-        still = np.zeros(len(recent), dtype=np.bool_)
-        if len(recent) >= self.window:
-            windows = sliding_window_view(recent, self.window)
-            spread = windows.max(axis=1) - windows.min(axis=1)
-            still[self.window - 1 :] = spread <= self.parameters.still_range_m
-        return still
+    def _changes(self, still: bool, recent: Array, n: int) -> list[tuple[int, bool]]:
+        """At which of the last n rows fingers come to rest (True) or begin to move, and which of it.
+
+        They are still where the window that ends at a row is full and narrow.
+        """
+        if still and recent.max() - recent.min() <= self.parameters.still_range_m:
+            return []  # as most of the time
+        verdicts = np.zeros(len(recent), dtype=np.bool_)
+        starts = np.arange(len(recent) - self.window + 1)
+        windows = recent[starts[:, None] + np.arange(self.window)]
+        spread = windows.max(axis=1) - windows.min(axis=1)
+        verdicts[self.window - 1 :] = spread <= self.parameters.still_range_m
+        verdicts = np.concatenate([[still], verdicts[len(recent) - n :]])
+        changed = np.flatnonzero(verdicts[1:] != verdicts[:-1]).tolist()
+        return [(i, bool(verdicts[i + 1])) for i in changed]
 
     def _closed(self, state: GripperState, openings: Array) -> Array:
         if state.posture is None or state.signal == "undecided":

@@ -21,7 +21,7 @@ from caesura_service.changepoint.online import check_finite, check_start
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.smoothing import Smoothed, Smoothing
 from caesura_service.changepoint.walk import Walk
-from caesura_service.changepoint.window import Ended, Starts
+from caesura_service.changepoint.window import Ended, FinalPath, Starts
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class CompiledFilter(Smoothed):
         self.hazard = hazard
         self.parameters = parameters or FilterParameters()
         self.count = 0
-        self.final: list[Ended] = []
+        self.final = FinalPath(len(lattice.kinds))
         self.boundaries: list[int] = []
         self._smoothing = Smoothing()
         self._model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
@@ -143,9 +143,9 @@ class CompiledFilter(Smoothed):
 
     def _settle(self) -> None:
         """Take over what has become final."""
-        for i in range(self._state.counters["settled"][0]):
-            kinds = self._state.settled_kinds[i].copy()
-            self.final.append(Ended(int(self._state.settled_start[i]), kinds))
+        count = self._state.counters["settled"][0]
+        settled = zip(self._state.settled_start[:count], self._state.settled_kinds[:count], strict=True)
+        self.final.extend(Ended(int(start), kinds) for start, kinds in settled)
 
     def _make_room(self) -> None:
         """For some steps, and for a decision after each of them."""

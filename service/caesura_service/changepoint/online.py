@@ -34,7 +34,7 @@ from caesura_service.changepoint.lattice import Lattice, LatticeRows
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.smoothing import Smoothed, Smoothing
-from caesura_service.changepoint.window import Ended, Starts, Window
+from caesura_service.changepoint.window import Ended, FinalPath, Starts, Window
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class OnlineFilter(Smoothed):
         self.log_evidence: Array = np.zeros(0)  # (h,) the same over all kinds
         self.ended: dict[int, Ended] = {}  # by the start that follows; what living hypotheses descend from
         self.root = 0  # the latest start that every living hypothesis descends from
-        self.final: list[Ended] = []  # the segments before the root, which no later sample can undo
+        self.final = FinalPath(len(self.lattice.kinds))  # the segments before the root
         self.boundaries: list[int] = []  # starts that are certain because somebody said so
         self.capped = 0  # steps on which the cap bit
         self._window = Window(self.parameters.window, len(self.lattice.kinds))
@@ -178,7 +178,7 @@ class OnlineFilter(Smoothed):
         while start != self.root:
             settled.append(self.ended.pop(start))
             start = settled[-1].start
-        self.final += settled[::-1]
+        self.final.extend(settled[::-1])
         self.root = root
 
     def _certain(self) -> int | None:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.lattice import Kind
+from caesura_service.changepoint.smoothing import INTERVAL_REACH
 from caesura_service.changepoint.threshold import OnlineThreshold
 
 Array = NDArray[np.float64]
 
-
 INTERVAL_PROBABILITY = 0.9
-INTERVAL_REACH = 5  # observations to either side at which the same event may lie
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,22 +1,25 @@
 """How probable it is that a segment starts at some observation, given what came after it.
 
 Within the window that is what is known now, behind it what was known as the observation left the window.
-Where a start was taken for certain, what is said of it and its neighbours stays as it was just before.
+Where a start was taken for certain, what is said of it and its neighbours stays as it was just before: of
+INTERVAL_REACH observations to either side it is remembered.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.window import Ended
+from caesura_service.changepoint.window import Ended, FinalPath
 
 Array = NDArray[np.float64]
+
+INTERVAL_REACH = 5  # observations to either side at which the same event may lie
 
 
 class Smoothing:
@@ -25,7 +28,7 @@ class Smoothing:
     def __init__(self) -> None:
         self.window: Array = np.zeros(0)  # of the last observations, now
         self._past = array("d")  # of those before them
-        self._undecided: dict[int, tuple[int, Array]] = {}  # the same two, as they were before a decision
+        self._undecided: dict[int, tuple[int, array[float]]] = {}  # around a start, from an observation on
 
     @property
     def count(self) -> int:
@@ -44,18 +47,22 @@ class Smoothing:
 
     def decide(self, start: int) -> None:
         """A segment starts there for certain from now on; remember how probable it was."""
-        self._undecided[start] = len(self._past), self.window.copy()
+        first = max(start - INTERVAL_REACH, len(self._past))
+        around = self.window[first - len(self._past) : start + INTERVAL_REACH + 1 - len(self._past)]
+        self._undecided[start] = first, array("d", around.tolist())
 
     def probability(self, start: int, about: int | None = None) -> float:
         """That a segment starts at observation `start`.
 
-        about: where this start was taken for certain, as it was just before, of what had been seen then.
+        about: where this start was taken for certain, its neighbours as they were just before, of what had
+        been seen then.
         """
-        past, window = len(self._past), self.window
         if about in self._undecided:
-            then, seen = self._undecided[about]
-            past, window = (then, seen) if start < then + seen.size else (past, window)
-        return self._past[start] if start < past else float(window[start - past])
+            first, around = self._undecided[about]
+            if first <= start < first + len(around):
+                return around[start - first]
+        past = len(self._past)
+        return self._past[start] if start < past else float(self.window[start - past])
 
     def event(self, start: int, others: Collection[int] = ()) -> float:
         """That a segment starts here or next to it: the same event, to the grid's resolution.
@@ -79,7 +86,7 @@ class Smoothing:
 class Smoothed(ABC):
     """What follows from the joints and the smoothed probabilities of a filter, however it computes them."""
 
-    final: Sequence[Ended]
+    final: FinalPath
     _smoothing: Smoothing
 
     @property
@@ -107,7 +114,8 @@ class Smoothed(ABC):
         """Smoothed probability that a segment starts at observation `start`.
 
         Given everything so far while it is in the window, and as of its leaving the window after that.
-        about: where this start was taken for certain, as it was just before, of what had been seen then.
+        about: where this start was taken for certain, its neighbours as they were just before, of what had
+        been seen then.
         """
         return self._smoothing.probability(start, about)
 

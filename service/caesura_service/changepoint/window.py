@@ -4,7 +4,10 @@ certain sums anew.
 
 from __future__ import annotations
 
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +25,39 @@ class Ended:
 
     start: int
     kind_log_evidence: Array  # (kinds,)
+
+
+class FinalPath(Sequence[Ended]):
+    """The segments that no later observation can undo, oldest first, as rows of numbers; only grows."""
+
+    def __init__(self, kinds: int) -> None:
+        self._starts = array("q")
+        self._evidence = array("d")  # row by row, one of `kinds` each
+        self._kinds = kinds
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    @overload
+    def __getitem__(self, index: int) -> Ended: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Ended]: ...
+    def __getitem__(self, index: int | slice) -> Ended | list[Ended]:
+        if isinstance(index, slice):
+            return [self._read(i) for i in range(len(self))[index]]
+        return self._read(range(len(self))[index])
+
+    def __iter__(self) -> Iterator[Ended]:
+        return map(self._read, range(len(self)))
+
+    def extend(self, settled: Iterable[Ended]) -> None:
+        """These are final too."""
+        for ended in settled:
+            self._starts.append(ended.start)
+            self._evidence.extend(ended.kind_log_evidence.tolist())
+
+    def _read(self, i: int) -> Ended:
+        return Ended(self._starts[i], np.array(self._evidence[i * self._kinds : (i + 1) * self._kinds]))
 
 
 class Window:

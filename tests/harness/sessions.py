@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -91,7 +91,7 @@ def new_registry(journal: Journal | None = None, limits: Limits | None = None) -
 def unowned(standing: Standing) -> Standing:
     """Whoever speaks, and under whatever epoch."""
     program = standing.program.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
-    return replace(standing, owner=OWNER, program=program)
+    return standing._replace(owner=OWNER, program=program)
 
 
 def published(outputs: Iterable[Output], kind: type[M]) -> list[M]:

@@ -101,7 +101,8 @@ class SqliteJournal:
             self._append_now(row)
         else:
             self._append(row)
-            self._wake.set()
+            if not self._wake.is_set():
+                self._wake.set()
 
     def commit(self) -> None:
         """Write what waits."""

@@ -1,24 +1,26 @@
 """What has been done for each station since this process started, in numbers that only grow.
 
-The registry's thread counts, any thread reads: every number is an immutable value that is replaced. A station
-that is no longer here is dropped with its numbers, so there are never more than the registry has stations.
+The registry's thread counts, any thread reads: each number is replaced by a greater one, fifty times a second
+for each station, so that nothing else is. A station that is no longer here is dropped with its numbers, so
+there are never more than the registry has stations.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import accumulate
 
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.observing.steps import Change, Step
 from caesura_service.session.ports import AskReplay
+from caesura_service.session.view import View
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Counted:
     """Of one station. heard: when a batch of it last came [s, the counter's clock]."""
 
@@ -34,39 +36,40 @@ class Counted:
     replays: int = 0
     heard: float | None = None
 
-    def plus(self, change: Change) -> Counted:
-        """With what a change adds. A session that is taken up as it was adds nothing."""
+    def add(self, change: Change) -> None:
+        """Count what a change adds. A session that is taken up as it was adds nothing."""
         before, after = change.before, change.after
         if before is None or after is None:
-            return self
-        old, new = before.view, after.view
-        gaps = new.gaps[len(old.gaps) :] if new.gaps is not old.gaps else ()
-        return replace(
-            self,
-            batches=self.batches + _grown(before.tally.batches, after.tally.batches),
-            samples=self.samples + _grown(old.samples, new.samples),
-            observations=self.observations + _grown(old.observations, new.observations),
-            duplicates=self.duplicates + _grown(before.tally.duplicates, after.tally.duplicates),
-            repeats=self.repeats + _grown(old.repeats, new.repeats),
-            gaps=self.gaps + len(gaps),
-            gap_s=self.gap_s + _seconds(gaps),
-            lost=self.lost + _grown(before.tally.lost, after.tally.lost),
-            dropped=self.dropped + _grown(before.tally.dropped, after.tally.dropped),
-        )
+            return
+        if after.tally is not before.tally:
+            self.batches += _grown(before.tally.batches, after.tally.batches)
+            self.duplicates += _grown(before.tally.duplicates, after.tally.duplicates)
+            self.lost += _grown(before.tally.lost, after.tally.lost)
+            self.dropped += _grown(before.tally.dropped, after.tally.dropped)
+        if after.view is not before.view:
+            self._add_view(before.view, after.view)
+
+    def _add_view(self, old: View, new: View) -> None:
+        self.samples += _grown(old.samples, new.samples)
+        self.observations += _grown(old.observations, new.observations)
+        self.repeats += _grown(old.repeats, new.repeats)
+        if new.gaps is not old.gaps:
+            fresh = new.gaps[len(old.gaps) :]
+            self.gaps += len(fresh)
+            self.gap_s += _seconds(fresh)
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Durations:
     """A histogram of how long steps took."""
 
-    counts: tuple[int, ...] = (0,) * (len(BUCKETS_S) + 1)  # of each bucket; the last is past them all
+    counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))  # the last is past them all
     total_s: float = 0.0
 
-    def plus(self, took_s: float) -> Durations:
-        """With one step more."""
-        bucket = bisect_left(BUCKETS_S, took_s)
-        counts = (*self.counts[:bucket], self.counts[bucket] + 1, *self.counts[bucket + 1 :])
-        return Durations(counts, self.total_s + took_s)
+    def add(self, took_s: float) -> None:
+        """Count one step more."""
+        self.counts[bisect_left(BUCKETS_S, took_s)] += 1
+        self.total_s += took_s
 
     def cumulative(self) -> list[tuple[str, float]]:
         """(upper bound, how many took no longer), as Prometheus counts them."""
@@ -86,34 +89,33 @@ class Counting:
 
     @property
     def of_station(self) -> Mapping[str, Counted]:
-        """A copy, by station."""
+        """As of now, by station."""
         return dict(self._of_station)
 
     def take(self, step: Step, known: Container[str], now: float) -> None:
         """Count a step. known: the stations that the registry has."""
         self.turned = now
         if isinstance(step.message, SampleBatch):
-            self.durations = self.durations.plus(step.took_s)
+            self.durations.add(step.took_s)
         for output in step.outputs:
             if isinstance(output, AskReplay) and output.station in known:
-                before = self._counted(output.station, known)
-                self._of_station[output.station] = replace(before, replays=before.replays + 1)
+                self._counted(output.station, known).replays += 1
         if step.station is not None and step.station in known:
             self._count(step.station, step, known, now)
 
     def _count(self, station: str, step: Step, known: Container[str], now: float) -> None:
         counted = self._counted(station, known)
         for change in step.changes:
-            counted = counted.plus(change)
+            counted.add(change)
         if isinstance(step.message, SampleBatch) and not step.refused:
-            counted = replace(counted, heard=now)
-        self._of_station[station] = counted
+            counted.heard = now
 
     def _counted(self, station: str, known: Container[str]) -> Counted:
         """Of a station so far; before a new one gets its place, those that have left lose theirs."""
         if station not in self._of_station:
             self._of_station = {name: one for name, one in self._of_station.items() if name in known}
-        return self._of_station.get(station, Counted())
+            self._of_station[station] = Counted()
+        return self._of_station[station]
 
 
 def _grown(before: int, after: int) -> int:

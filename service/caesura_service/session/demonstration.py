@@ -7,7 +7,6 @@ is raised. Samples arrive here in order and once; ordering is the session's busi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +56,7 @@ class Demonstration:
         def step() -> list[Output]:
             _push(self._pipeline, samples)
             tally = self.standing.tally
-            return self._look(replace(tally, batches=tally.batches + 1))
+            return self._look(tally._replace(batches=tally.batches + 1))
 
         try:
             return self._guarded(step)
@@ -70,7 +69,7 @@ class Demonstration:
         def step() -> list[Output]:
             self._pipeline.declare_gap()
             tally = self.standing.tally
-            return [*self._look(replace(tally, lost=tally.lost + batches)), *self._occasion()]
+            return [*self._look(tally._replace(lost=tally.lost + batches)), *self._occasion()]
 
         return self._guarded(step)
 
@@ -103,7 +102,7 @@ class Demonstration:
     def pass_over_edit(self) -> None:
         """One that was made once, and makes no sense any more: it has counted nevertheless."""
         self.corrections = self.corrections.passed_over()
-        self.standing = replace(self.standing, revision=self.corrections.revision)
+        self.standing = self.standing._replace(revision=self.corrections.revision)
 
     def revive(self, rebuilt: Demonstration) -> None:
         """Have the mathematics of the same demonstration, folded again; what has been said of it stands."""
@@ -111,13 +110,13 @@ class Demonstration:
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""
-        self.standing = replace(self.standing, tally=self.standing.tally.with_refusal(error))
+        self.standing = self.standing._replace(tally=self.standing.tally.with_refusal(error))
         return self._occasion()
 
     def drop(self, messages: int) -> list[Output]:
         """Count what came and found no room, and show it."""
         tally = self.standing.tally
-        self.standing = replace(self.standing, tally=replace(tally, dropped=tally.dropped + messages))
+        self.standing = self.standing._replace(tally=tally._replace(dropped=tally.dropped + messages))
         return self._occasion()
 
     def tick(self, now: float) -> list[Output]:
@@ -131,17 +130,17 @@ class Demonstration:
     def duplicate(self) -> None:
         """Count a batch that came again."""
         tally = self.standing.tally
-        self.standing = replace(self.standing, tally=replace(tally, duplicates=tally.duplicates + 1))
+        self.standing = self.standing._replace(tally=tally._replace(duplicates=tally.duplicates + 1))
 
     def hand_to(self, owner: Owner) -> None:
         """Speak as this owner from here on."""
         program = self.standing.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
-        self.standing = replace(self.standing, owner=owner, program=program)
+        self.standing = self.standing._replace(owner=owner, program=program)
 
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
         if seq != self.standing.waiting_for:
-            self.standing = replace(self.standing, waiting_for=seq)
+            self.standing = self.standing._replace(waiting_for=seq)
 
     def status(self) -> Publish:
         """How it is doing."""
@@ -198,7 +197,7 @@ class Demonstration:
         return [failed, *program, *self.refuse(ProtocolError("conflict", reason))]
 
     def _move(self, move: Move) -> None:
-        self.standing = replace(self.standing, state=after(self.state, move))
+        self.standing = self.standing._replace(state=after(self.state, move))
 
 
 def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> None:

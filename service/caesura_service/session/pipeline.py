@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -168,6 +169,7 @@ class SegmentationPipeline:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
 
     def _begin(self, *, tared: bool) -> None:
+        self._places = array("d")  # [s] where a segment begins whose first own observation is this one
         level = self._preset.threshold
         self._tared = tared
         self._online = filter_of(self._preset, self._source, tared=tared)
@@ -190,13 +192,17 @@ class SegmentationPipeline:
             self._view = self._look()
         else:
             counts = self._conditioner
-            self._view = replace(self._view, samples=counts.samples, repeats=counts.repeats)
+            self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
 
     def _step(self, index: int) -> None:
-        """Let the filter take an observation, with what somebody has said of it."""
+        """Let the filter take an observation, with what somebody has said of it.
+
+        A segment that joins the one before begins somewhere between two observations: midway, then.
+        """
         history, after_gap = self._history, self._history.after_gap(index)
         joins = index and self._preset.continuous and not after_gap
         place = 0.5 * (history.t(index - 1) + history.t(index)) if joins else history.t(index)
+        self._places.append(place)
         said = self._heeded.start(index, place + 0.5 * STEP_S)
         follower = self._decided or self._online
         follower.step(history.observed(index), boundary=after_gap, changepoint=said)
@@ -214,7 +220,7 @@ class SegmentationPipeline:
             observations=self._online.count,
             changepoints=self._settled.changepoints(parts),
             segments=self._settled.segments(parts),
-            posterior_starts=tuple(self._boundary(int(s)) for s in self._online.starts),
+            posterior_starts=tuple(self._places[start] for start in self._online.starts.tolist()),
             posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
@@ -271,7 +277,7 @@ class SegmentationPipeline:
         load = weigh(all_stretches, index, history, self._bias_n)
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
         return Segment(
-            t0=self._boundary(stretch.start),
+            t0=self._places[stretch.start],
             tn=self._end(stretch.end),
             kind=found.kind.name,
             motion=found.kind.motion,
@@ -294,24 +300,19 @@ class SegmentationPipeline:
         """Whether a segment with its first own observation at `start` begins where the one before it ends."""
         return self._preset.continuous and start > 0 and start not in self._online.boundaries
 
-    def _boundary(self, start: int) -> float:
-        """[s] Where it joins, it begins somewhere between two observations: midway, then."""
-        t = self._history.t(start)
-        return 0.5 * (self._history.t(start - 1) + t) if self._joins(start) else t
-
     def _end(self, end: int) -> float:
         """[s] Where a segment ends that has observations up to `end`, which is not its own."""
         missing = end == self._online.count or end in self._online.boundaries
-        return self._history.t(end - 1) if missing else self._boundary(end)
+        return self._history.t(end - 1) if missing else self._places[end]
 
     def _changepoint(self, stretch: Stretch) -> Changepoint:
         final = stretch.start_final or self._finished
         return Changepoint(
-            t=self._boundary(stretch.start),
+            t=self._places[stretch.start],
             probability=stretch.start_probability,
             certainty="final" if final else "provisional",
-            t_low=self._boundary(stretch.start_interval[0]),
-            t_high=self._boundary(stretch.start_interval[1]),
+            t_low=self._places[stretch.start_interval[0]],
+            t_high=self._places[stretch.start_interval[1]],
             corrected=self._heeded.is_certain(stretch.start),
         )
 

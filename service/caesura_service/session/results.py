@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -79,7 +79,7 @@ def with_status(standing: Standing) -> tuple[Standing, Publish]:
 
 def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, list[Publish]]:
     """Take a new view and say what differs from the old one."""
-    old, standing = standing.view, replace(standing, view=view, tally=tally)
+    old, standing = standing.view, standing._replace(view=view, tally=tally)
     said: list[Publish] = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
         for start, stop in _pieces(first, len(view.changepoints)):
@@ -109,8 +109,8 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
     """What an edit makes of it: what differs, a version of the program with its author, and a status."""
     standing, changes = with_view(standing, view, standing.tally)
     done = edited.corrections
-    standing = replace(
-        standing, revision=done.revision, undoable=bool(done.active), redoable=bool(done.undone)
+    standing = standing._replace(
+        revision=done.revision, undoable=bool(done.active), redoable=bool(done.undone)
     )
     standing, program = _next_program(
         standing,
@@ -128,7 +128,7 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
 def _next_program(standing: Standing, **changes: Any) -> tuple[Standing, list[Publish]]:
     program, t = standing.program, time_of(standing.view)
     fresh = program.model_copy(update={"version": program.version + 1, "t": t, **changes})
-    return replace(standing, program=fresh), [Publish(fresh)]
+    return standing._replace(program=fresh), [Publish(fresh)]
 
 
 def _pieces(first: int, count: int) -> list[tuple[int, int | None]]:
@@ -143,6 +143,8 @@ def _posterior(view: View) -> tuple[object, ...]:
 
 def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
     """The first index at which two sequences differ; None where they are alike."""
+    if old is new:
+        return None
     known = alike(old, new)
     for index, (before, after) in enumerate(zip(old[known:], new[known:], strict=False), start=known):
         if before is not after and before != after:
@@ -151,4 +153,4 @@ def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
 
 
 def _bump(standing: Standing, stream: Stream) -> Standing:
-    return replace(standing, last_seq={**standing.last_seq, stream: standing.last_seq[stream] + 1})
+    return standing._replace(last_seq={**standing.last_seq, stream: standing.last_seq[stream] + 1})

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import (
@@ -28,8 +28,7 @@ from caesura_service.session.view import View
 Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 
-@dataclass(frozen=True)
-class Tally:
+class Tally(NamedTuple):
     """What has been counted. The first three count for the session, the rest for this process."""
 
     batches: int = 0
@@ -37,17 +36,16 @@ class Tally:
     gaps_before: int = 0  # what is known of a closed session's gaps beside those of its view
     dropped: int = 0
     duplicates: int = 0
-    refused: Mapping[ErrorCode, int] = field(default_factory=dict)
+    refused: Mapping[ErrorCode, int] = MappingProxyType({})
     last_refusal: Refusal | None = None
 
     def with_refusal(self, error: ProtocolError) -> Tally:
         """One refusal more."""
         counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
-        return replace(self, refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
+        return self._replace(refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
 
 
-@dataclass(frozen=True)
-class Standing:
+class Standing(NamedTuple):
     """A session at one moment."""
 
     station: str

@@ -7,8 +7,7 @@ and the program lie behind it; ordering, numbering and the wire lie before it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,7 @@ from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Segment
 from caesura_service.session.corrections import Change, Correction
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
 
     t: float  # [s] the last observation; -inf before the first

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from hypothesis import given, settings
@@ -92,7 +91,7 @@ def uncounted(standing: Standing) -> Standing:
     """Without what counts for the process: what came twice or was asked for, and how often it was said."""
     tally = Tally(batches=standing.tally.batches)
     numbered = {**standing.last_seq, "status": 0}
-    return replace(unowned(standing), tally=tally, waiting_for=None, last_seq=numbered)
+    return unowned(standing)._replace(tally=tally, waiting_for=None, last_seq=numbered)
 
 
 def test_a_rebuilt_session_goes_on_like_the_original():

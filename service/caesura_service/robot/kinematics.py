@@ -119,9 +119,7 @@ class Robot:
 
     def flange_jacobian(self, q: ArrayLike) -> Array:
         """Twist of the flange per joint velocity, (6, 7): linear rows first, base axes."""
-        data, q = self._data, _joints(q)
-        pin.computeJointJacobians(self._model, data, q)
-        return np.array(pin.getFrameJacobian(self._model, data, self._flange, pin.LOCAL_WORLD_ALIGNED))
+        return self._flange_jacobian(_joints(q))
 
     def joint_torques_of_wrench(self, q: ArrayLike, wrench_base: ArrayLike) -> Array:
         """Joint torques that a wrench (6,) [N, Nm] on the flange amounts to, Jᵀw, (7,) [Nm]. Thesis 2.2."""
@@ -141,12 +139,11 @@ class Robot:
     def wrenches_of_joint_torques(self, q: ArrayLike, tau: ArrayLike) -> Array:
         """Wrenches (n, 6) of q (n, 7) and tau (n, 7), as `wrench_of_joint_torques`."""
         q, tau = _rows(q), _rows(tau)
-        jacobians = np.empty((len(q), 6, JOINTS))
-        for jacobian, row in zip(jacobians, q, strict=True):
-            jacobian[:] = self.flange_jacobian(row)
+        jacobians = np.array([self._flange_jacobian(row) for row in q]).reshape(-1, 6, JOINTS)
         u, s, vt = np.linalg.svd(jacobians, full_matrices=False)
         damping = np.maximum(0.0, SINGULAR_BELOW**2 - s**2)
-        wrenches: Array = np.einsum("nij,nj,njk,nk->ni", u, s / (s**2 + damping), vt, tau)
+        explained = np.matvec(vt, tau) * (s / (s**2 + damping))
+        wrenches: Array = np.matvec(u, explained)
         return wrenches
 
     def gravity_torques(self, q: ArrayLike) -> Array:
@@ -223,17 +220,24 @@ class Robot:
         return limited
 
     def _pose(self, q: Array, frame: int) -> Pose:
-        pin.forwardKinematics(self._model, self._data, q)
-        values = pin.SE3ToXYZQUAT(pin.updateFramePlacement(self._model, self._data, frame))
-        return Pose(np.array(values[:3]), np.array(values[3:]))
+        values = self._placement(q, frame)
+        return Pose(values[:3], values[3:])
 
     def _poses(self, q: ArrayLike, frame: int) -> tuple[Array, Array]:
-        rows = _rows(q)
-        values = np.empty((len(rows), 7))
-        for value, row in zip(values, rows, strict=True):
-            pin.forwardKinematics(self._model, self._data, row)
-            value[:] = pin.SE3ToXYZQUAT(pin.updateFramePlacement(self._model, self._data, frame))
+        values = np.array([self._placement(row, frame) for row in _rows(q)]).reshape(-1, 7)
         return values[:, :3], _smooth_signs(values[:, 3:])
+
+    def _placement(self, q: Array, frame: int) -> Array:
+        """Position and quaternion, (7,)."""
+        pin.forwardKinematics(self._model, self._data, q)
+        placement: Array = pin.SE3ToXYZQUAT(pin.updateFramePlacement(self._model, self._data, frame))
+        return placement
+
+    def _flange_jacobian(self, q: Array) -> Array:
+        jacobian: Array = pin.computeFrameJacobian(
+            self._model, self._data, q, self._flange, pin.LOCAL_WORLD_ALIGNED
+        )
+        return jacobian
 
 
 def load_panda() -> Robot:
@@ -258,7 +262,7 @@ def _rows(values: ArrayLike) -> Array:
 
 
 def _smooth_signs(quaternions: Array) -> Array:
-    turns = np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1])
-    signs = np.cumprod(np.where(turns < 0, -1.0, 1.0))
-    quaternions[1:] *= signs[:, None]
+    turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
+    if turned.any():
+        quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
     return quaternions

@@ -12,7 +12,8 @@ What comes out does not depend on how the samples were cut into pushes, bit for 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +71,7 @@ class ConditioningParameters:
         return Taring(round(self.tare_window_s * self.grid_hz), criterion)
 
 
-@dataclass(frozen=True, eq=False)
-class Conditioned:
+class Conditioned(NamedTuple):
     """What became clear with one push."""
 
     observations: tuple[Observation, ...] = ()
@@ -81,13 +81,12 @@ class Conditioned:
     repeats: int = 0  # of them dropped because their time did not advance
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
+class _State(NamedTuple):
     """What the grid rows so far leave to those that follow."""
 
     tail: Array | None = None  # (m, c) flange rows that the filter still needs
-    gripper: GripperState = field(default_factory=GripperState)
-    tare: TareState = field(default_factory=TareState)
+    gripper: GripperState = GripperState()
+    tare: TareState = TareState()
     waiting: tuple[FilteredRow, ...] = ()  # for the tare
     after_gap: bool = False
     rows: int = 0  # of the segmentation grid
@@ -193,7 +192,7 @@ class Conditioner:
         state, events = self._take(self._state, grid.anchor, rest)
         events += self._gripper.finish(state.gripper, grid.anchor)
         tare = self._taring.interrupted(state.tare, "the demonstration ended within the tare window")
-        self._state, ready = self._released(replace(state, tare=tare))
+        self._state, ready = self._released(state._replace(tare=tare))
         self._grid, self._finished = grid, True
         return Conditioned(ready, gripper_events=events)
 
@@ -234,7 +233,7 @@ class Conditioner:
     def _restarted(self, state: _State) -> _State:
         tare = self._taring.interrupted(state.tare, "samples are missing within the tare window")
         gripper = self._gripper.restarted(state.gripper)
-        return replace(state, tail=None, after_gap=True, tare=tare, gripper=gripper)
+        return state._replace(tail=None, after_gap=True, tare=tare, gripper=gripper)
 
     def _tare(self, state: TareState, first: int, recent: Array) -> TareState:
         """Filter the rows first, first + 1, … as far as the tare looks at them."""
@@ -268,4 +267,4 @@ class Conditioner:
         if tare is None or not state.waiting:
             return state, ()
         observations = tuple(observation_of(self._columns, filtered, tare) for filtered in state.waiting)
-        return replace(state, waiting=()), observations
+        return state._replace(waiting=()), observations

@@ -18,7 +18,7 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -79,12 +79,11 @@ class GripperRows(NamedTuple):
     closed: Array  # (n,) 1 closed or grasped, 0 open
 
 
-@dataclass(frozen=True, eq=False)
-class GripperState:
+class GripperState(NamedTuple):
     """Where the fingers were last at rest, and the rows that the next verdict still needs."""
 
     signal: Signal = "undecided"
-    tail: Array = field(default_factory=lambda: np.empty(0))  # (m,) [m], shorter than the window
+    tail: Array = np.empty(0)  # (m,) [m], shorter than the window
     still: bool = False
     posture: Posture | None = None
     level: float = 0.0  # [m] opening at the last rest
@@ -126,7 +125,7 @@ class GripperTracker:
     def restarted(self, state: GripperState) -> GripperState:
         """After a gap: what the fingers held they may still hold, but nobody has seen them rest."""
         begun = state.last_row if state.still else state.begun
-        return replace(state, tail=np.empty(0), still=False, begun=begun)
+        return state._replace(tail=np.empty(0), still=False, begun=begun)
 
     def finish(self, state: GripperState, anchor: float) -> tuple[GripperEvent, ...]:
         """Report an opening that began but never came to rest; its width is the last one seen."""
@@ -138,11 +137,11 @@ class GripperTracker:
     def _decided(self, state: GripperState, *, is_flag: bool) -> GripperState:
         """Read the zeros so far as what they were."""
         if not is_flag:
-            return replace(state, signal="opening")
+            return state._replace(signal="opening")
         opened = self.parameters.opening_max_m
         posture: Posture | None = None if state.posture is None else "open"
         tail = np.full_like(state.tail, opened)
-        return replace(state, signal="flag", tail=tail, posture=posture, level=opened, latest=opened)
+        return state._replace(signal="flag", tail=tail, posture=posture, level=opened, latest=opened)
 
     def _follow(
         self, state: GripperState, anchor: float, first: int, values: Array
@@ -159,7 +158,7 @@ class GripperTracker:
                 state, event = self._settled(state, anchor, first + i, level)
                 events += event
             else:
-                state = replace(state, still=False, begun=first + i - 1)
+                state = state._replace(still=False, begun=first + i - 1)
             closed[i:] = self._closed(state, openings[i:])
         width = openings if state.signal == "opening" else np.full(len(openings), np.nan)
         return self._remembered(state, recent, first, len(openings)), GripperRows(events, width, closed)
@@ -191,14 +190,14 @@ class GripperTracker:
         self, state: GripperState, anchor: float, row: int, level: float
     ) -> tuple[GripperState, tuple[GripperEvent, ...]]:
         """Come to rest: the window that ends at this row is the first still one."""
-        rest = replace(state, still=True, begun=None)
+        rest = state._replace(still=True, begun=None)
         if state.posture is not None and abs(level - state.level) < self.parameters.travel_m:
             return rest, ()
         posture = self._posture(state, level)
         events: tuple[GripperEvent, ...] = ()
         if state.posture is not None:
             events = self._event(state, posture, anchor, row - self.window + 1, level)
-        return replace(rest, posture=posture, level=level), events
+        return rest._replace(posture=posture, level=level), events
 
     def _posture(self, state: GripperState, level: float) -> Posture:
         if state.signal == "flag":
@@ -221,7 +220,7 @@ class GripperTracker:
         if n == 0:
             return state
         tail = recent[max(0, len(recent) - (self.window - 1)) :].copy()
-        return replace(state, tail=tail, latest=float(recent[-1]), last_row=first + n - 1)
+        return state._replace(tail=tail, latest=float(recent[-1]), last_row=first + n - 1)
 
 
 def _leading_zeros(values: Array) -> int:

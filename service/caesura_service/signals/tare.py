@@ -11,7 +11,8 @@ weight of a tool is constant; what wanders with the pose afterwards is left to t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,13 +67,12 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion) -> Tare:
     return Tare((x, y, z), f"Tared at the start: ({x:.2f}, {y:.2f}, {z:.2f}) N are taken off.")
 
 
-@dataclass(frozen=True, eq=False)
-class TareState:
+class TareState(NamedTuple):
     """The window so far. Once the tare is known, the window is not needed any more."""
 
     tare: Tare | None = None
-    forces: Array = field(default_factory=lambda: np.empty((0, 3)))
-    speeds: Array = field(default_factory=lambda: np.empty(0))
+    forces: Array = np.empty((0, 3))
+    speeds: Array = np.empty(0)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 The number of stations grows step by step, until the 99th percentile of the time from putting the batch that
 completes an observation to receiving its result passes 50 ms, or anything is lost. Robots and reader are two
 processes beside the service, on the same cores. Prints the stations held, and at each step latencies, the
-service's processor time and memory a station. Usage: python tests/bench/service_load.py [--stations 8 16 …]
-[--instances N] [--json DIR]
+service's processor time and memory a station. Robots are switched on when somebody does: their observations
+are due at times spread evenly over a tenth of a second; in lockstep all of them are due at once.
+Usage: python tests/bench/service_load.py [--stations 8 16 …] [--instances N] [--lockstep] [--json DIR]
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from harness.processes import Service
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
 SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
+OBSERVED_S = 0.1  # from one observation to the next
 SECONDS, WARM_UP_S = 10.0, 2.0
 LIMIT_MS = 50.0
 STEPS = (8, 16, 24, 32, 48, 64, 96, 128)
@@ -55,11 +57,12 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--stations", type=int, nargs="*", default=STEPS)
     parser.add_argument("--instances", type=int, default=1)
+    parser.add_argument("--lockstep", action="store_true")
     asked = parser.parse_args()
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     rows, held = [], 0
     for stations in asked.stations:
-        load = measured(stations, asked.instances)
+        load = measured(stations, asked.instances, BATCH_S if asked.lockstep else OBSERVED_S)
         rows.append(row(stations, load))
         if load.lost or np.percentile(load.latencies_ms, 99) > LIMIT_MS:
             break
@@ -87,8 +90,8 @@ def row(stations: int, load: Load) -> tuple[object, ...]:
     return stations, load.lost, results, p50, p99, p999, load.processor, share, load.memory_mb / stations
 
 
-def measured(stations: int, instances: int) -> Load:
-    """One service, so many stations at once."""
+def measured(stations: int, instances: int, spread_s: float) -> Load:
+    """One service, so many stations at once, which begin within so long of each other."""
     names = [f"cell-{number}" for number in range(1, stations + 1)]
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         many = ("--instances", str(instances)) if instances > 1 else ()
@@ -100,7 +103,7 @@ def measured(stations: int, instances: int) -> Load:
         reader = context.Process(target=read, args=(service.endpoint, len(names), told), daemon=True)
         reader.start()
         told.get()  # it listens
-        robots = context.Process(target=robot, args=(service.endpoint, names, told), daemon=True)
+        robots = context.Process(target=robot, args=(service.endpoint, names, spread_s, told), daemon=True)
         before_mb = memory_mb(service.pid)
         robots.start()
         begun = told.get()  # all sessions are open
@@ -140,7 +143,7 @@ def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> in
 # --- the other processes --------------------------------------------------------------------------------
 
 
-def robot(endpoint: str, names: Sequence[str], told: Any) -> None:
+def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> None:
     """Put every station's batches when they are due, and tell when that was."""
     with ZenohTransport(endpoint, timeout_s=10.0) as transport, ExitStack() as stack:
         for name in names:
@@ -153,15 +156,18 @@ def robot(endpoint: str, names: Sequence[str], told: Any) -> None:
         for name in names:
             opened(transport, name, opening)
         put_at: dict[str, list[float]] = {name: [] for name in names}
+        plan = sorted(
+            ((seq + 1) * BATCH_S + spread_s * place / len(names), name, batch)
+            for place, name in enumerate(names)
+            for seq, batch in enumerate(content)
+        )
         begun = time.monotonic() + 0.2
         told.put(begun)
-        for seq, batch in enumerate(content):
-            for place, name in enumerate(names):
-                due = begun + (seq + 1 + place / len(names)) * BATCH_S
-                if (ahead := due - time.monotonic()) > 0.0:
-                    time.sleep(ahead)
-                transport.put(station_key(name, "samples"), batch)
-                put_at[name].append(time.monotonic())
+        for due, name, batch in plan:
+            if (ahead := begun + due - time.monotonic()) > 0.0:
+                time.sleep(ahead)
+            transport.put(station_key(name, "samples"), batch)
+            put_at[name].append(time.monotonic())
         told.put(put_at)
         time.sleep(6.0)  # whoever asks may still ask; the sessions stay open
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -111,6 +112,7 @@ def run_service(
     """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found."""
     try:
         with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
+            gc.freeze()  # what is loaded by now stays: looking through it again would hold up every station
             ready(service)
             while not over.wait(_WAKE_S):
                 pass  # a signal that another thread took does not wake this one

@@ -24,7 +24,7 @@ from caesura_service.signals.grid import Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
-from caesura_service.signals.rotation import lengths
+from caesura_service.signals.rotation import length
 from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchSource
 
@@ -237,29 +237,32 @@ class Conditioner:
 
     def _tare(self, state: TareState, first: int, recent: Array) -> TareState:
         """Filter the rows first, first + 1, … as far as the tare looks at them."""
-        wanted = recent[: max(0, self._taring.last_row + self._filter.half + 1 - first)]
-        values, slopes = self._filter.fit(wanted, self._filter.starts(len(wanted)))
-        speeds = lengths(slopes[:, self._columns.position])
-        return self._taring.advance(state, first + self._filter.half, values[:, self._columns.force], speeds)
+        half, window, columns = self._filter.half, self._filter.window, self._columns
+        centres = range(half, min(len(recent) - half, self._taring.last_row + 1 - first))
+        fits = [self._filter.fit(recent[i - half : i - half + window, : columns.moving]) for i in centres]
+        forces = np.array([value[columns.force] for value, _ in fits]).reshape(-1, 3)
+        speeds = np.array([length(slope[columns.position]) for _, slope in fits])
+        return self._taring.advance(state, first + half, forces, speeds)
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
         """Filter the rows first, first + 1, … where they are on the segmentation grid."""
-        half, moving = self._filter.half, self._columns.moving
+        half, window, columns = self._filter.half, self._filter.window, self._columns
         every = self.parameters.decimation
-        starts = self._filter.starts(len(recent), -(first + half) % every, every)
-        rows = recent[starts + half]
-        rows[:, :moving], slopes = self._filter.fit(recent[:, :moving], starts)
-        speeds = lengths(slopes[:, self._columns.position])
-        return [
-            FilteredRow(
-                number=state.rows + i,
-                t=self._resampler.time_of(anchor, first + half + start),
-                row=row,
-                speed=speed,
-                after_gap=state.after_gap and i == 0,
+        filtered: list[FilteredRow] = []
+        for i in range(half + -(first + half) % every, len(recent) - half, every):
+            value, slope = self._filter.fit(recent[i - half : i - half + window, : columns.moving])
+            row = recent[i].copy()
+            row[: columns.moving] = value
+            filtered.append(
+                FilteredRow(
+                    number=state.rows + len(filtered),
+                    t=self._resampler.time_of(anchor, first + i),
+                    row=row,
+                    speed=length(slope[columns.position]),
+                    after_gap=state.after_gap and not filtered,
+                )
             )
-            for i, (start, row, speed) in enumerate(zip(starts.tolist(), rows, speeds.tolist(), strict=True))
-        ]
+        return filtered
 
     def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
         """Hand out the waiting rows as observations once the tare is known."""

@@ -45,18 +45,10 @@ class SavitzkyGolay:
         """How much earlier the described time is than the row that completes the window [s]."""
         return self.half / self.rate_hz
 
-    def fit(self, rows: Array, starts: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Values (n, c) and slopes (n, c) [unit/s] of polynomials through windows of rows, at their centres.
-
-        rows: (m, c); starts: (n,) the first row of each window, whose centre is `half` rows on.
-        """
-        windows = rows[starts[:, None] + np.arange(self.window)]  # (n, window, c)
-        both: Array = np.add.reduce(windows[:, None] * self._taps, axis=2)
-        return both[:, 0], both[:, 1]
-
-    def starts(self, n: int, first: int = 0, every: int = 1) -> NDArray[np.intp]:
-        """Where complete windows begin in n rows: at `first` and `every` so many rows on."""
-        return np.arange(first, n - self.window + 1, every)
+    def fit(self, rows: Array) -> tuple[Array, Array]:
+        """Value (c,) and slope (c,) [unit/s] of the polynomial through rows (window, c), at their centre."""
+        both: Array = np.add.reduce(self._taps * rows, axis=1)
+        return both[0], both[1]
 
     def tail(self, rows: Array) -> Array:
         """Keep the rows that the next ones still need, at most window - 1."""

@@ -191,6 +191,8 @@ class Resampler:
         return means
 
     def _check_waiting(self, times: Array, edge: float) -> None:
+        if len(times) <= MAX_WAITING_SAMPLES:
+            return
         waiting = len(times) - _wanted_from(times, edge)
         if waiting > MAX_WAITING_SAMPLES:
             raise ValueError(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.flange import FlangeColumns
-from caesura_service.signals.rotation import normalised
+from caesura_service.signals.rotation import length
 from caesura_service.signals.tare import Tare
 
 Array = NDArray[np.float64]
@@ -45,9 +45,10 @@ class FilteredRow(NamedTuple):
 def observation_of(columns: FlangeColumns, filtered: FilteredRow, tare: Tare) -> Observation:
     """Tare a filtered flange row and put its parts under their names."""
     row = filtered.row.copy()
-    row[columns.force] = tare.off(row[columns.force])
+    if tare.bias is not None:
+        row[columns.force] -= tare.bias
     if columns.orientation:
-        row[columns.orientation] = normalised(row[None, columns.orientation])
+        row[columns.orientation] /= length(row[columns.orientation])
     row.flags.writeable = False
     width, closed = row[columns.width :].tolist()
     return Observation(

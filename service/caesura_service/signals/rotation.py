@@ -4,6 +4,8 @@ results do not depend on how the rows were cut into batches.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,11 @@ Array = NDArray[np.float64]
 def normalised(quaternions: Array) -> Array:
     """Quaternions (n, 4) at unit length."""
     return quaternions / lengths(quaternions)[:, None]
+
+
+def length(vector: Array) -> float:
+    """Length of a vector (c,)."""
+    return math.sqrt(vector @ vector)
 
 
 def lengths(vectors: Array) -> Array:

@@ -35,10 +35,6 @@ class Tare:
     bias: tuple[float, float, float] | None
     note: str
 
-    def off(self, forces: Array) -> Array:
-        """Take the bias off forces (n, 3) or (3,) [N]."""
-        return forces if self.bias is None else forces - np.array(self.bias)
-
 
 def baseline(forces: Array) -> tuple[Array, Array]:
     """Mean force (3,) and standard deviation on each axis (3,) of forces (n, 3) [N], n >= 1.

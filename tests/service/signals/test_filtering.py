@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
@@ -16,7 +16,9 @@ FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
 
 
 def everywhere(rows: Array) -> tuple[Array, Array]:
-    return FILTER.fit(rows, FILTER.starts(len(rows)))
+    fits = [FILTER.fit(rows[i : i + 11]) for i in range(len(rows) - 10)]
+    values, slopes = zip(*fits, strict=True)
+    return np.array(values), np.array(slopes)
 
 
 def test_it_smooths_as_scipy_does() -> None:
@@ -36,17 +38,8 @@ def test_a_parabola_passes_unchanged_half_a_window_late() -> None:
     assert FILTER.delay_s == 0.05
 
 
-def test_some_windows_are_fitted_as_all_of_them_are() -> None:
-    rows = np.random.default_rng(2).normal(size=(60, 3))
-    some, all_of_them = FILTER.fit(rows, FILTER.starts(60, 4, 10)), everywhere(rows)
-    assert_array_equal(some[0], all_of_them[0][4::10])
-    assert_array_equal(some[1], all_of_them[1][4::10])
-
-
-def test_fewer_rows_than_a_window_give_nothing_and_are_kept() -> None:
-    rows = np.ones((10, 3))
-    assert everywhere(rows)[0].shape == (0, 3)
-    assert len(FILTER.tail(rows)) == 10
+def test_fewer_rows_than_a_window_are_kept() -> None:
+    assert len(FILTER.tail(np.ones((10, 3)))) == 10
     assert len(FILTER.tail(np.ones((30, 3)))) == 10
 
 

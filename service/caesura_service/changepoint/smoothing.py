@@ -14,7 +14,6 @@ from collections.abc import Collection, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.window import Ended, FinalPath
 
 Array = NDArray[np.float64]
@@ -102,7 +101,8 @@ class Smoothed(ABC):
     def posterior(self) -> Array:
         """(h,) probability of each hypothesis."""
         joint = self.log_joint
-        result: Array = np.exp(joint - log_sum_exp(joint))
+        weight = np.exp(joint - joint.max())
+        result: Array = weight / weight.sum()
         return result
 
     @property

@@ -221,7 +221,7 @@ class SegmentationPipeline:
             changepoints=self._settled.changepoints(parts),
             segments=self._settled.segments(parts),
             posterior_starts=tuple(self._places[start] for start in self._online.starts.tolist()),
-            posterior_probabilities=tuple(np.minimum(self._online.posterior, 1.0).tolist()),
+            posterior_probabilities=tuple(self._online.posterior.tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
             gaps=self._gaps.all,

@@ -101,7 +101,7 @@ class Smoothed(ABC):
     def posterior(self) -> Array:
         """(h,) probability of each hypothesis."""
         joint = self.log_joint
-        weight = np.exp(joint - joint.max())
+        weight = np.exp(joint - joint.max(initial=-np.inf))
         result: Array = weight / weight.sum()
         return result
 

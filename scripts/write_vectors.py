@@ -35,6 +35,7 @@ from caesura_protocol.messages import (
     Message,
     Move,
     Open,
+    Piece,
     Posterior,
     Program,
     Redo,
@@ -198,6 +199,7 @@ def examples() -> dict[str, Message]:
             journal=journal,
             time=1767225600.25,
         ),
+        Piece(encoding="application/msgpack;caesura.Ack.v1", whole=7, number=1, count=2, payload=b"\x01\x02"),
         Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),
     ]
     return {

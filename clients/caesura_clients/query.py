@@ -8,9 +8,11 @@ from typing import Literal, TypeVar
 
 from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.network import Answers, Transport
-from caesura_protocol.codec import decode
+from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
-from caesura_protocol.messages import Message, Program, ServiceStatus, Snapshot
+from caesura_protocol.messages import MAX_WHOLE_BYTES, Message, Program, ServiceStatus, Snapshot
+from caesura_protocol.pieces import Joining
 
 M = TypeVar("M", bound=Message)
 
@@ -31,7 +33,7 @@ def snapshots(transport: Transport, station: str = "*", session: str = "*") -> l
     """Everything about every session that matches, one of the highest epoch each; none is no error."""
     answers = transport.query(session_key(station, session, "snapshot"))
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in _decoded(answers, Snapshot):
+    for snapshot in decoded(answers, Snapshot):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -61,7 +63,7 @@ def program(transport: Transport, station: str) -> Program:
 
 def current_sessions(transport: Transport) -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = _decoded(transport.query(station_key("*", "program")), Program)
+    programs = decoded(transport.query(station_key("*", "program")), Program)
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 
@@ -96,14 +98,14 @@ def services(transport: Transport) -> list[str]:
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
     """How every instance is doing. Raises Unreachable where there is none."""
-    found = _decoded(transport.query(service_key("*", "status")), ServiceStatus)
+    found = decoded(transport.query(service_key("*", "status")), ServiceStatus)
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:
-    found = _decoded(transport.query(station_key(station, "program")), Program)
+    found = decoded(transport.query(station_key(station, "program")), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
 
@@ -117,11 +119,16 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
-def _decoded(answers: Answers, model: type[M]) -> list[M]:
-    """The answers; a refusal is raised only where nobody else answered."""
-    if answers.refusals and not answers.replies:
+def decoded(answers: Answers, model: type[M]) -> list[M]:
+    """The answers; a refusal, or that pieces of an answer were lost, is raised only where nobody answered."""
+    joining = Joining()
+    replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
+    whole = [reply for reply in replies if reply is not None]
+    if answers.refusals and not whole:
         raise answers.refusals[0]
-    return [decode(reply.payload, reply.encoding, model) for reply in answers.replies]
+    if joining.unfinished and not whole:
+        raise ProtocolError("overloaded", "pieces of the answer were lost on the way: ask again")
+    return [decode(*reply, model, limit=MAX_WHOLE_BYTES) for reply in whole]
 
 
 def _require_service(transport: Transport) -> None:

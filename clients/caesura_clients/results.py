@@ -23,10 +23,11 @@ from caesura_clients.errors import Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import Transport
 from caesura_clients.query import services, snapshots
-from caesura_protocol.codec import decode
+from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import (
+    MAX_WHOLE_BYTES,
     Changepoint,
     Changepoints,
     Posterior,
@@ -36,6 +37,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_protocol.pieces import Joining
 
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
 SNAPSHOT_ATTEMPTS = 3
@@ -216,6 +218,7 @@ class _Follower:
         self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
         self._attendance = Attendance()
+        self._joining = Joining()
 
     def attend(self, presence: Presence) -> Iterator[Event]:
         """A service came or went: say so, and look what it knows."""
@@ -236,7 +239,7 @@ class _Follower:
 
     def receive(self, delivery: Delivery) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
-        message = _readable(delivery)
+        message = self._read(delivery)
         if message is None or self._session not in {"*", message.session}:
             return  # a station's program may be that of another session
         reader = self._reader(message.station, message.session)
@@ -276,18 +279,18 @@ class _Follower:
                 raise
             return None
 
+    def _read(self, delivery: Delivery) -> Published | None:
+        """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
+        try:
+            whole = self._joining.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
+            return whole and decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
+        except ProtocolError as error:
+            if error.code == "unsupported_version":
+                raise
+            return None
+
     def _reader(self, station: str, session: str) -> SessionReader:
         return self._readers.setdefault((station, session), SessionReader())
-
-
-def _readable(delivery: Delivery) -> Published | None:
-    """The message, or None where it is rubbish: one bad sender must not end every reader."""
-    try:
-        return decode(delivery.payload, delivery.encoding, *PUBLISHED)
-    except ProtocolError as error:
-        if error.code == "unsupported_version":
-            raise
-        return None
 
 
 @contextmanager

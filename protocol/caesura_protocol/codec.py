@@ -50,10 +50,10 @@ class Encoded(NamedTuple):
     encoding: str
 
 
-def encode(message: Message) -> Encoded:
-    """The wire form of a message. Raises ProtocolError `too_large` over MAX_MESSAGE_BYTES."""
+def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
+    """The wire form of a message. Raises ProtocolError `too_large` over the limit [bytes]."""
     payload: bytes = msgpack.packb(message, default=_fields)
-    _check_size(payload)
+    check_size(payload, limit)
     return Encoded(payload, encoding_of(type(message)))
 
 
@@ -69,13 +69,13 @@ def encoding_of(model: type[Message]) -> str:
     return f"application/msgpack;caesura.{model.__name__}.v{MAJOR_VERSION}"
 
 
-def decode(payload: bytes, encoding: str, *expected: type[M]) -> M:
+def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_MESSAGE_BYTES) -> M:
     """The message in a payload, which must be one of the expected types.
 
-    Raises ProtocolError: `too_large`, `unsupported_version` (names both versions) or `malformed` (names
-    the field and its value).
+    Raises ProtocolError: `too_large` over the limit [bytes], `unsupported_version` (names both versions) or
+    `malformed` (names the field and its value).
     """
-    _check_size(payload)
+    check_size(payload, limit)
     model = _model_of(encoding, expected)
     try:
         fields = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_ext_len=0)
@@ -163,11 +163,10 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
     return matrix
 
 
-def _check_size(payload: bytes) -> None:
-    if len(payload) > MAX_MESSAGE_BYTES:
-        raise ProtocolError(
-            "too_large", "message over the size limit", value=len(payload), limit=MAX_MESSAGE_BYTES
-        )
+def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
+    """Raises ProtocolError `too_large` over the limit [bytes]."""
+    if len(payload) > limit:
+        raise ProtocolError("too_large", "message over the size limit", value=len(payload), limit=limit)
 
 
 def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
@@ -210,6 +209,7 @@ __all__ = [
     "MESSAGE_TYPES",
     "Close",
     "Encoded",
+    "check_size",
     "decode",
     "decode_error",
     "encode",

@@ -16,6 +16,8 @@ from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
 
 MAX_MESSAGE_BYTES = 1 << 20
+MAX_WHOLE_BYTES = 1 << 26  # of a message that goes in pieces
+PIECE_BYTES = 1 << 19  # of its bytes in one of them
 MAX_BATCH_SAMPLES = 1000
 MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
@@ -403,6 +405,16 @@ class ServiceStatus(Message):
     journal: JournalReport | None = None  # an older instance does not tell
     overloaded: bool = False  # more than it can do arrives; said before anything is dropped
     time: Seconds | None = None  # [s] of day (UTC) there, when it said so; an older instance does not tell
+
+
+class Piece(Message):
+    """Some of the bytes of a message that is too long for one. All of them, in order, are its payload."""
+
+    encoding: Annotated[str, Field(max_length=100)]  # of the whole
+    whole: Count  # tells which pieces belong together
+    number: Count  # of this one, from 0
+    count: Annotated[int, Field(ge=1, le=MAX_WHOLE_BYTES // PIECE_BYTES)]
+    payload: Annotated[bytes, Field(max_length=PIECE_BYTES)]
 
 
 class Error(Message):

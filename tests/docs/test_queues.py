@@ -19,7 +19,7 @@ BOUND = re.compile(r"`([a-z0-9_/]+):([A-Za-z_./0-9]+)` = ([0-9.]+)(?: (MiB|GB))?
 PLACE = re.compile(r"\(?`([a-z0-9_]+(?:/[a-z0-9_]+)*)`")
 UNITS = {None: 1, "MiB": 1 << 20, "GB": 10**9}
 QUEUE = re.compile(r"\b(?:deque|Inbox|SimpleQueue|Queue|LifoQueue|FifoChannel|RingChannel)\(")
-PACKAGES = {"service": "caesura_service", "clients": "caesura_clients"}
+PACKAGES = {"service": "caesura_service", "clients": "caesura_clients", "protocol": "caesura_protocol"}
 
 
 def bounds() -> list[tuple[str, str, float]]:

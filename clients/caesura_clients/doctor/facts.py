@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from caesura_clients.errors import Unreachable
 from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.network import Transport
-from caesura_clients.query import services, stations
+from caesura_clients.query import decoded, services, stations
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
@@ -90,7 +90,13 @@ def _statuses(transport: Transport, facts: Facts) -> list[Reported]:
 def _snapshots(transport: Transport, station: str, facts: Facts) -> list[Snapshot]:
     answers = transport.query(session_key(station, "*", "snapshot"))
     facts.refusals += answers.refusals
-    return [decode(reply.payload, reply.encoding, Snapshot) for reply in answers.replies]
+    try:
+        return decoded(answers._replace(refusals=()), Snapshot)
+    except ProtocolError as error:
+        if error.code != "overloaded":
+            raise
+        facts.refusals.append(error)
+        return []
 
 
 def _take_in(facts: Facts, snapshots: Iterable[Snapshot], at: float) -> None:

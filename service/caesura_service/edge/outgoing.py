@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import zenoh
 
-from caesura_protocol.codec import encode, encode_error
+from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
@@ -23,6 +23,7 @@ from caesura_protocol.messages import (
     Segments,
     SessionStatus,
 )
+from caesura_protocol.pieces import in_pieces
 from caesura_service.edge.arrivals import (
     Arrival,
     Asked,
@@ -120,15 +121,15 @@ class Outgoing:
 
 def put(network: zenoh.Session, key: str, message: Message) -> None:
     """Put a message without ever waiting. Raises ProtocolError for one that is too large, or ZError."""
-    encoded = encode(message)
     low = isinstance(message, Posterior)
-    network.put(
-        key,
-        encoded.payload,
-        encoding=encoded.encoding,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
-    )
+    for encoded in in_pieces(message):
+        network.put(
+            key,
+            encoded.payload,
+            encoding=encoded.encoding,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
+        )
 
 
 def as_pressed(status: SessionStatus, inbox: Inbox[Arrival]) -> SessionStatus:
@@ -147,8 +148,8 @@ def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Progra
 def answer(query: zenoh.Query, key: str, message: Message) -> None:
     """Reply to a query on a key of ours; a message that cannot go is refused instead."""
     try:
-        encoded = encode(message)
-        query.reply(key, encoded.payload, encoding=encoded.encoding)
+        for encoded in in_pieces(message):
+            query.reply(key, encoded.payload, encoding=encoded.encoding)
     except ProtocolError as error:
         refuse(query, error)
 

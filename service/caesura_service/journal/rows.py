@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Edit, Error, Open, SampleBatch, Snapshot
+from caesura_protocol.messages import (
+    MAX_WHOLE_BYTES,
+    Close,
+    Edit,
+    Error,
+    Open,
+    SampleBatch,
+    Snapshot,
+)
 from caesura_service.journal.journal import Copy, Outcome, Record, Recordable
 from caesura_service.journal.schema import SELECT_COPIES, SELECT_EPOCH
 
@@ -53,7 +61,7 @@ def outcome_of(opening: bytes, last_seq: int, snapshot: bytes) -> Outcome | None
         return Outcome(
             decode(opening, encoding_of(Open), Open),
             last_seq,
-            decode(snapshot, encoding_of(Snapshot), Snapshot),
+            decode(snapshot, encoding_of(Snapshot), Snapshot, limit=MAX_WHOLE_BYTES),
         )
     except ProtocolError:
         return None

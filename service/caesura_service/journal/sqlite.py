@@ -24,7 +24,7 @@ from typing import Self
 
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import JournalReport
+from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.damage import damage_of, set_aside
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import JournalSettings, Kept, overdue
@@ -163,12 +163,14 @@ class SqliteJournal:
             self._database.execute(INSERT_EPOCH, (station, epoch))
 
     def conclude(self, station: str, outcome: Outcome) -> None:
-        """Keep how a session ended; what is too large for a message is replayed instead."""
-        try:
-            opening, snapshot = encode(outcome.opening).payload, encode(outcome.snapshot).payload
-        except ProtocolError:
-            return
+        """Keep how a session ended; what is too large to be asked for is replayed instead."""
         key = (station, outcome.opening.session)
+        opening = encode(outcome.opening).payload
+        try:
+            snapshot = encode(outcome.snapshot, limit=MAX_WHOLE_BYTES).payload
+        except ProtocolError as error:
+            logger.warning("the outcome of %s is not kept, it will be replayed: %s", "/".join(key), error)
+            return
         self.commit()
         with self._writing, translated(self.path), transaction(self._database):
             self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, *key))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 from caesura_protocol.messages import Program
@@ -22,8 +21,6 @@ from caesura_service.session.standing import (
     time_of,
 )
 from caesura_service.session.view import View
-
-PIECE = 1000  # segments in one message, which are less than half of what it may hold
 
 
 @dataclass(frozen=True)
@@ -82,13 +79,11 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     old, standing = standing.view, standing._replace(view=view, tally=tally)
     said: list[Publish] = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
-        for start, stop in _pieces(first, len(view.changepoints)):
-            standing = _bump(standing, "changepoints")
-            said.append(Publish(changepoints_of(standing, start, stop)))
+        standing = _bump(standing, "changepoints")
+        said.append(Publish(changepoints_of(standing, first)))
     if (first := first_difference(old.segments, view.segments)) is not None:
-        for start, stop in _pieces(first, len(view.segments)):
-            standing = _bump(standing, "segments")
-            said.append(Publish(segments_of(standing, start, stop)))
+        standing = _bump(standing, "segments")
+        said.append(Publish(segments_of(standing, first)))
     if _posterior(view) != _posterior(old):
         standing = _bump(standing, "posterior")
         said.append(Publish(posterior_of(standing)))
@@ -129,12 +124,6 @@ def _next_program(standing: Standing, **changes: Any) -> tuple[Standing, list[Pu
     program, t = standing.program, time_of(standing.view)
     fresh = program.model_copy(update={"version": program.version + 1, "t": t, **changes})
     return standing._replace(program=fresh), [Publish(fresh)]
-
-
-def _pieces(first: int, count: int) -> list[tuple[int, int | None]]:
-    """What to say one after another so that no message is too long: each goes on where the last one ended."""
-    starts = [*range(first, max(count, first + 1), PIECE)]
-    return [*pairwise(starts), (starts[-1], None)]
 
 
 def _posterior(view: View) -> tuple[object, ...]:

@@ -114,15 +114,15 @@ def status_of(standing: Standing) -> SessionStatus:
     )
 
 
-def changepoints_of(standing: Standing, first: int = 0, stop: int | None = None) -> Changepoints:
+def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
     """The changepoints from the `first` on."""
-    shown = standing.view.changepoints[first:stop]
+    shown = standing.view.changepoints[first:]
     return Changepoints(**standing.header("changepoints"), first=first, changepoints=shown)
 
 
-def segments_of(standing: Standing, first: int = 0, stop: int | None = None) -> Segments:
+def segments_of(standing: Standing, first: int = 0) -> Segments:
     """The segments from the `first` on."""
-    shown = standing.view.segments[first:stop]
+    shown = standing.view.segments[first:]
     return Segments(**standing.header("segments"), first=first, segments=shown)
 
 

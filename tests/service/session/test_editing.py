@@ -36,7 +36,6 @@ from caesura_protocol.messages import (
 from caesura_service.journal import JournalError, MemoryJournal
 from caesura_service.recordings import batches as batches_of
 from caesura_service.recordings import opening_of
-from caesura_service.session import results
 from caesura_service.session.corrections import Correction, Corrections
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import make_pipeline
@@ -205,26 +204,6 @@ def test_an_error_of_ours_changes_nothing_and_the_demonstration_goes_on(monkeypa
     assert session.standing is standing
     run(session, 20, first=14)
     assert session.is_open
-
-
-def test_a_long_session_is_told_in_pieces_that_a_reader_puts_together(monkeypatch):
-    monkeypatch.setattr(results, "PIECE", 2)
-    session, _ = open_session()
-    run(session, 40)
-    view = session.standing.view
-    said = session.receive(edit(action=Insert(t=0.1)), 0.0)
-    pieces = published(said, Segments)
-    assert [len(one.segments) for one in pieces[:-1]] == [2] * (len(pieces) - 1)
-    assert len(pieces) > 3
-    assert [one.seq for one in pieces] == list(range(pieces[0].seq, pieces[0].seq + len(pieces)))
-    segments, changepoints = view.segments, view.changepoints
-    for one in pieces:
-        segments = segments[: one.first] + one.segments
-    for other in published(said, Changepoints):
-        changepoints = changepoints[: other.first] + other.changepoints
-    assert segments == session.standing.view.segments
-    assert changepoints == session.standing.view.changepoints
-    assert pieces[-1].seq == snapshot_of(session.standing).segments.seq
 
 
 def test_a_refused_edit_is_told_to_its_author_and_not_held_against_the_bridge():

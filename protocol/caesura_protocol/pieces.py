@@ -1,0 +1,62 @@
+"""Results too long for one message go in pieces of their bytes, and are joined again by whoever reads them.
+
+Pieces may be lost, come twice, or among those of another message on the same key: a session has two owners
+for a moment. What the service reads never goes in pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from hashlib import blake2b
+
+from caesura_protocol.codec import Encoded, check_size, decode, encode, encoding_of
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, PIECE_BYTES, Message, Piece
+
+UNFINISHED = 2  # messages on one key, of which pieces are kept
+
+
+def in_pieces(message: Message) -> Iterator[Encoded]:
+    """The wire form of a message, in pieces where it is too long.
+
+    Raises ProtocolError `too_large` over MAX_WHOLE_BYTES.
+    """
+    payload, encoding = encode(message, limit=MAX_WHOLE_BYTES)
+    if len(payload) <= MAX_MESSAGE_BYTES:
+        yield Encoded(payload, encoding)
+        return
+    whole = int.from_bytes(blake2b(payload, digest_size=6).digest(), "big")
+    starts = range(0, len(payload), PIECE_BYTES)
+    for number, start in enumerate(starts):
+        part = payload[start : start + PIECE_BYTES]
+        yield encode(Piece(encoding=encoding, whole=whole, number=number, count=len(starts), payload=part))
+
+
+class Joining:
+    """Pieces as they come. A message that lacks some is dropped for newer ones on its key."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, dict[int, dict[int, bytes]]] = {}  # by key, message and number
+
+    @property
+    def unfinished(self) -> int:
+        """Messages of which pieces are missing."""
+        return sum(map(len, self._held.values()))
+
+    def add(self, key: str, content: Encoded) -> Encoded | None:
+        """The message that is whole with this; None while pieces are missing. Raises ProtocolError."""
+        if content.encoding != encoding_of(Piece):
+            check_size(content.payload)
+            return content
+        piece = decode(content.payload, content.encoding, Piece)
+        if piece.number >= piece.count:
+            raise ProtocolError("malformed", "there is no such piece", value=piece.number, limit=piece.count)
+        messages = self._held.setdefault(key, {})
+        parts = messages.setdefault(piece.whole, {})
+        parts[piece.number] = piece.payload
+        if parts.keys() != {*range(piece.count)}:
+            for stale in [*messages][:-UNFINISHED]:
+                del messages[stale]
+            return None
+        del messages[piece.whole]
+        return Encoded(b"".join(parts[number] for number in range(piece.count)), piece.encoding)

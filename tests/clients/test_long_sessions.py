@@ -1,0 +1,111 @@
+"""What is too long for one message is had all the same: by who asks, who follows, and after a restart."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_clients import Caesura, connect
+from caesura_clients.bridge import BridgeSettings
+from caesura_clients.inbox import Delivery
+from caesura_clients.network import Answers
+from caesura_clients.query import decoded
+from caesura_clients.results import Update
+from caesura_protocol.codec import encode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import session_key
+from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
+from caesura_protocol.pieces import in_pieces
+from clients.examples import LiveSource, example
+
+pytest.importorskip("caesura_service.app")
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.session.fake_pipeline import STRIDE, make_fake_pipeline
+
+LONG, VERY_LONG = 2000, 5600  # segments: over 1 MiB with all that is told of them; with their program alone
+BATCH = 1000
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> ServiceConfig:
+    return ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", journal=tmp_path)
+
+
+@pytest.fixture
+def caesura(config: ServiceConfig) -> Iterator[Caesura]:
+    with (
+        Service(config, pipeline_factory=make_fake_pipeline) as service,
+        connect(service.endpoint) as connected,
+    ):
+        yield connected
+
+
+class Steps(LiveSource):
+    """A segment at every observation of the fake."""
+
+    can_wait = True
+
+    def __init__(self, segments: int) -> None:
+        index = np.arange(segments * STRIDE)
+        samples = np.column_stack([index / 1000.0, index // STRIDE, index, index])
+        super().__init__(np.array_split(samples, len(samples) // BATCH))
+
+
+def teach(caesura: Caesura, segments: int) -> None:
+    settings = BridgeSettings(batch_samples=BATCH)
+    with caesura.bridge("cell-1", Steps(segments), session="s1", settings=settings) as bridge:
+        bridge.run()
+
+
+def test_a_long_session_is_told_whole(caesura: Caesura, config: ServiceConfig):
+    updates: list[Update] = []
+
+    def follow() -> None:
+        for update in caesura.results("cell-1", silence_s=20.0):
+            updates[:] = [update]
+            if update.closed and update.program.complete:
+                return
+
+    reader = threading.Thread(target=follow, daemon=True)
+    reader.start()
+    teach(caesura, VERY_LONG)
+    reader.join(30.0)
+    snapshot = caesura.snapshot("cell-1")
+    assert len(snapshot.segments.segments) == VERY_LONG
+    assert len(encode(snapshot, limit=MAX_WHOLE_BYTES).payload) > 2 * MAX_MESSAGE_BYTES
+    assert caesura.program("cell-1") == snapshot.program
+    assert len(encode(snapshot.program, limit=MAX_WHOLE_BYTES).payload) > MAX_MESSAGE_BYTES
+    (update,) = updates
+    assert (update.segments, update.program) == (snapshot.segments.segments, snapshot.program)
+
+
+def test_after_a_restart_a_long_session_is_known_by_its_outcome(config: ServiceConfig):
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, connect(service.endpoint) as first:
+        teach(first, LONG)
+        before = first.snapshot("cell-1")
+    assert len(encode(before, limit=MAX_WHOLE_BYTES).payload) > MAX_MESSAGE_BYTES
+    with Service(config, pipeline_factory=no_pipeline) as service, connect(service.endpoint) as second:
+        after = second.snapshot("cell-1")
+    assert (after.segments.segments, after.program.apps) == (before.segments.segments, before.program.apps)
+
+
+def no_pipeline(opening: Open, default_preset: str) -> None:
+    """Only who folds records takes samples."""
+    pipeline = make_fake_pipeline(opening, default_preset)
+    pipeline.push = None
+    return pipeline
+
+
+def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
+    short = example(Snapshot)
+    segments = short.segments.model_copy(update={"segments": 9000 * short.segments.segments})
+    long = short.model_copy(update={"segments": segments})
+    parts = [Delivery(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(long)]
+    assert decoded(Answers(tuple(parts), ()), Snapshot) == [long]
+    with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
+        decoded(Answers(tuple(parts[1:]), ()), Snapshot)

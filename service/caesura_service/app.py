@@ -23,7 +23,7 @@ from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
-from caesura_service.observing.health import web_of
+from caesura_service.observing.health import alive, web_of
 from caesura_service.observing.metrics import Observed
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.ports import Owner, PipelineFactory
@@ -70,8 +70,8 @@ class Service:
             stop=stop,
         )
         self.ready = False  # joined and declared: it can be found
-        observed = Observed(self.registry, self.status, lambda: self.ready)
-        self.web = None if self.config.metrics is None else web_of(self.config.metrics, observed)
+        self._observed = Observed(self.registry, self.status, lambda: self.ready)
+        self.web = None if self.config.metrics is None else web_of(self.config.metrics, self._observed)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -96,6 +96,11 @@ class Service:
     def endpoint(self) -> str:
         """Where it is found, with its real port once entered."""
         return self._edge.endpoint
+
+    @property
+    def is_alive(self) -> bool:
+        """Does its work go on, or is it not ready yet?"""
+        return alive(self._observed).well
 
     def status(self) -> ServiceStatus:
         """How it is doing."""

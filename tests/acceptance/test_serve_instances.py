@@ -24,6 +24,7 @@ class Supervised:
 
     def __init__(self, journal: Path) -> None:
         options = ["--listen", "tcp/127.0.0.1:0", "--instances", "2", "--instance", "west"]
+        options += ["--instance-silence-s", "8"]
         command = [*SERVE, *options, "--journal", str(journal), "--preset", "contact", "--log-level", "error"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
@@ -70,6 +71,17 @@ def test_it_says_where_it_is_starts_again_what_dies_and_leaves_cleanly_with_all(
     assert supervised.process.wait(DEADLINE_S) == 0
     assert len(children) == 2
     assert all(gone(child) for child in children)
+
+
+def test_one_that_hangs_is_killed_and_started_again(supervised):
+    """It was shared out to the others, and never came back."""
+    with connect(supervised.endpoint, timeout_s=DEADLINE_S) as caesura:
+        victim, other = supervised.children()
+        os.kill(victim, signal.SIGSTOP)
+        eventually(lambda: gone(victim))
+        eventually(lambda: alive(caesura) == ["west-1", "west-2"])
+        assert other in supervised.children()
+        assert len(supervised.children()) == 2
 
 
 def test_its_instances_end_when_it_is_killed(supervised):

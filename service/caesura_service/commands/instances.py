@@ -1,17 +1,20 @@
 """`caesura serve --instances N`: a router and N instances, each a process that is started again if it ends.
 
-The instances end with this process, however it ends: each leaves when its standard input closes.
+The instances end with this process, however it ends: each leaves when its standard input closes. While its
+work goes on each says so on its standard output, every BEAT_S; one that is silent for too long, because it
+is frozen or its worker hangs, is killed and started again.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import typer
@@ -24,8 +27,11 @@ logger = logging.getLogger(__name__)
 PAUSES_S = (0.2, 30.0)  # before an instance is started again: the first, doubled each time, and the longest
 STEADY_S = 60.0  # an instance that lived so long starts with the first pause again
 PATIENCE_S = 15.0  # for an instance to leave when it is told to
-LOOK_S = 0.2  # how often the main thread looks up for a signal
+LOOK_S = 0.2  # how often the main thread looks up for a signal, and after the instances
+BEAT_S = 1.0  # how often an instance says that it is alive
+SILENCE_S = 30.0  # longer than freezes that a session survives, and than a start on a busy machine
 READY = "caesura ready"
+ALIVE = "caesura alive"
 LEAVES_WITH_STDIN = "--leave-with-stdin"
 
 
@@ -36,8 +42,15 @@ class InstanceError(Exception):
 class Instance:
     """A process that is kept running, from `start` to `end`, by a thread of its own."""
 
-    def __init__(self, name: str, command: Sequence[str], changed: Callable[[], object]) -> None:
-        """changed: called from the thread whenever it is ready, or has failed."""
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        changed: Callable[[], object],
+        *,
+        silence_s: float = SILENCE_S,
+    ) -> None:
+        """changed: called from the thread whenever it is ready, or has failed; silence_s: ends it."""
         self.name = name
         self.ready = False  # has it been once?
         self.failed: int | None = None  # the exit code with which it ended before it was ready
@@ -46,11 +59,23 @@ class Instance:
         self._over = threading.Event()
         self._guard = threading.Lock()  # of what is started and ended
         self._process: subprocess.Popen[str] | None = None
+        self._silence_s = silence_s
+        self._silent_s = 0.0  # as far as anybody looked: when we were frozen ourselves it does not count
         self._thread = threading.Thread(target=self._keep, name=f"instance {name}", daemon=True)
 
     def start(self) -> None:
         """Returns at once."""
         self._thread.start()
+
+    def look(self) -> None:
+        """To be called every LOOK_S: kills it where it has been silent for too long."""
+        with self._guard:
+            self._silent_s += LOOK_S
+            if self._silent_s < self._silence_s or self._process is None or self._over.is_set():
+                return
+            logger.error("%s gives no sign of life for %g s: killed", self.name, self._silence_s)
+            self._process.kill()
+            self._silent_s = 0.0
 
     def end(self) -> None:
         """Let it leave; what does not is killed."""
@@ -90,6 +115,7 @@ class Instance:
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
             )
+            self._silent_s = 0.0
             return self._process
 
     def _follow(self, process: subprocess.Popen[str]) -> int:
@@ -98,6 +124,7 @@ class Instance:
         assert process.stdin is not None
         with process.stdin, process.stdout:
             for line in process.stdout:
+                self._silent_s = 0.0
                 if line.startswith(READY):
                     logger.info("%s is ready, process %d", self.name, process.pid)
                     self.ready = True
@@ -111,11 +138,14 @@ def run_instances(
     options: Callable[[int, str], Sequence[str]],
     over: threading.Event,
     ready: Callable[[str], None],
+    *,
+    silence_s: float = SILENCE_S,
 ) -> None:
     """Keep them running until told to stop. Raises NetworkError or InstanceError where they never began.
 
     network: of the router, which this process is unless it says `connect`; options: of `caesura serve`, for
-    an instance by its place and name; ready: told the endpoint once all are.
+    an instance by its place and name; ready: told the endpoint once all are; silence_s: for so long an
+    instance may give no sign of life.
     """
     with _router(network, over) as endpoint, ExitStack() as stack:
         wake = threading.Event()
@@ -123,14 +153,15 @@ def run_instances(
         for place, name in enumerate(names):
             where = ["--connect", reachable(endpoint), "--instance", name]
             command = [sys.executable, "-m", "caesura_service", "serve", *where, *options(place, name)]
-            instances.append(Instance(name, command, wake.set))
+            instances.append(Instance(name, command, wake.set, silence_s=silence_s))
         for instance in instances:
             instance.start()
             stack.callback(instance.end)
         if _all_ready(instances, wake, over):
             ready(endpoint)
         while not over.wait(LOOK_S):
-            pass  # a signal that another thread took does not wake this one
+            for instance in instances:
+                instance.look()
 
 
 def _all_ready(instances: Sequence[Instance], wake: threading.Event, over: threading.Event) -> bool:
@@ -142,9 +173,30 @@ def _all_ready(instances: Sequence[Instance], wake: threading.Event, over: threa
                 )
         if all(instance.ready for instance in instances):
             return True
-        wake.wait(LOOK_S)
+        if not wake.wait(LOOK_S):
+            for instance in instances:
+                instance.look()
         wake.clear()
     return False
+
+
+@contextmanager
+def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
+    """Say on the standard output that this instance is alive, while the context lasts and it is."""
+    over = threading.Event()
+
+    def beat() -> None:
+        while not over.wait(BEAT_S):
+            if is_alive():
+                with suppress(OSError):  # nobody reads it any more: then the standard input has ended too
+                    os.write(1, f"{ALIVE}\n".encode())
+
+    thread = threading.Thread(target=beat, name="beat", daemon=True)  # which may hang with who reads it
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 @contextmanager

@@ -16,7 +16,9 @@ from caesura_service.app import Service, run_service, stopping
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands.instances import (
     LEAVES_WITH_STDIN,
+    SILENCE_S,
     InstanceError,
+    beating,
     credentials_of,
     metrics_of,
     names_of,
@@ -36,7 +38,16 @@ logger = logging.getLogger(__name__)
 IN_MEMORY = "memory"
 ROUTER = "router"  # what starts several instances calls itself in the log
 # What each of several instances is told in its own way, or is the router's business.
-OF_EACH = ("listen", "connect", "instance", "instances", "insecure", "zenoh_config", "metrics")
+OF_EACH = (
+    "listen",
+    "connect",
+    "instance",
+    "instances",
+    "instance_silence_s",
+    "insecure",
+    "zenoh_config",
+    "metrics",
+)
 
 
 def serve(
@@ -58,6 +69,12 @@ def serve(
             "beside --zenoh-config, and with --metrics at ports that follow each other.",
         ),
     ] = 1,
+    instance_silence_s: Annotated[
+        float,
+        typer.Option(
+            min=5.0, help="One of several that gives no sign of life for so long is killed and started again."
+        ),
+    ] = SILENCE_S,
     preset: Annotated[str, typer.Option(help="Model where a session names none.")] = DEFAULT_PRESET,
     zenoh_config: Annotated[
         Path | None, typer.Option(help="zenoh json5 with certificates, users and access rules.")
@@ -116,7 +133,9 @@ def serve(
         )
         with stopping(with_stdin=leave_with_stdin) as over:
             if instances > 1:
-                _run_instances(context, config, instances, over)
+                _run_instances(context, config, instances, over, instance_silence_s)
+            elif leave_with_stdin:
+                _run_one_of_several(config, over)
             else:
                 run_service(config, ready=_announce, over=over)
     except (ProtocolError, NetworkError, JournalError, WebError, InstanceError) as error:
@@ -124,7 +143,20 @@ def serve(
         raise typer.Exit(1) from error
 
 
-def _run_instances(context: typer.Context, config: ServiceConfig, count: int, over: threading.Event) -> None:
+def _run_one_of_several(config: ServiceConfig, over: threading.Event) -> None:
+    running: list[Service] = []
+
+    def ready(service: Service) -> None:
+        running.append(service)
+        _announce(service)
+
+    with beating(lambda: all(service.is_alive for service in running)):
+        run_service(config, ready=ready, over=over)
+
+
+def _run_instances(
+    context: typer.Context, config: ServiceConfig, count: int, over: threading.Event, silence_s: float
+) -> None:
     names = names_of(config.instance, count, DEFAULT_INSTANCE)
     same = passed_on(context, but=OF_EACH)
 
@@ -136,7 +168,7 @@ def _run_instances(context: typer.Context, config: ServiceConfig, count: int, ov
 
     for name in names:
         check_name(name, "instance")
-    run_instances(names, config.network, options, over, ready)
+    run_instances(names, config.network, options, over, ready, silence_s=silence_s)
 
 
 def _directory(journal: str | None) -> Path | None:

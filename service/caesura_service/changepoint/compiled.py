@@ -6,15 +6,14 @@ The same observations give the same state, bit for bit. `OnlineFilter` is the re
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
-from caesura_service.changepoint.kernels.layout import fresh_state, with_more_nodes
+from caesura_service.changepoint.kernels.layout import Model, State, fresh_state, with_more_nodes
+from caesura_service.changepoint.kernels.unpacking import table_of
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import check_finite, check_start
@@ -43,15 +42,9 @@ class CompiledFilter(Smoothed):
         self.final = FinalPath(len(lattice.kinds))
         self.boundaries: list[int] = []
         self._smoothing = Smoothing()
-        self._model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
-        self._state = fresh_state(
-            self._model.settings,
-            len(lattice.kinds),
-            len(lattice.channels),
-            fields_of(lattice),
-            profiled_of(lattice),
-        )
-        self._observation = np.zeros(7)
+        model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
+        kinds, channels, fields = len(lattice.kinds), len(lattice.channels), fields_of(lattice)
+        self._keep(model, fresh_state(model.settings, kinds, channels, fields, profiled_of(lattice)))
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
 
     def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
@@ -60,22 +53,21 @@ class CompiledFilter(Smoothed):
         changepoint: whether a segment starts here, where somebody knows. Raises ValueError where a value is
         not finite; nothing has changed then.
         """
-        z = self._observation
-        z[:3], z[3:6], z[6] = observed
-        if not all(map(math.isfinite, z[:6].tolist())):
-            check_finite(observed, self.count)
-        if boundary and self.count:
-            self.boundaries.append(self.count)
+        now = self._state.now
+        now[:3], now[3:6], now[6] = observed
         if not self._room:
             self._make_room()
-        self._room -= 1
         known = steps.UNKNOWN if changepoint is None else int(changepoint)
-        leaving, left, settled, certain = steps.step(
-            self._model, self._state, z, boundary and self.count > 0, known
-        )
+        after_gap = bool(boundary and self.count)
+        settled, certain = steps.step(self._here, after_gap, known)
+        if certain == steps.REFUSED:
+            check_finite(observed, self.count)
+        self._room -= 1
+        if after_gap:
+            self.boundaries.append(self.count)
         self.count += 1
-        window = self._state.smoothed[: min(self.count, self.parameters.window)]
-        self._smoothing.leave((left,) if leaving else (), window)
+        window = self._state.smoothed[: self.count]
+        self._smoothing.leave(self._left if self.count > self.parameters.window else (), window)
         if settled:
             self._settle()
         if certain >= 0:
@@ -89,7 +81,7 @@ class CompiledFilter(Smoothed):
         check_start(start, self.root, self.count, self.parameters)
         self._smoothing.decide(start)
         self._make_room()
-        steps.condition(self._model, self._state, start)
+        steps.condition(self._here, start)
         self._settle()
         self._room = 0
 
@@ -106,29 +98,29 @@ class CompiledFilter(Smoothed):
     @property
     def starts(self) -> Starts:
         """(h,) ascending."""
-        return self._state.starts[self._living]
+        return self._state.starts[: self._living].copy()
 
     @property
     def kind_log_evidence(self) -> Array:
         """(h, kinds) log evidence of each kind."""
-        return self._state.kinds[self._living]
+        return self._state.kinds[:, : self._living].T.copy()
 
     @property
     def log_evidence(self) -> Array:
         """(h,) the same over all kinds."""
-        return self._state.evidence[self._living]
+        return self._state.evidence[: self._living].copy()
 
     @property
     def log_joint(self) -> Array:
         """(h,) log joint of each hypothesis and everything so far."""
-        return self._state.joint[: self._living.size].copy()
+        return self._state.joint[: self._living].copy()
 
     def map_path(self) -> list[Ended]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
-        state, living = self._state, self._living
+        state, living = self._state, slice(self._living)
         survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
-        best = living[np.argmax(state.priors[living, 1] + survived + state.evidence[living])]
-        path = [Ended(int(state.starts[best]), state.kinds[best].copy())]
+        best = np.argmax(state.priors[1, living] + survived + state.evidence[living])
+        path = [Ended(int(state.starts[best]), state.kinds[:, best].copy())]
         node, root = state.nodes[best], state.counters["root"][0]
         while node != root:
             parent = state.node_parent[node]
@@ -137,9 +129,14 @@ class CompiledFilter(Smoothed):
         return path[::-1]
 
     @property
-    def _living(self) -> NDArray[np.int64]:
-        """(h,) slots of the living, oldest first."""
-        return self._state.order[: self._state.counters["living"][0]]
+    def _living(self) -> int:
+        """Hypotheses, which stand in the first places."""
+        return int(self._state.counters["living"][0])
+
+    def _keep(self, model: Model, state: State) -> None:
+        """From now on."""
+        self._model, self._state, self._table = model, state, table_of(model, state)
+        self._here, self._left = self._table.ctypes.data, state.counters["left"]
 
     def _settle(self) -> None:
         """Take over what has become final."""
@@ -151,13 +148,13 @@ class CompiledFilter(Smoothed):
         """For some steps, and for a decision after each of them."""
         spare = self.parameters.window + 2
         while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare:
-            self._state = with_more_nodes(self._state)
+            self._keep(self._model, with_more_nodes(self._state))
         nodes = self._state.node_start.size - int(self._state.counters["nodes"][0]) - spare
-        living = self._living
-        longest = self.count - int(self._state.starts[living[0]]) if living.size else 0
+        longest = self.count - int(self._state.starts[0]) if self._living else 0
         reach = self._model.log_mass.size
         if longest + 2 * spare > reach:
-            self._model = model_of(self.lattice, self.hazard, self.parameters, 2 * (longest + 2 * spare))
+            longer = model_of(self.lattice, self.hazard, self.parameters, 2 * (longest + 2 * spare))
+            self._keep(longer, self._state)
             reach = self._model.log_mass.size
         self._room = min(nodes, reach - longest - 3)
 

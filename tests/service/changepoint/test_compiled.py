@@ -5,18 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from caesura_service.changepoint import evidence
 from caesura_service.changepoint.compiled import CompiledFilter, can_compile
 from caesura_service.changepoint.filters import filter_for
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
-from caesura_service.changepoint.kernels.elementary import exp_of_negative, log, log_sum_exp
+from caesura_service.changepoint.kernels.elementary import (
+    exp_of_negative,
+    log,
+    log_sum_exp,
+    share_missing,
+    shares_of,
+)
+from caesura_service.changepoint.kernels.layout import BLOCK
 from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.models import ChannelModel, Noise, Observed
+from caesura_service.changepoint.models import ChannelModel, Choice, Noise, Observed
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
@@ -121,6 +130,18 @@ def test_a_segment_that_goes_on_long_after_every_profile_rests(joint: bool, targ
     assert SHORT.last_row(10**6) < 100 < lasting.count - lasting.starts[0]
 
 
+@pytest.mark.parametrize("choice", get_args(Choice))
+@pytest.mark.parametrize("shares", [(0.0,), (0.05, 0.3)])
+@pytest.mark.parametrize("joint", [True, False])
+def test_more_profiles_than_are_worked_on_at_once(
+    choice: Choice, shares: tuple[float, ...], joint: bool
+) -> None:
+    many = ProfileLibrary([minimum_jerk(0.3 + 0.02 * i) for i in range(BLOCK + 3)], 0.1, 0.6)
+    noise = Noise(4.0, 0.01, shares=shares, joint=joint, correlation=0.6)
+    stream = [(observed, False) for observed in observations(40)]
+    follow(alone(Profiled("position", many, noise, choice)), stream, FilterParameters(window=10))
+
+
 def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
     lattice, parameters = PRESETS["default"].lattice(), FilterParameters(certain=1.0)
     compiled = CompiledFilter(lattice, HAZARD, parameters)
@@ -219,10 +240,14 @@ def test_logarithm_and_exponential() -> None:
     for x in np.exp(np.concatenate([rng.uniform(-600, 600, 2000), rng.uniform(-1e-6, 1e-6, 2000)])):
         assert log(x) == pytest.approx(math.log(x), rel=5e-16, abs=1e-300)
     for x in np.concatenate([-rng.exponential(50.0, 2000), -rng.exponential(1e-9, 200), [0.0, -700.0]]):
-        assert exp_of_negative(x) == pytest.approx(math.exp(max(x, -700.0)), rel=5e-16)
-    assert exp_of_negative(-math.inf) == pytest.approx(math.exp(-700.0), rel=1e-12)
+        assert exp_of_negative(x) == pytest.approx(math.exp(x), rel=5e-16, abs=1e-305)
+        assert share_missing(-x) == pytest.approx(-math.expm1(x), rel=5e-16, abs=0.0)
+    assert exp_of_negative(-math.inf) == exp_of_negative(-701.0) == 0.0
 
 
-def test_log_sum_exp_of_nothing_is_nothing() -> None:
-    assert log_sum_exp(np.full(3, -math.inf)) == -math.inf
-    assert log_sum_exp(np.array([0.0, -math.inf, 0.0])) == pytest.approx(math.log(2.0), abs=1e-15)
+def test_log_sum_exp_and_its_shares() -> None:
+    for values in (np.full(3, -math.inf), np.array([0.0, -math.inf, 0.0]), np.linspace(-800.0, 5.0, 21)):
+        total, shares = log_sum_exp(values, values.size), values.copy()
+        assert total == pytest.approx(evidence.log_sum_exp(values), abs=1e-14)
+        assert shares_of(shares, shares.size) == total
+        np.testing.assert_allclose(shares, np.exp(values - total) if total > -math.inf else 0.0, atol=1e-15)

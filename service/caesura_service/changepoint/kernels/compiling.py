@@ -1,7 +1,7 @@
 """How everything here is compiled, and where that is kept.
 
 Without the interpreter, without counting references, and dividing as C does: a branch at every division would
-keep loops from being done several numbers at a time.
+keep loops from being done several numbers at a time. A product and a sum may be one instruction.
 
 Numba keeps what it compiled by the file of a function, and does not see that a function which is called, or a
 constant, has changed in another. So all of it is kept under a digest of all sources. Numba wants to write
@@ -56,9 +56,8 @@ def _own_directory() -> Path:
 
 config.CACHE_DIR = str(cache_directory())
 
-compiled = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-inlined = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, inline="always")
+_HOW = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+compiled = njit(**_HOW, fastmath={"contract"})
+inlined = njit(**_HOW, fastmath={"contract"}, forceinline=True)
 # Sums and extremes of numbers may be taken in any order, which is the same one every time.
-reducing = njit(
-    cache=True, nogil=True, error_model="numpy", _nrt=False, fastmath={"reassoc", "contract", "nnan", "nsz"}
-)
+reducing = njit(**_HOW, fastmath={"reassoc", "contract", "nnan", "nsz"})

@@ -16,19 +16,25 @@ from scipy.special import gammaln
 from caesura_service.changepoint.contact import ContactShare
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.kernels import layout
-from caesura_service.changepoint.kernels.layout import CHANNEL, MOST_SHARES, SETTINGS, Floats, Ints, Model
+from caesura_service.changepoint.kernels.layout import (
+    BLOCK,
+    CHANNEL,
+    MOST_SHARES,
+    SETTINGS,
+    Floats,
+    Ints,
+    Model,
+)
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.levels import GRAVITY, Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.profiled import Profiled
-from caesura_service.changepoint.profiles import ProfileLibrary
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew
-VECTOR = 16  # numbers that a loop takes at once; what is left over it takes one by one
 SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES}
 ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
 FORCE = SIGNALS["force"]
@@ -45,14 +51,13 @@ def can_compile(lattice: Lattice) -> bool:
 def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
     """The lattice for segments of up to so many samples."""
     models = tuple(lattice.channels.values())
-    libraries = [model.library for model in models if isinstance(model, Profiled)]
     n, channels = np.arange(lengths + 1), _channels(models)
     return Model(
         _settings(lattice, parameters),
         channels,
         np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
         _log_weights(lattice),
-        *_stacked(libraries, n),
+        *_stacked([model for model in models if isinstance(model, Profiled)], n),
         np.array([by_length(channel, n[:MOST_LENGTHS]) for channel in channels]),
         hazard.log_mass(np.maximum(n, 1)),
         hazard.log_survival(n),
@@ -65,9 +70,9 @@ def fields_of(lattice: Lattice) -> int:
 
 
 def profiled_of(lattice: Lattice) -> tuple[int, int]:
-    """How many channels have profiles, and how many profiles one has, in whole vectors."""
-    libraries = [model.library for model in lattice.channels.values() if isinstance(model, Profiled)]
-    return len(libraries), _most(libraries)
+    """How many channels have profiles, and how many blocks of them one has at most."""
+    blocks = [_blocks(model) for model in lattice.channels.values() if isinstance(model, Profiled)]
+    return len(blocks), max(blocks, default=0)
 
 
 def _settings(lattice: Lattice, p: FilterParameters) -> NDArray[Any]:
@@ -93,7 +98,6 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
         told = {
             "field": field,
             "library": library,
-            "place": library,
             **of_noise,
             **RECORDS[type(model)](model),
         }
@@ -104,24 +108,27 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
     return records
 
 
-def _stacked(libraries: Sequence[ProfileLibrary], n: Ints) -> tuple[Floats, Floats, Floats, Floats]:
-    """(libraries, rows, profiles) of each table, up to where all profiles rest."""
-    n = n[: 1 + max((library.last_row(n.size - 1) for library in libraries), default=0)]
-    most = _most(libraries)
-    tables = tuple(np.zeros((len(libraries), n.size, most)) for _ in range(4))
-    for i, library in enumerate(libraries):
-        columns = np.minimum(np.arange(most), len(library) - 1)
-        parts = (library.values, library.precisions, library.sums_of_squares, library.log_scales)
-        for table, part in zip(tables, parts, strict=True):
-            table[i] = part(n)[:, columns]
-        tables[3][i, :, len(library) :] = np.inf
-    values, precisions, squares, log_scales = tables
-    return values, precisions, squares, log_scales
+def _stacked(models: Sequence[Profiled], n: Ints) -> tuple[Floats, Floats]:
+    """Each model's table up to where all profiles rest, and how it goes on."""
+    n = n[: 1 + max((model.library.last_row(n.size - 1) for model in models), default=0)]
+    blocks = max((_blocks(model) for model in models), default=0)
+    tables = np.zeros((len(models), n.size, blocks, 4, BLOCK))
+    steps = np.zeros((len(models), blocks, 2, BLOCK))
+    for i, model in enumerate(models):
+        library, pooled = model.library, AXES if model.noise.joint else 1
+        columns = np.minimum(np.arange(blocks * BLOCK), len(library) - 1)
+        values, precisions = library.values(n)[:, columns], library.precisions(n)[:, columns]
+        scales = library.log_scales(np.maximum(n - (model.target is not None), 0))[:, columns]
+        scales[:, len(library) :] = np.inf  # what fills a block up repeats the last one
+        rows = (values * precisions, precisions, library.sums_of_squares(n)[:, columns], pooled * scales)
+        beyond = (values[-1] ** 2 * precisions[-1], -0.5 * pooled * np.log(precisions[-1]))
+        tables[i] = np.stack([row.reshape(n.size, blocks, BLOCK) for row in rows], axis=2)
+        steps[i] = np.stack([row.reshape(blocks, BLOCK) for row in beyond], axis=1)
+    return tables, steps
 
 
-def _most(libraries: Sequence[ProfileLibrary]) -> int:
-    """Profiles, in whole vectors: the last one of a smaller library repeats, infinitely improbable."""
-    return -(-max((len(library) for library in libraries), default=0) // VECTOR) * VECTOR
+def _blocks(model: Profiled) -> int:
+    return -(-len(model.library) // BLOCK)
 
 
 # --- channel by channel ---------------------------------------------------------------------------------
@@ -133,27 +140,34 @@ def _record_of_noise(noise: Noise) -> Record:
     return {
         "nu0": noise.nu0,
         "rho": noise.correlation,
+        "white": 1.0 / np.sqrt(1.0 - noise.correlation**2),
         "floor2": noise.floor**2,
         "joint": noise.joint,
         "shares": len(noise.shares),
         "share2": shares,
         "pooled": AXES if noise.joint else 1,
         "whitening": -0.5 * np.log1p(-(noise.correlation**2)) * (AXES if noise.joint else 1),
+        "offset": 0.5 * noise.nu0 * np.log(noise.nu0 * noise.floor**2),
     }
 
 
 def _profiled(model: Profiled) -> Record:
-    target = model.target
+    target, noise, maximum = model.target, model.noise, model.choice == "maximum"
+    even = model.library.calm == 1.0
+    best_only = maximum and even and not noise.joint and noise.shares == (0.0,)
     record = {
         "model": layout.PROFILED,
         "signal": SIGNALS[model.channel],
         "origin": ORIGINS[model.origin],
-        "maximum": model.choice == "maximum",
-        "even": model.library.calm == 1.0,
+        "blocks": _blocks(model),
+        "maximum": maximum,
+        "even": even,
+        "best_only": best_only,
         "pace": model.pace,
-        "log_count": np.log(len(model.library) * len(model.noise.shares)),
         "unwhitened": int(model.origin != "previous"),
     }
+    if not best_only:
+        record["offset"] = 0.0 if maximum else -np.log(len(model.library) * len(noise.shares))
     if target is None:
         return record
     left_out = (target.least**2 / (target.reach**2 + target.least**2)) ** (AXES / 2)
@@ -256,7 +270,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
-    Profiled: 7,
+    Profiled: 10,
     Walk: 1,
     Constant: 9,
     Biased: 8,

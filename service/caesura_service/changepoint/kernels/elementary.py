@@ -24,7 +24,7 @@ SHIFTER = 1.5 * 2.0**52  # adding it rounds to a whole number, which then stands
 SHIFTER_BITS = 0x4338000000000000
 WHOLE = 2.0**52
 WHOLE_BITS = 0x4330000000000000
-LEAST = -700.0  # exp of anything below is taken for exp of this, 1e-304
+LEAST = -700.0  # exp of anything below is nothing
 
 
 @intrinsic
@@ -47,6 +47,26 @@ def float_of(_context, bits):
     return types.float64(types.int64), generate
 
 
+def _extreme(name):
+    """The larger or smaller of two numbers, neither nan, as a compiler can take it over a whole vector."""
+
+    @intrinsic
+    def extreme(_context, first, second):
+        def generate(_context, builder, _signature, arguments):
+            double = ir.DoubleType()
+            function = builder.module.declare_intrinsic(
+                name, [double], ir.FunctionType(double, [double, double])
+            )
+            return builder.call(function, arguments, fastmath=("nnan", "nsz"))
+
+        return types.float64(types.float64, types.float64), generate
+
+    return extreme
+
+
+larger, smaller = _extreme("llvm.maxnum"), _extreme("llvm.minnum")
+
+
 @inlined
 def log(x):
     """Natural logarithm of a normal number above 0."""
@@ -67,8 +87,21 @@ def log(x):
 
 @inlined
 def exp_of_negative(x):
-    """Exponential of a number of at most about 0."""
-    x = max(x, LEAST)
+    """Exponential of a number of at most about 0; 0 where it is below `LEAST`."""
+    power, rest = exp_in_parts(max(x, LEAST))
+    return power + power * rest if x >= LEAST else 0.0
+
+
+@inlined
+def share_missing(x):
+    """1 − exp(−x) of a number of at least 0, as exact for the smallest."""
+    power, rest = exp_in_parts(max(-x, LEAST))
+    return (1.0 - power) - power * rest
+
+
+@inlined
+def exp_in_parts(x):
+    """A power of two and the exponential, less 1, of at most half a log 2."""
     shifted = x * LOG2_E + SHIFTER
     k = shifted - SHIFTER
     high = x - k * LN2_HIGH
@@ -87,51 +120,66 @@ def exp_of_negative(x):
             )
         )
     )
-    y = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
-    return float_of(bits_of(y) + ((bits_of(shifted) - SHIFTER_BITS) << 52))
+    return float_of(ONE_BITS + ((bits_of(shifted) - SHIFTER_BITS) << 52)), high - (low - (r * c) / (2.0 - c))
 
 
 @compiled
-def log_sum_exp(values):
-    """`evidence.log_sum_exp` of some values, which it overwrites."""
-    peak = most_of(values)
-    if peak == -math.inf:
-        return peak
-    for i in range(values.size):
+def logarithms(values, n):
+    """Of the first n numbers, in their place."""
+    for i in range(n):
+        values[i] = log(values[i])
+
+
+@compiled
+def exponentials(values, peak, n):
+    """exp(value − peak) of the first n numbers, in their place; none is more than the peak."""
+    for i in range(n):
         values[i] = exp_of_negative(values[i] - peak)
-    return peak + math.log(total_of(values))
 
 
 @compiled
-def log_sum_exp_of_rows(values, rows):
-    """The same of the first rows of a matrix."""
-    peak = -math.inf
-    for i in range(rows):
-        peak = max(peak, most_of(values[i]))
+def log_sum_exp(values, n):
+    """`evidence.log_sum_exp` of the first n numbers."""
+    peak = most_of(values, n)
+    return peak if peak == -math.inf else peak + math.log(total_of_exponentials(values, peak, n))
+
+
+@compiled
+def shares_of(values, n):
+    """The same; the exponentials' shares of their sum take the numbers' place, 0 where there is nothing."""
+    peak = most_of(values, n)
     if peak == -math.inf:
+        values[:n] = 0.0
         return peak
-    total = 0.0
-    for i in range(rows):
-        row = values[i]
-        for k in range(row.size):
-            row[k] = exp_of_negative(row[k] - peak)
-        total += total_of(row)
+    exponentials(values, peak, n)
+    total = total_of(values, n)
+    for i in range(n):
+        values[i] /= total
     return peak + math.log(total)
 
 
 @reducing
-def total_of(values):
-    """Their sum."""
+def total_of(values, n):
+    """Sum of the first n numbers."""
     total = 0.0
-    for i in range(values.size):
+    for i in range(n):
         total += values[i]
     return total
 
 
 @reducing
-def most_of(values):
-    """The largest of them, -inf of none."""
+def total_of_exponentials(values, peak, n):
+    """The same of exp(value − peak)."""
+    total = 0.0
+    for i in range(n):
+        total += exp_of_negative(values[i] - peak)
+    return total
+
+
+@reducing
+def most_of(values, n):
+    """The largest of the first n numbers, -inf of none."""
     most = -math.inf
-    for i in range(values.size):
-        most = max(most, values[i])
+    for i in range(n):
+        most = larger(most, values[i])
     return most

@@ -1,9 +1,12 @@
 """Which arrays the compiled filter works on.
 
-A hypothesis lives in a slot, a row of every array of `State` that counts slots; `order` lists the slots of
-the living, oldest first. A node is what is known at a start: which node the best segmentation before it goes
-back to, and what the segment in between was. Living hypotheses, the next one, and later nodes refer to it; a
-node that nobody refers to is free. The root is the node that all of them descend from.
+Living hypotheses stand in places, oldest first and without a gap, so that a loop takes several at a time;
+what stands behind them is anything. A hypothesis' sums over profiles are too many to move up when another
+one goes: they stay in its slot. A node is what is known at a start: which node the best segmentation before
+it goes back to, and what the segment in between was. Living hypotheses, the next one, and later nodes refer
+to it; a node that nobody refers to is free. The root is the node that all of them descend from.
+
+What is kept of an observation in the window stands in row or column (observation mod w).
 """
 
 from __future__ import annotations
@@ -16,8 +19,14 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+VECTOR = 8  # numbers that a loop takes at once; what is left over it takes one by one
+AXES = 3
+BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
 STATES = 3  # of the contact model
+
+# Rows of a library's table: φw, w, Σφ²w, Σ log scale.
+WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
 PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY = range(9)
@@ -29,17 +38,18 @@ CHANNEL = np.dtype(
         ("field", "i8"),  # where its sums begin in a hypothesis' row
         ("signal", "i8"),  # where its values begin in an observation
         ("origin", "i8"),
-        ("library", "i8"),
-        ("place", "i8"),  # among the channels with profiles
+        ("library", "i8"),  # among the channels with profiles
+        ("blocks", "i8"),  # of profiles
         ("maximum", "i8"),  # over profiles; otherwise their mixture
         ("joint", "i8"),
         ("even", "i8"),  # all precisions are 1
+        ("best_only", "i8"),  # the largest of even ones, each axis for itself, the scale being the floor's
         ("nu0", "f8"),
         ("rho", "f8"),
+        ("white", "f8"),  # 1 / √(1 − ρ²)
         ("floor2", "f8"),
         ("shares", "i8"),
         ("share2", "f8", (MOST_SHARES,)),
-        ("log_count", "f8"),  # of profiles times shares
         ("explained", "i8"),  # samples that the target's prior takes the place of
         ("pooled", "i8"),  # values a sample, in one group of axes
         ("unvalued", "i8"),  # samples that count no value
@@ -104,49 +114,55 @@ class Model(NamedTuple):
     channels: NDArray[Any]  # (c,) CHANNEL
     members: NDArray[np.bool_]  # (kinds, c)
     log_weight: Floats  # (kinds,)
-    values: Floats  # (libraries, rows, k) whitened; k profiles, in whole vectors
-    precisions: Floats
-    squares: Floats  # Σ, weighted by the precisions
-    log_scales: Floats
+    profiles: Floats  # (libraries, samples, blocks, 4, BLOCK) whitened
+    steps: Floats  # (libraries, blocks, 2, BLOCK) by which the last two go on where the table ends
     by_length: Floats  # (c, n) what of the evidence depends on the number of samples alone, up to some number
     log_mass: Floats  # (n,) of the hazard
     log_survival: Floats  # (n,)
 
 
 class State(NamedTuple):
-    """What a step changes. s: slots, n: nodes, w: window."""
+    """What a step changes. s: places or slots, n: nodes, w: window; s and W ≥ w in whole vectors."""
 
     counters: NDArray[Any]  # (1,) COUNTERS
-    previous: Floats  # (7,) the last observation
-    order: Ints  # (s,) slots of the living, oldest first, then the free ones
+    now: Floats  # (7,) the observation: position 3, force 3, whether the gripper holds something
+    previous: Floats  # (7,) the one before
     starts: Ints  # (s,)
     nodes: Ints  # (s,)
-    priors: Floats  # (s, 2) A(start), and the same with maximum
-    rows: Floats  # (s, fields)
-    kinds: Floats  # (s, kinds) log evidence of each kind
+    slots: Ints  # (s,) those of the living, then the free ones
+    ages: Floats  # (s,) samples, the last one included
+    rows: Floats  # (rows, s) the next five, one after the other
+    priors: Floats  # (2, s) A(start), and the same with maximum
+    joint: Floats  # (s,)
     evidence: Floats  # (s,) over all kinds
-    joint: Floats  # (s,) by place in `order`
+    kinds: Floats  # (kinds, s) log evidence of each kind
+    sums: Floats  # (fields, s) what the channel models keep
     channel: Floats  # (c, s) log evidence of each channel
-    moments: Floats  # (channels with profiles, s, 3, k) Σwyφ
-    squares: Floats  # (channels with profiles, s, 3, k) Σwy²
-    fresh: Floats  # (3,) scratch
-    squared: Floats  # (k,) scratch
-    told: Floats  # (MOST_SHARES, k) scratch
-    continued: Floats  # (2, k) scratch
+    work: Floats  # (WORK, s) scratch
+    profiles: Floats  # (libraries, s, blocks, 6, BLOCK) Σwyφ of each axis, then Σwy²
+    residuals: Floats  # (BLOCK,) scratch
+    told: Floats  # (blocks · MOST_SHARES, BLOCK) scratch
+    continued: Floats  # (2, BLOCK) scratch
     scratch: Floats
     node_start: Ints  # (n,) -1: free
     node_parent: Ints  # (n,)
     node_references: Ints  # (n,)
     node_kinds: Floats  # (n, kinds) of the segment that ended here
-    window_evidence: Floats  # (w, w) [start mod w, age]
-    window_kinds: Floats  # (w, w, kinds)
-    window_priors: Floats  # (w, 2)
+    window_evidence: Floats  # (w, W) of the segment [end, start]
+    window_kinds: Floats  # (w, w, kinds) the same of each kind
+    window_shares: Floats  # (w, W) probability [next, start] that what ends before `next` began at `start`
+    window_priors: Floats  # (2, W)
+    begun: Floats  # (W,) scratch
     smoothed: Floats  # (w,)
-    backward: Floats  # (w,) scratch
     terms: Floats  # scratch
-    anew: Ints  # (w + 1,) scratch
+    anew: Ints  # (w + 2,) scratch
+    counted: Ints  # (w + 2,) scratch
     settled_start: Ints  # (n,)
     settled_kinds: Floats  # (n, kinds)
+
+
+WORK = 7 + 2 * MOST_SHARES
+PLAIN_ROWS = 4  # of `State.rows`: priors, joint and evidence
 
 
 def fresh_state(
@@ -154,43 +170,67 @@ def fresh_state(
 ) -> State:
     """Before the first observation: one node, the root, where the first segment starts."""
     window = int(settings["window"][0])
-    slots, nodes = int(settings["cap"][0]) + 1, 4 * (window + 2)
+    slots, nodes = whole(int(settings["cap"][0]) + 1), 4 * (window + 2)
+    libraries, blocks = profiled
+    shapes: dict[str, tuple[int, ...]] = {
+        "now": (7,),
+        "previous": (7,),
+        "ages": (slots,),
+        "rows": (PLAIN_ROWS + kinds + fields, slots),
+        "channel": (channels, slots),
+        "work": (WORK, slots),
+        "profiles": (libraries, slots, blocks, 6, BLOCK),
+        "residuals": (BLOCK,),
+        "told": (blocks * MOST_SHARES, BLOCK),
+        "continued": (2, BLOCK),
+        "scratch": (2 * STATES,),
+        "node_kinds": (nodes, kinds),
+        "window_evidence": (window, whole(window)),
+        "window_kinds": (window, window, kinds),
+        "window_shares": (window, whole(window)),
+        "window_priors": (2, whole(window)),
+        "begun": (whole(window),),
+        "smoothed": (window,),
+        "terms": (max(whole(window + 1), slots),),
+        "settled_kinds": (nodes, kinds),
+    }
+    arrays = {name: _zeros(shape) for name, shape in shapes.items()}
+    rows = arrays["rows"]
     state = State(
+        **arrays,
         counters=np.zeros(1, COUNTERS),
-        previous=np.zeros(7),
-        order=np.arange(slots),
         starts=np.zeros(slots, np.int64),
         nodes=np.zeros(slots, np.int64),
-        priors=np.zeros((slots, 2)),
-        rows=np.zeros((slots, fields)),
-        kinds=np.zeros((slots, kinds)),
-        evidence=np.zeros(slots),
-        joint=np.zeros(slots),
-        channel=np.zeros((channels, slots)),
-        moments=np.zeros((profiled[0], slots, 3, profiled[1])),
-        squares=np.zeros((profiled[0], slots, 3, profiled[1])),
-        fresh=np.zeros(3),
-        squared=np.zeros(profiled[1]),
-        told=np.zeros((MOST_SHARES, profiled[1])),
-        continued=np.zeros((2, profiled[1])),
-        scratch=np.zeros(2 * STATES),
+        slots=np.arange(slots),
+        priors=rows[:2],
+        joint=rows[2],
+        evidence=rows[3],
+        kinds=rows[PLAIN_ROWS : PLAIN_ROWS + kinds],
+        sums=rows[PLAIN_ROWS + kinds :],
         node_start=np.full(nodes, -1),
         node_parent=np.full(nodes, -1),
         node_references=np.zeros(nodes, np.int64),
-        node_kinds=np.zeros((nodes, kinds)),
-        window_evidence=np.full((window, window), -np.inf),
-        window_kinds=np.zeros((window, window, kinds)),
-        window_priors=np.full((window, 2), -np.inf),
-        smoothed=np.zeros(window),
-        backward=np.zeros(window),
-        terms=np.zeros(max(window + 1, slots)),
         anew=np.zeros(window + 2, np.int64),
+        counted=np.zeros(window + 2, np.int64),
         settled_start=np.zeros(nodes, np.int64),
-        settled_kinds=np.zeros((nodes, kinds)),
     )
+    state.window_evidence[:] = state.window_priors[:] = -np.inf
     state.counters["nodes"] = 1
     state.node_start[0], state.node_references[0] = 0, 1
     return state
+
+
+def whole(n: int) -> int:
+    """The same or the next multiple of a vector."""
+    return -(-n // VECTOR) * VECTOR
+
+
+def _zeros(shape: tuple[int, ...]) -> Floats:
+    """Numbers that begin where a vector, and a line of the cache, does."""
+    size = int(np.prod(shape))
+    memory = np.zeros(size + VECTOR)
+    first = -(memory.ctypes.data // memory.itemsize) % VECTOR
+    return memory[first : first + size].reshape(shape)
 
 
 def with_more_nodes(state: State) -> State:
@@ -202,3 +242,24 @@ def with_more_nodes(state: State) -> State:
             if name.startswith(("node_", "settled_"))
         }
     )
+
+
+def _examples() -> tuple[Model, State]:
+    """Of all types, with nothing in them."""
+    settings = np.zeros(1, SETTINGS)
+    settings["window"] = 1
+    model = Model(
+        settings,
+        np.zeros(1, CHANNEL),
+        np.zeros((1, 1), np.bool_),
+        np.zeros(1),
+        np.zeros((1, 1, 1, 4, BLOCK)),
+        np.zeros((1, 1, 2, BLOCK)),
+        np.zeros((1, 1)),
+        np.zeros(1),
+        np.zeros(1),
+    )
+    return model, fresh_state(settings, 1, 1, 1, (1, 1))
+
+
+A_MODEL, A_STATE = _examples()

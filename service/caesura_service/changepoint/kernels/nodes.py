@@ -1,0 +1,85 @@
+"""Nodes: which segmentation each hypothesis goes back to, kept for as long as anything refers to it."""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+
+from caesura_service.changepoint.kernels.compiling import compiled
+from caesura_service.changepoint.kernels.unpacking import state_at
+
+FREE = -1
+
+
+@compiled
+def copy(target, source):
+    """One row to another; an assignment would allocate, lest they overlap."""
+    for i in range(target.size):
+        target[i] = source[i]
+
+
+@compiled
+def release(here, node):
+    """One reference less; what nobody refers to is free, and lets go of its parent. The root stays."""
+    state = state_at(here)
+    state.node_references[node] -= 1
+    while state.node_references[node] == 0:
+        parent = state.node_parent[node]
+        state.node_start[node] = FREE
+        state.counters[0].nodes -= 1
+        if parent == FREE:
+            return
+        node = parent
+        state.node_references[node] -= 1
+
+
+@compiled
+def new_node(here, start, parent, kinds):
+    """A node with one reference, that of whoever asked for it."""
+    state = state_at(here)
+    node = 0
+    while state.node_start[node] != FREE:
+        node += 1
+    state.node_start[node] = start
+    state.node_parent[node] = parent
+    state.node_references[node] = 1
+    state.node_references[parent] += 1
+    copy(state.node_kinds[node], kinds)
+    state.counters[0].nodes += 1
+    return node
+
+
+@compiled
+def node_at(here, start):
+    """The node of a start that the best segmentation has."""
+    state = state_at(here)
+    for node in range(state.node_start.shape[0]):
+        if state.node_start[node] == start:
+            return node
+    return FREE
+
+
+@compiled
+def settle(here):
+    """Move the root to where the ancestries of all hypotheses, the next one included, first part."""
+    state = state_at(here)
+    me = state.counters[0]
+    while state.node_references[me.root] == 1:
+        child = only_child(here, me.root)
+        if child == FREE:
+            return
+        state.settled_start[me.settled] = state.node_start[me.root]
+        copy(state.settled_kinds[me.settled], state.node_kinds[child])
+        me.settled += 1
+        state.node_parent[child] = FREE
+        state.node_references[me.root] = 0
+        state.node_start[me.root] = FREE
+        me.nodes -= 1
+        me.root = child
+
+
+@compiled
+def only_child(here, node):
+    """The node that goes back to this one, if one does."""
+    state = state_at(here)
+    for other in range(state.node_start.shape[0]):
+        if state.node_start[other] != FREE and state.node_parent[other] == node:
+            return other
+    return FREE

@@ -1,0 +1,164 @@
+"""What all channel models share: an observation as hypotheses see it, and what squared residuals tell.
+
+Everything is done for all hypotheses in one loop, over whole vectors: what comes out behind the living is
+nobody's. `work` holds what is passed on; its rows are named here.
+"""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+
+import math
+
+import numpy as np
+
+from caesura_service.changepoint.kernels.compiling import compiled, inlined
+from caesura_service.changepoint.kernels.elementary import logarithms
+from caesura_service.changepoint.kernels.layout import AXES, FIRST, PREVIOUS, VECTOR
+from caesura_service.changepoint.kernels.unpacking import model_at, state_at
+
+LOG_2PI = math.log(2.0 * math.pi)
+TINY = float(np.finfo(np.float64).tiny)
+SQUARES = 0  # what is new in an observation, then sums of squared residuals, then their logarithms: 3 axes
+MOVED = 3  # squared length of the way so far
+BY_LENGTH = 4
+
+
+@inlined
+def whole(n):
+    """Vectors that hold n numbers."""
+    return (n + VECTOR - 1) // VECTOR * VECTOR
+
+
+@compiled
+def log_presence(squared, least):
+    """`models.log_presence`."""
+    if least == 0.0:
+        return 0.0
+    return math.log(max(-math.expm1(-0.5 * squared / least**2), TINY))
+
+
+@compiled
+def log_absence(squared, most):
+    """`models.log_absence`."""
+    if most == 0.0:
+        return 0.0
+    return -0.5 * squared / most**2
+
+
+@compiled
+def step_squared(here, signal, joins):
+    """Squared length of the step from the observation before; 0 where there is none."""
+    state = state_at(here)
+    total = 0.0
+    if joins:
+        for a in range(AXES):
+            total += (state.now[signal + a] - state.previous[signal + a]) ** 2
+    return total
+
+
+@compiled
+def by_length(here, c, n):
+    """What of the log evidence of n samples, of one group of axes, depends on n alone."""
+    model = model_at(here)
+    if n < model.by_length.shape[1]:
+        return model.by_length[c, n]
+    channel = model.channels[c]
+    values = channel.pooled * (n - channel.unvalued)
+    gammas = math.lgamma(0.5 * (channel.nu0 + values)) - math.lgamma(0.5 * channel.nu0)
+    return (
+        gammas
+        - 0.5 * values * math.log(math.pi)
+        + channel.whitening * (n - channel.unwhitened)
+        + channel.offset
+    )
+
+
+@compiled
+def tell_length(here, c):
+    """What depends on length alone, of every hypothesis and group of axes."""
+    model, state = model_at(here), state_at(here)
+    groups = 1.0 if model.channels[c].joint else float(AXES)
+    me, told = state.counters[0], state.work[BY_LENGTH]
+    for i in range(me.living):
+        told[i] = groups * by_length(here, c, me.count - state.starts[i] + 1)
+
+
+@compiled
+def follow(here, channel, joins):
+    """How far it is from where each hypothesis counts from, and what is new in that.
+
+    Fields: origin 3, y 3. The last hypothesis has just begun.
+    """
+    state = state_at(here)
+    newborn, sums, work, at = state.counters[0].living - 1, state.sums, state.work, channel.field
+    lanes = whole(newborn + 1)
+    work[MOVED, :lanes] = 0.0
+    for a in range(AXES):
+        z, y = state.now[channel.signal + a], sums[at + AXES + a]
+        if channel.origin == PREVIOUS and joins:
+            sums[at + a, newborn] = state.previous[channel.signal + a]
+        elif channel.origin in (FIRST, PREVIOUS):
+            sums[at + a, newborn] = z
+        whiten(work[SQUARES + a], y, sums[at + a], z, channel.rho, channel.white, lanes)
+        if channel.origin != PREVIOUS:
+            work[SQUARES + a, newborn] = y[newborn]
+        add_square(work[MOVED], y, lanes)
+
+
+@compiled
+def whiten(new, y, origin, z, rho, white, lanes):
+    """`Noise.fresh`, but for what has just begun."""
+    for i in range(lanes):
+        now = z - origin[i]
+        new[i] = (now - rho * y[i]) * white
+        y[i] = now
+
+
+@compiled
+def add_square(total, values, lanes):
+    """Of every hypothesis."""
+    for i in range(lanes):
+        total[i] += values[i] * values[i]
+
+
+@compiled
+def over_axes(here, c, channel):
+    """`Noise.log_evidence` of sums of squared residuals, one a hypothesis and axis, to `state.channel[c]`.
+
+    The scale is the floor's; what depends on length alone has been told.
+    """
+    state = state_at(here)
+    lanes, prior = whole(state.counters[0].living), channel.nu0 * channel.floor2
+    x, y, z = state.work[SQUARES], state.work[SQUARES + 1], state.work[SQUARES + 2]
+    if channel.joint:
+        add_all(x, y, z, prior, lanes)
+        logarithms(x, lanes)
+    else:
+        for a in range(AXES):
+            add_prior(state.work[SQUARES + a], prior, lanes)
+            logarithms(state.work[SQUARES + a], lanes)
+        add_all(x, y, z, 0.0, lanes)
+    half0, half = 0.5 * channel.nu0, 0.5 * channel.pooled
+    weigh(
+        state.channel[c], state.work[BY_LENGTH], x, state.ages, half0 - half * channel.unvalued, half, lanes
+    )
+
+
+@compiled
+def add_all(x, y, z, prior, lanes):
+    """To the first of three."""
+    for i in range(lanes):
+        x[i] = prior + (x[i] + y[i] + z[i])
+
+
+@compiled
+def add_prior(x, prior, lanes):
+    """To each."""
+    for i in range(lanes):
+        x[i] += prior
+
+
+@compiled
+def weigh(told, by_length, logs, ages, half0, half, lanes):
+    """Log evidence from logarithms of squares."""
+    for i in range(lanes):
+        told[i] = by_length[i] - (half0 + half * ages[i]) * logs[i]

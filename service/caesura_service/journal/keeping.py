@@ -1,7 +1,13 @@
-"""How long sessions stay in a journal: until they are too old or too much, closed ones first."""
+"""How long sessions stay in a journal: until they are too old or too much, closed ones first.
+
+Stations share its size fairly. Past it, the station that takes most loses its oldest closed session, so one
+that takes no more than its part loses nothing to another; and the open sessions of one station, which are
+never dropped, take half of it at most.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,6 +26,11 @@ class JournalSettings:
     waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
     age_s: float = 30 * DAY_S  # since a session was last touched
     size_bytes: int = 10 * GB  # of all sessions
+
+    @property
+    def open_bytes(self) -> int:
+        """That the open sessions of one station may take, so that none takes the place of all."""
+        return max(self.size_bytes // 2, self.waiting_bytes)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -49,6 +60,20 @@ def overdue(known: Sequence[Kept], settings: JournalSettings, now: float) -> Ite
         age_s = now - row.touched
         if age_s > settings.age_s:
             yield (row, f"not touched for {age_s / DAY_S:.1f} days, kept are {settings.age_s / DAY_S:g}")
-    size = sum(row.size for row in known)
+    sizes = sizes_of(known)
+    size = sizes.total()
+    closed.sort(key=lambda row: -sizes[row.station])  # and oldest first, as they came
     for row in closed if size > settings.size_bytes else ():
-        yield (row, f"the oldest closed one of {size / GB:.3g} GB, kept are {settings.size_bytes / GB:g}")
+        yield (
+            row,
+            f"the oldest closed one of the station that takes most, {sizes[row.station] / GB:.3g} GB of "
+            f"{size / GB:.3g}, kept are {settings.size_bytes / GB:g}",
+        )
+
+
+def sizes_of(known: Sequence[Kept]) -> Counter[str]:
+    """What each station takes [bytes]."""
+    sizes: Counter[str] = Counter()
+    for row in known:
+        sizes[row.station] += row.size
+    return sizes

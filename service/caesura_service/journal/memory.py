@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.messages import Close, Edit, JournalReport, SampleBatch
@@ -12,9 +13,9 @@ _OVERHEAD_BYTES = 1000  # of a record beside its samples
 
 
 class MemoryJournal:
-    """Records in lists, one a session. Over its capacity it drops whole sessions, oldest first.
+    """Records in lists, one a session. Over its capacity the station with most loses its oldest session.
 
-    A session that fills it alone gets no further batches; it can still be closed.
+    Where that is the one in hand, it gets no further batches; it can still be closed.
     """
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
@@ -27,22 +28,32 @@ class MemoryJournal:
     def append(self, record: Record, *, now: bool = False) -> None:
         """Keep a record, and make room for it; the session that it belongs to is never dropped.
 
-        Raises JournalError where that one is too large by itself.
+        Raises JournalError where there is no room for a batch.
         """
         key = (record.station, record.session)
-        if isinstance(record.message, SampleBatch):
-            self._check_room(key, _size(record))
+        self._make_room(key, _size(record), needed=isinstance(record.message, SampleBatch))
         self._records.setdefault(key, []).append(record)
         self._sizes[key] = self._sizes.get(key, 0) + _size(record)
-        while sum(self._sizes.values()) > self.capacity_bytes and len(self._sizes) > 1:
-            self.forget(*next(known for known in self._sizes if known != key))
 
-    def _check_room(self, key: Key, size: int) -> None:
-        if self._sizes.get(key, 0) + size > self.capacity_bytes:
-            raise JournalError(
-                f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} bytes: "
-                "close the session, and serve with --journal DIR"
-            )
+    def _make_room(self, key: Key, size: int, *, needed: bool) -> None:
+        while (sizes := self._station_sizes(key, size)).total() > self.capacity_bytes:
+            most = max(sizes, key=sizes.__getitem__)
+            oldest = next((known for known in self._sizes if known[0] == most and known != key), None)
+            if oldest is not None:
+                self.forget(*oldest)
+            elif needed:
+                raise JournalError(
+                    f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} "
+                    "bytes: close the session, and serve with --journal DIR"
+                )
+            else:
+                return
+
+    def _station_sizes(self, key: Key, size: int) -> Counter[str]:
+        sizes = Counter({key[0]: size})
+        for (station, _), taken in self._sizes.items():
+            sizes[station] += taken
+        return sizes
 
     def commit(self) -> None:
         """Nothing is safer than it is."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import ExitStack, closing, suppress
 from itertools import islice
@@ -27,7 +28,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.damage import damage_of, set_aside
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
-from caesura_service.journal.keeping import JournalSettings, Kept, overdue
+from caesura_service.journal.keeping import GB, JournalSettings, Kept, overdue, sizes_of
 from caesura_service.journal.rows import Row, copies_in, epoch_in, outcome_of, record_of, row_of
 from caesura_service.journal.schema import (
     DELETE_SESSION,
@@ -67,6 +68,7 @@ class SqliteJournal:
         self._writing = threading.RLock()  # of the database
         self._trouble: JournalError | None = None
         self._size = 0  # [bytes] as of the last look
+        self._open: Counter[str] = Counter()  # [bytes] of each station's open sessions, since the last look
         self._seen: set[Key] = set()  # at the last look
         self._wake, self._over = threading.Event(), threading.Event()
         self._stack = ExitStack()
@@ -95,8 +97,12 @@ class SqliteJournal:
         self._stack.close()
 
     def append(self, record: Record, *, now: bool = False) -> None:
-        """Keep a record. Raises JournalError where what came before it could not be written."""
+        """Keep a record. Raises JournalError where what came before it could not be written, or a batch is
+        more than its station's part.
+        """
         row = row_of(record)
+        if row.seq is not None:
+            self._check_part(row.station)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:
@@ -237,6 +243,15 @@ class SqliteJournal:
                 )
             self._waiting.append(row)
             self._waiting_bytes += row.size
+            self._open[row.station] += row.size
+
+    def _check_part(self, station: str) -> None:
+        taken, limit = self._open[station], self.settings.open_bytes
+        if taken >= limit:
+            raise JournalError(
+                f"journal {self.path}: open sessions of station {station} take {taken / GB:.3g} GB, those of "
+                f"one station may take {limit / GB:.3g}: close them, or raise --journal-gb"
+            )
 
     def _append_now(self, row: Row) -> None:
         """Either it is safe, or it is not kept: nobody else writes until that is known."""
@@ -296,6 +311,7 @@ class SqliteJournal:
             )
             known = [Kept(*row) for row in rows]
         self._size = sum(row.size for row in known)
+        self._open = sizes_of([row for row in known if not row.closed])
         return known
 
     # --- reading ----------------------------------------------------------------------------------------

@@ -159,6 +159,19 @@ def test_a_journal_in_memory_drops_the_oldest_session_when_it_is_full_and_never_
     assert journal.closed() == {("cell-1", "s2")}
 
 
+def test_a_journal_in_memory_that_is_full_takes_from_the_station_that_has_most():
+    """It dropped the oldest session, whosever that was."""
+    journal = MemoryJournal(capacity_bytes=10_000)
+    journal.append(Record("small", "s1", 0.0, batch(0)))
+    for session, seq in [("s1", 0), ("s1", 1), *(("s2", seq) for seq in range(5))]:
+        journal.append(Record("greedy", session, 0.0, batch(seq)))
+    journal.append(Record("small", "s1", 0.0, batch(1)))
+    assert journal.sessions() == (("small", "s1"), ("greedy", "s2"))
+    with pytest.raises(JournalError, match="full of greedy/s2"):
+        journal.append(Record("greedy", "s2", 0.0, batch(5)))
+    assert journal.sessions() == (("small", "s1"), ("greedy", "s2"))
+
+
 class FullJournal(MemoryJournal):
     """A disk without room."""
 

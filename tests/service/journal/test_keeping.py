@@ -9,12 +9,22 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
-from caesura_service.journal import JournalSettings, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Forgotten
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of
-from harness.sessions import STATION, answer, batches, closing, heartbeat, new_registry, opening, unowned
+from harness.sessions import (
+    STATION,
+    answer,
+    batch,
+    batches,
+    closing,
+    heartbeat,
+    new_registry,
+    opening,
+    unowned,
+)
 
 DAY_S = 86400.0
 COUNT = 6
@@ -166,6 +176,41 @@ def test_past_its_size_the_oldest_closed_session_goes_and_never_an_open_one(path
         gone = [name for second in range(15, 19) for name, _ in forgotten(registry, float(second))]
         assert gone == ["s2"]
         assert names(registry) == ["open"]
+
+
+def test_a_station_that_fills_the_journal_loses_its_own(path):
+    """It lost the oldest closed session, whosever that was."""
+    with SqliteJournal(path) as journal:
+        for number, station in enumerate(["small", "greedy", "greedy", "greedy"]):
+            at = float(number)
+            for seq in range(COUNT):
+                journal.append(Record(station, f"s{number}", at, batches(COUNT)[seq]))
+            journal.append(Record(station, f"s{number}", at, closing(COUNT - 1)))
+        journal.commit()
+        journal.tidy(10.0)
+        size = journal.report().size
+        journal.settings = replace(journal.settings, size_bytes=int(0.6 * size))
+        gone = [key for second in range(4) for key in journal.tidy(11.0 + second)]
+        assert gone == [("greedy", "s1"), ("greedy", "s2")]
+
+
+@pytest.mark.parametrize("closes", [False, True])
+def test_open_sessions_of_a_station_take_half_and_no_more_until_they_are_closed(path, closes):
+    settings = JournalSettings(size_bytes=2000, waiting_bytes=1000, commit_s=0.0)
+    with SqliteJournal(path, settings) as journal:
+        for seq in range(3):
+            journal.append(Record("greedy", "s1", 0.0, batch(seq)))
+        with pytest.raises(JournalError, match="open sessions of station greedy take") as caught:
+            journal.append(Record("greedy", "s1", 0.0, batch(3)))
+        assert "close them, or raise --journal-gb" in str(caught.value)
+        journal.append(Record("small", "s1", 0.0, batch(0)))
+        if closes:
+            journal.append(Record("greedy", "s1", 0.0, closing(2)), now=True)
+            journal.tidy(0.0)
+            journal.append(Record("greedy", "s2", 0.0, batch(0)))
+        else:
+            with pytest.raises(JournalError):
+                journal.append(Record("greedy", "s2", 0.0, batch(0)))
 
 
 def test_a_session_that_another_process_deletes_can_no_longer_be_asked_for(path):

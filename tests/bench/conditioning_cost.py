@@ -1,9 +1,10 @@
 """What conditioning costs a station: µs of processor time a batch of 20 samples, and where they go.
 
 A recording is conditioned batch by batch; what each part was asked is written down and asked again by itself,
-many times, which pure functions allow. "kinematics" is a share of "flange rows". "all of it" is the
-conditioning as it runs; what the parts leave of it is their joining together. An observation is five batches
-at 1 kHz. Usage: python tests/bench/conditioning_cost.py [RECORDING …] [--rounds N] [--json DIR]
+many times, which pure functions allow: as cheap as it can be. "kinematics" is a share of "flange rows". "all
+of it" is the conditioning of one session as it runs, "of many" that of as many sessions in turn as a service
+has. An observation is five batches at 1 kHz.
+Usage: python tests/bench/conditioning_cost.py [RECORDING …] [--rounds N] [--json DIR]
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from caesura_service.signals.gripper import GripperTracker
 from caesura_service.signals.tare import Taring
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
-BATCH, SAMPLES = 20, 6000
+BATCH, SAMPLES, SESSIONS = 20, 6000, 32
 JOINTS, TAU = (tuple(f"{name}{i}" for i in range(1, 8)) for name in ("q", "tau"))
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 Call = Callable[[], object]
@@ -105,19 +106,21 @@ def measured(stream: Stream, rounds: int) -> Mapping[str, float]:
     calls, observations = written_down(stream)
     works: dict[str, Callable[[], object]] = {name: partial(again, asked) for name, asked in calls.items()}
     works["all of it"] = partial(conditioned, stream)
+    works["of many"] = partial(conditioned, stream, SESSIONS)
     taken: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(rounds):
         for name, work in works.items():
             taken[name].append(thread_seconds(work))
     total = {name: 1e6 * statistics.median(each) for name, each in taken.items()}
+    total["of many"] /= SESSIONS
     a_batch = {name: spent / len(stream.batches) for name, spent in total.items()}
     return {**a_batch, "an observation": total["all of it"] / observations}
 
 
-def conditioned(stream: Stream) -> int:
-    """Condition it all; how many observations it came to."""
-    conditioner = Conditioner(stream.layout)
-    return sum(len(conditioner.push(batch).observations) for batch in stream.batches)
+def conditioned(stream: Stream, sessions: int = 1) -> int:
+    """Condition it all in so many sessions at once; how many observations that came to."""
+    conditioners = [Conditioner(stream.layout) for _ in range(sessions)]
+    return sum(len(each.push(batch).observations) for batch in stream.batches for each in conditioners)
 
 
 def written_down(stream: Stream) -> tuple[Mapping[str, list[Call]], int]:

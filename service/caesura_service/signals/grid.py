@@ -157,7 +157,7 @@ class Resampler:
                 )
 
     def _joined(self, waiting: Sequence[Array]) -> Array:
-        """One matrix of all samples, whose quaternions go on from one to the next, where they do not yet."""
+        """All samples in one matrix, each quaternion on the side of the one before it."""
         samples = np.concatenate(waiting)
         if self.quaternion is not None:
             make_sign_continuous(samples[:, 1:][:, self.quaternion])

@@ -35,9 +35,9 @@ class Observation:
 class FilteredRow(NamedTuple):
     """What becomes an observation once the tare is known."""
 
-    number: int
+    number: int  # becomes the observation's index
     t: float
-    row: Array  # a flange row
+    row: Array  # (c,) a flange row
     speed: float
     after_gap: bool
 

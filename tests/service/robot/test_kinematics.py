@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.robot import JOINTS, ReachError, Robot, load_panda
@@ -133,6 +133,14 @@ def test_batches_equal_single_calls(robot: Robot, postures: Array) -> None:
         assert_allclose(tips[i], robot.hand_tcp_pose(q).position_base, atol=1e-14)
         assert abs(quaternions[i] @ pose.orientation_base) == pytest.approx(1.0)
         assert_allclose(wrenches[i], robot.wrench_of_joint_torques(q, tau[i]), atol=1e-12)
+
+
+def test_a_row_has_the_same_bits_in_every_batch(robot: Robot, postures: Array) -> None:
+    tau = np.random.default_rng(3).normal(size=postures.shape)
+    positions, wrenches = robot.flange_poses(postures)[0], robot.wrenches_of_joint_torques(postures, tau)
+    for row in np.split(np.arange(len(postures)), [1, 3, 8]):
+        assert_array_equal(robot.flange_poses(postures[row])[0], positions[row])
+        assert_array_equal(robot.wrenches_of_joint_torques(postures[row], tau[row]), wrenches[row])
 
 
 def test_quaternions_of_a_motion_do_not_jump(robot: Robot) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -87,6 +88,21 @@ def test_sample_by_sample_gives_the_same_bits(layout: Layout, seed: int, rate_hz
     whole = together(Conditioner(layout), [samples])
     assert len(whole.observations) > 3
     assert bits(together(Conditioner(layout), np.split(samples, len(samples)))) == bits(whole)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_a_caller_may_use_its_array_again(layout: Layout) -> None:
+    samples = awkward_samples(layout, 4, 1000.0, n=1000)
+    array = np.empty((20, samples.shape[1]))
+
+    def in_the_same_array() -> Iterator[Array]:
+        for batch in np.split(samples, 50):
+            array[:] = batch
+            yield array
+
+    assert bits(together(Conditioner(layout), in_the_same_array())) == bits(
+        together(Conditioner(layout), [samples])
+    )
 
 
 def test_a_reset_conditioner_gives_the_same_bits_again() -> None:

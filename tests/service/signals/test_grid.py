@@ -136,6 +136,18 @@ def test_too_many_samples_in_one_cell_are_refused() -> None:
         resample(t, t)
 
 
+def test_too_many_samples_in_one_cell_are_refused_however_few_come_at_a_time() -> None:
+    t = np.append(0.0, 0.006 + np.arange(MAX_WAITING_SAMPLES) * 1e-9)
+    pushes = [*np.array_split(samples(t, t)[:-1], 100), samples(t, t)[-1:]]
+    grid, state = Resampler(100.0, 0.25, every=10, phase=6), None
+    for push in pushes[:-1]:
+        state, _ = grid.advance(state, push)
+    with pytest.raises(ValueError, match=f"{len(t)} samples within 0.01 s, expected at most"):
+        grid.advance(state, pushes[-1])
+    _, later = grid.advance(state, samples(np.array([0.1]), np.array([0.1])))
+    assert_allclose(values(later)[:, 0], grid_times(later, 0.0), atol=1e-12)
+
+
 def test_the_state_stays_small_over_a_long_session() -> None:
     state: GridState | None = None
     for i in range(200):

@@ -7,7 +7,9 @@ all.
 
 from __future__ import annotations
 
+import statistics
 import sys
+import time
 import types
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import scipy.special
-from machine import in_turn
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.compiled import CompiledFilter
@@ -29,13 +30,14 @@ from caesura_service.changepoint.parameters import FilterParameters
 Array = NDArray[np.float64]
 
 MEAN_SAMPLES = 20.0
+ROUNDS = 5
 LEVEL = Lattice({"level": Biased(Noise(2.0, 0.3), bias=5.0)}, (Kind("steady", "steady", "free", ("level",)),))
 PRUNED = FilterParameters(certain=1.0)
 UNPRUNED = replace(PRUNED, prune_ratio=0.0, keep_youngest=0, cap=1000)
 
 
 def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
-    """(name, axes, seconds) of each over a series of (3,)."""
+    """(name, axes, seconds of processor time) of each over a series of (3,), taken in turn."""
     vertical = [float(value[2]) for value in series]
     methods: list[tuple[str, int, Any]] = [
         ("caesura, pruned", 3, partial(ours, series, PRUNED)),
@@ -45,9 +47,14 @@ def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
         methods.append(("changepoint (Rust) Bocpd", 1, partial(theirs, vertical)))
     if (theirs := bcd_online()) is not None:
         methods.append(("bayesian-changepoint-detection online", 1, partial(theirs, np.array(vertical))))
-    taken = in_turn(*(run for _, _, run in methods), rounds=3)
+    taken: list[list[float]] = [[] for _ in methods]
+    for _ in range(ROUNDS):
+        for mine, (_, _, run) in zip(taken, methods, strict=True):
+            before = time.thread_time()
+            run()
+            mine.append(time.thread_time() - before)
     for (name, axes, _), seconds in zip(methods, taken, strict=True):
-        yield name, axes, seconds
+        yield name, axes, statistics.median(seconds)
 
 
 def ours(series: Sequence[Array], parameters: FilterParameters) -> None:

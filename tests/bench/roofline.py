@@ -31,25 +31,27 @@ class Work(NamedTuple):
 def work_of(lattice: Lattice, hypotheses: int, window: int) -> Work:
     """Bytes touched and floating-point operations done by one step."""
     profiled = [model for model in lattice.channels.values() if isinstance(model, Profiled)]
-    row = 2 * fields_of(lattice)
-    tables = sum(4 * len(model.library) for model in profiled)
-    smoothing = window * (window + 1) / 2
-    numbers = hypotheses * (row + tables + 2 * len(lattice.kinds)) + 2 * smoothing
-    operations = smoothing * (4 + ELEMENTARY)
+    kinds, channels = len(lattice.kinds), len(lattice.channels)
+    smoothing = window * (window + 1) / 2  # probabilities of where a segment began that ended in the window
+    numbers = 2.0 * fields_of(lattice) + 2 * kinds  # of a hypothesis
+    operations = float((3 * channels + kinds) * ELEMENTARY)
     for model in profiled:
-        count, axes = len(model.library), 3
-        each = axes * count * (2 + 4)  # Σ w y φ, and what it explains
-        if model.library.calm < 1.0:
-            each += axes * count * 3  # Σ w y², by profile
-        if model.choice == "mixture":
-            each += (
-                count * len(model.noise.shares) * (1 if model.noise.joint else axes) * (2 * ELEMENTARY + 4)
-            )
-        else:
-            each += count * axes
-        operations += hypotheses * each
-    operations += hypotheses * (len(lattice.channels) * 3 * ELEMENTARY + len(lattice.kinds) * ELEMENTARY)
-    return Work(8.0 * numbers, float(operations))
+        more, work = of_profile(model)
+        numbers += len(model.library) * more
+        operations += len(model.library) * work
+    total = hypotheses * operations + 2 * smoothing + window * ELEMENTARY
+    return Work(8.0 * (hypotheses * numbers + smoothing), total)
+
+
+def of_profile(model: Profiled) -> tuple[int, float]:
+    """Numbers read or written and operations done for a hypothesis and a profile."""
+    axes, shares, groups = 3, len(model.noise.shares), 1 if model.noise.joint else 3
+    uneven, mixture = model.library.calm < 1.0, model.choice == "mixture"
+    numbers = 2 * axes + 2 * groups * uneven  # Σwyφ, and Σwy² where it is one's own, read and written
+    numbers += 2 + uneven + mixture  # φw, Σφ²w, w, Σ log scale
+    operations = axes * (2 + 4) + axes * 3 * uneven  # Σwyφ, and what it explains; Σwy²
+    weighing = groups * shares * (2 * ELEMENTARY + 4) if mixture else axes
+    return numbers, float(operations + weighing)
 
 
 def saxpy_rates(size: int) -> Work:

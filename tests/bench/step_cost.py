@@ -1,13 +1,17 @@
 """What a step of the filter costs: compiled, in NumPy, as the thesis has it, beside peers and the roofline.
 
-At 10, 50 and 100 living hypotheses, all in this process, taken in turn over the same observations. Prints µs
-a step (median) and ratios. Usage: python tests/bench/step_cost.py [--presets a b …] [--json DIR]
+At about 10, 50 and 100 living hypotheses, all in this process, in turn over the same observations: a stretch
+of some hundred steps by one, then by the next, as a recording has them. `compiled` and all ratios are of such
+stretches; `after others` is a compiled step that follows one of the NumPy path, which has taken the caches.
+Prints µs a step, medians, processor time, and ratios. Usage: python tests/bench/step_cost.py
+[--presets a b …] [--json DIR]
 """
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,16 +19,21 @@ import numpy as np
 import peers
 import roofline
 import thesis_update
-from machine import in_turn, machine, options, seconds, tell
+from machine import machine, options, seconds, tell
 
 from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS
 
 HYPOTHESES = (10, 50, 100)
-WARM_UP, STEPS = 160, 60
+WARM_UP, STRETCH, STRETCHES = 160, 100, 5
+COLUMNS = (
+    *("preset", "h", "compiled", "after others", "NumPy", "NumPy ×"),
+    *("thesis", "thesis ×", "roofline", "roofline ×"),
+)
 
 
 def main() -> None:
@@ -33,10 +42,9 @@ def main() -> None:
     parser.add_argument("--presets", nargs="*", default=sorted(PRESETS), choices=sorted(PRESETS))
     asked = parser.parse_args()
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
-    data = demonstration(WARM_UP + STEPS)
+    data = demonstration(WARM_UP + (STRETCHES + 1) * STRETCH)
     rows = [measure(name, h, data) for name in asked.presets for h in HYPOTHESES]
-    columns = ("preset", "h", "compiled", "NumPy", "NumPy ×", "thesis", "thesis ×", "roofline", "roofline ×")
-    tell("step_cost", "µs a step", columns, rows, asked.json)
+    tell("step_cost", "µs a step", COLUMNS, rows, asked.json)
     tell(
         "peers", "µs a step, one level (Gaussian of unknown mean), 200 samples", *peers_rows(data), asked.json
     )
@@ -48,28 +56,54 @@ def measure(name: str, hypotheses: int, data: Sequence[Observed]) -> tuple[objec
     lattice = preset.lattice()
     compiled = CompiledFilter(lattice, preset.hazard, preset.filter)
     reference = OnlineFilter(lattice, preset.hazard, preset.filter)
-    for observed in data[:WARM_UP]:
-        compiled.step(observed)
-        reference.step(observed)
-    ours, theirs = [], []
-    for observed in data[WARM_UP:]:
-        ours.append(seconds(partial(compiled.step, observed)))
-        theirs.append(seconds(partial(reference.step, observed)))
-    step, numpy = statistics.median(ours), statistics.median(theirs)
-    thesis = as_in_thesis(reference, data) if name == "integrated" else None
+    for online in (compiled, reference):
+        take(online, data[:WARM_UP])
     work = roofline.work_of(lattice, compiled.starts.size, preset.filter.window)
-    least = roofline.least_seconds(work, roofline.saxpy_rates(int(work.bytes)))
+    told: dict[str, list[float]] = {"compiled": [], "NumPy": [], "thesis": [], "roofline": []}
+    for stretch in stretches(data):
+        told["compiled"].append(processor_seconds(partial(take, compiled, stretch)) / STRETCH)
+        told["NumPy"].append(processor_seconds(partial(take, reference, stretch)) / STRETCH)
+        told["roofline"].append(roofline.least_seconds(work, roofline.saxpy_rates(int(work.bytes))))
+        if name == "integrated":
+            so_far = data[: compiled.count]
+            told["thesis"].append(processor_seconds(partial(as_in_thesis, reference, so_far)))
+    step, numpy, least = (statistics.median(told[way]) for way in ("compiled", "NumPy", "roofline"))
+    cold = statistics.median(after_others(compiled, reference, data[-STRETCH:]))
+    thesis = statistics.median(told["thesis"]) if told["thesis"] else None
     return (
-        name,
-        compiled.starts.size,
-        1e6 * step,
-        1e6 * numpy,
-        numpy / step,
+        *(name, compiled.starts.size, 1e6 * step, 1e6 * cold, 1e6 * numpy, numpy / step),
         "" if thesis is None else 1e6 * thesis,
         "" if thesis is None else thesis / step,
-        1e6 * least,
-        step / least,
+        *(1e6 * least, step / least),
     )
+
+
+def stretches(data: Sequence[Observed]) -> Iterator[Sequence[Observed]]:
+    """All but the last."""
+    for first in range(WARM_UP, WARM_UP + STRETCHES * STRETCH, STRETCH):
+        yield data[first : first + STRETCH]
+
+
+def take(online: Filter, observations: Sequence[Observed]) -> None:
+    """One step after the other."""
+    for observed in observations:
+        online.step(observed)
+
+
+def processor_seconds(work: Callable[[], object]) -> float:
+    """Of this thread: what others do meanwhile is not counted."""
+    before = time.thread_time()
+    work()
+    return time.thread_time() - before
+
+
+def after_others(compiled: Filter, reference: Filter, observations: Sequence[Observed]) -> list[float]:
+    """[s] of each compiled step, a step of the NumPy path before it."""
+    taken = []
+    for observed in observations:
+        reference.step(observed)
+        taken.append(seconds(partial(compiled.step, observed)))
+    return taken
 
 
 def living(preset: Preset, hypotheses: int) -> Preset:
@@ -78,15 +112,12 @@ def living(preset: Preset, hypotheses: int) -> Preset:
     return replace(preset, filter=kept)
 
 
-def as_in_thesis(online: OnlineFilter, data: Sequence[Observed]) -> float:
-    """[s] a step of the thesis' update over the same hypotheses; its evidence is that of the filter."""
+def as_in_thesis(online: OnlineFilter, data: Sequence[Observed]) -> None:
+    """The thesis' update over the same hypotheses; its evidence is that of the filter."""
     position = np.array([observed.position for observed in data])
     force = np.array([observed.force for observed in data])
-    starts = online.starts.tolist()
-    told = thesis_update.step(position, force, starts)
+    told = thesis_update.step(position, force, online.starts.tolist())
     np.testing.assert_allclose(told, online.log_evidence, rtol=1e-9, atol=1e-9)
-    (taken,) = in_turn(lambda: thesis_update.step(position, force, starts), rounds=3)
-    return taken
 
 
 def peers_rows(data: Sequence[Observed]) -> tuple[Sequence[str], list[tuple[object, ...]]]:

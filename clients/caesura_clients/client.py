@@ -10,7 +10,7 @@ from typing import Self
 from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
-from caesura_clients.network import DEFAULT_ENDPOINT, Transport
+from caesura_clients.network import Transport
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update, follow
 from caesura_clients.transport import ZenohTransport
@@ -140,7 +140,7 @@ class Caesura:
 
 
 def connect(
-    endpoint: str = DEFAULT_ENDPOINT, *, config_file: Path | None = None, timeout_s: float | None = 5.0
+    endpoint: str | None = None, *, config_file: Path | None = None, timeout_s: float | None = 5.0
 ) -> Caesura:
     """Connect to the service.
 
@@ -148,7 +148,8 @@ def connect(
     ...     for update in caesura.results("cell-1"):
     ...         print(update.segments)
 
-    config_file: zenoh json5 with certificates or a password; timeout_s: None tries for ever.
+    endpoint: None, as the config_file says, or DEFAULT_ENDPOINT; config_file: zenoh json5 with the router,
+    and certificates or a password; timeout_s: None tries for ever.
     Raises Unreachable, or CaesuraError where the endpoint or the file makes no sense.
     """
     return Caesura(ZenohTransport(endpoint, config_file=config_file, timeout_s=timeout_s))

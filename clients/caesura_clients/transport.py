@@ -52,20 +52,21 @@ _PRIORITIES: Mapping[Priority, zenoh.Priority] = {
 class ZenohTransport:
     """A client session with a Zenoh router. Close it: an open session hangs the interpreter at exit.
 
-    endpoint: `tcp/host:port` or `tls/host:port`; config_file: zenoh json5 with certificates or a password;
-    timeout_s: how long to try before Unreachable is raised, None for ever.
+    endpoint: `tcp/host:port` or `tls/host:port`, None for that of the config_file or DEFAULT_ENDPOINT;
+    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: how long to try
+    before Unreachable is raised, None for ever.
     """
 
     def __init__(
         self,
-        endpoint: str = DEFAULT_ENDPOINT,
+        endpoint: str | None = None,
         *,
         config_file: Path | None = None,
         timeout_s: float | None = None,
     ) -> None:
-        self.endpoint: str = endpoint
         self._config = _config(endpoint, config_file)
-        self._session = _open(self._config, endpoint, timeout_s)
+        self.endpoint: str = _endpoints(self._config)[0]
+        self._session = _open(self._config, self.endpoint, timeout_s)
         self._looker: zenoh.Session | None = None  # see alive
         self._looking = threading.Lock()
 
@@ -225,18 +226,29 @@ def _refusal(error: zenoh.ReplyError) -> ProtocolError:
         return ProtocolError("overloaded", "no readable answer", value=unreadable.value)
 
 
-def _config(endpoint: str, config_file: Path | None) -> zenoh.Config:
+def endpoint_of(endpoint: str | None, config_file: Path | None) -> str:
+    """Where a transport with these would connect. Raises CaesuraError."""
+    return _endpoints(_config(endpoint, config_file))[0]
+
+
+def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
     try:
         config = zenoh.Config() if config_file is None else zenoh.Config.from_file(config_file)
-        own = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": ATTEMPT_MS}
+        where = [endpoint] if endpoint else _endpoints(config) or [DEFAULT_ENDPOINT]
+        own = {"mode": "client", "connect/endpoints": where, "connect/timeout_ms": ATTEMPT_MS}
         for key, value in {**SETTINGS, **own}.items():
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        where = (
-            f"endpoint {endpoint!r}" if config_file is None else f"{config_file} with endpoint {endpoint!r}"
-        )
-        raise CaesuraError(f"{where}: {_reason(error)}; expected for example {DEFAULT_ENDPOINT}") from error
+        said = [str(config_file)] * (config_file is not None) + [f"endpoint {endpoint!r}"] * bool(endpoint)
+        what = f"{' with '.join(said)}: {_reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+        raise CaesuraError(what) from error
     return config
+
+
+def _endpoints(config: zenoh.Config) -> list[str]:
+    """That a configuration names for a client."""
+    named = _reader(config)("connect/endpoints") or []
+    return list(named.get("client") or []) if isinstance(named, dict) else list(named)
 
 
 def _reader(config: zenoh.Config) -> Callable[[str], Any]:

@@ -10,7 +10,8 @@ from caesura_clients import attendance, memory, recording, transport
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.memory import intersect
-from caesura_clients.transport import ZenohTransport
+from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.transport import ZenohTransport, endpoint_of
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from clients.conftest import RouterNetwork, free_port
@@ -197,6 +198,27 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
     file.write_text('{metadata: {name: "cell-1"}, scouting: {multicast: {enabled: true}}}')
     with ZenohTransport(router.endpoint, config_file=file, timeout_s=5.0) as transport:
         assert transport.alive("a/*") == ()
+
+
+@pytest.mark.parametrize("named", ['["{0}"]', '{{"client": ["{0}"], "router": []}}'])
+def test_a_config_file_names_the_router_unless_somebody_else_does(router, tmp_path, named):
+    file = tmp_path / "client.json5"
+    file.write_text(f'{{"connect": {{"endpoints": {named.format(router.endpoint)}}}}}')
+    with ZenohTransport(config_file=file, timeout_s=5.0) as transport:
+        assert transport.endpoint == router.endpoint
+        assert transport.alive("caesura/v1/service/*/alive") == ()
+    with pytest.raises(Unreachable, match="tcp/127"):
+        ZenohTransport("tcp/127.0.0.1:1", config_file=file, timeout_s=0.1)
+
+
+@pytest.mark.parametrize(
+    "content", ["{}", '{"mode": "client", "connect": {"endpoints": {"router": ["tcp/h:1"]}}}']
+)
+def test_where_nobody_names_a_router_it_is_the_one_of_this_machine(tmp_path, content):
+    file = tmp_path / "client.json5"
+    file.write_text(content)
+    assert endpoint_of(None, file) == endpoint_of(None, None) == DEFAULT_ENDPOINT
+    assert endpoint_of("tcp/h:2", file) == "tcp/h:2"
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,6 @@ from caesura_clients.cli.show import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.query import current_sessions, services, snapshots
 from caesura_clients.results import events
 from caesura_protocol.errors import ProtocolError
@@ -84,7 +83,7 @@ def bridge(
     marker: Annotated[
         bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
     ] = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Send one robot's samples to the service. Ctrl-C ends the demonstration.
@@ -120,7 +119,7 @@ def bridge(
 def watch(
     station: Station = None,
     once: Annotated[bool, typer.Option("--once", help="Show what there is, and end.")] = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Show segments as they are found; what is marked ~ may still change. All stations by default."""

@@ -14,7 +14,6 @@ from caesura_clients.cli.options import Config, Connect, Json, Station, named, r
 from caesura_clients.doctor import Finding, examine, examine_recording
 from caesura_clients.doctor.examination import LISTEN_S
 from caesura_clients.doctor.findings import MARKS
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.recording import load_recording
 
 STYLES = {"ok": typer.colors.GREEN, "warn": typer.colors.YELLOW, "bad": typer.colors.RED}
@@ -29,7 +28,7 @@ def doctor(
     file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
     wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
     as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Check connection, clock, credentials, journal, samples and wrench, and say what to do.

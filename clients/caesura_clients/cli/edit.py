@@ -10,7 +10,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.editing import edit as edit_session
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_protocol.messages import Action
 
 # What stands behind each action on the command line.
@@ -37,7 +36,7 @@ def edit(
     revision: Annotated[
         int | None, typer.Option(min=0, help="Of the session as it was seen; by default the current one.")
     ] = None,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Correct a session, open or closed: changepoints, kinds of segments, force limits."""

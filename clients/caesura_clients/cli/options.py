@@ -11,19 +11,26 @@ import typer
 
 from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
+from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 
 Connect = Annotated[
-    str,
+    str | None,
     typer.Option(
-        "--connect", envvar="CAESURA_CONNECT", metavar="ENDPOINT", help="The service or its router."
+        "--connect",
+        envvar="CAESURA_CONNECT",
+        metavar="ENDPOINT",
+        help=f"The service or its router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}.",
     ),
 ]
 Config = Annotated[
     Path | None,
     typer.Option(
-        "--zenoh-config", help="zenoh json5 with certificates or a password.", exists=True, dir_okay=False
+        "--zenoh-config",
+        help="zenoh json5 with the router, and certificates or a password.",
+        exists=True,
+        dir_okay=False,
     ),
 ]
 Station = Annotated[str | None, typer.Option(help="Teaching station.")]
@@ -31,7 +38,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 
 
-def connected(endpoint: str, config: Path | None, *, patient: bool = False) -> Caesura:
+def connected(endpoint: str | None, config: Path | None, *, patient: bool = False) -> Caesura:
     """A connection as the options describe it; a patient one says what it waits for, and waits."""
     try:
         return connect(endpoint, config_file=config, timeout_s=CONNECT_TIMEOUT_S)

@@ -12,7 +12,6 @@ from rich.console import Console
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import apps_table, program_view
 from caesura_clients.errors import CaesuraError
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.programs.document import BadProgramError, ProgramFile, document, read_document
 from caesura_clients.programs.formats import WRITERS
 
@@ -39,7 +38,7 @@ def program(
     ] = ProgramFormat.TABLE,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Show the task program of a station, or write it for a robot.

@@ -16,7 +16,6 @@ import typer
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.recorder import Recorded, Recorder, record
 from caesura_clients.recording import needing
 
@@ -27,7 +26,7 @@ def record_session(
     session: Annotated[
         str | None, typer.Option(help="Session to record; by default the first one that is heard.")
     ] = None,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Record a session as it is taught, until it is closed or Ctrl-C: .mcap with its results, .npz or .csv.

@@ -14,7 +14,6 @@ from rich.console import Console, Group
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import outcome_line, program_view, segments_view, sessions_view
 from caesura_clients.errors import Absent
-from caesura_clients.network import DEFAULT_ENDPOINT
 
 sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
@@ -25,7 +24,7 @@ def _default(
     context: typer.Context,
     station: Station = None,
     as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """List the sessions that the service knows, or look at one."""
@@ -44,7 +43,7 @@ def _was_typed(context: typer.Context, name: str) -> bool:
 def list_sessions(
     station: Station = None,
     as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """List the sessions that the service knows."""
@@ -63,7 +62,7 @@ def show(
     session: Annotated[str | None, typer.Argument(help="By default the newest one of the station.")] = None,
     station: Station = None,
     as_json: Json = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Show one session: its segments, its task program, and what did not become segments."""

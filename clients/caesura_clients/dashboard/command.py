@@ -12,7 +12,6 @@ import typer
 
 from caesura_clients.cli.options import Config, Connect, connected, reported
 from caesura_clients.errors import CaesuraError
-from caesura_clients.network import DEFAULT_ENDPOINT
 
 DEFAULT_PORT = 8080
 PASSWORD_LENGTH = 8  # at least
@@ -38,7 +37,7 @@ def dashboard(
         bool, typer.Option("--insecure", help="Let everybody in who reaches --host, without a password.")
     ] = False,
     read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
-    endpoint: Connect = DEFAULT_ENDPOINT,
+    endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""

@@ -15,7 +15,7 @@ from caesura_clients.doctor.reach import look_at, no_session
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.network import Transport
 from caesura_clients.recording import Recording
-from caesura_clients.transport import ZenohTransport
+from caesura_clients.transport import ZenohTransport, endpoint_of
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
@@ -23,10 +23,14 @@ TARE_S = 0.4  # at the start of a demonstration, in which the service takes the 
 
 
 def examine(
-    endpoint: str, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
+    endpoint: str | None, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
 ) -> Iterator[Finding]:
     """Look at everything that can be reached; ends where there is nothing behind."""
-    found = look_at(endpoint)
+    try:
+        found = look_at(endpoint or endpoint_of(None, config_file))
+    except CaesuraError as error:
+        yield no_session(error)
+        return
     yield found
     if found.grade == "bad":
         return

@@ -88,11 +88,11 @@ def _tell(kept: Directory) -> None:
 
 
 def _command(holder: Identity, endpoint: str) -> str:
-    """What its holder runs."""
+    """What its holder runs. A client's file names the router; a service with one would be a router itself."""
     words = {
-        "service": f"serve --instance {holder.name}",
+        "service": f"serve --instance {holder.name} --connect {endpoint}",
         "bridge": f"bridge --station {holder.name}",
         "dashboard": "watch",
         "operator": "watch",
     }
-    return f"caesura {words[holder.role]} --connect {endpoint} --zenoh-config {holder.label}.json5"
+    return f"caesura {words[holder.role]} --zenoh-config {holder.label}.json5"

@@ -41,7 +41,8 @@ def made(tmp_path):
 def test_it_says_what_to_copy_where_and_what_to_run(made):
     said = certs(made).stdout
     assert f"caesura serve --zenoh-config {made}/router.json5" in said
-    assert "caesura bridge --station cell-1 --connect tls/127.0.0.1:7447" in said
+    assert "caesura bridge --station cell-1 --zenoh-config bridge.cell-1.json5" in said
+    assert '"tls/127.0.0.1:7447"' in (made / "bridge.cell-1.json5").read_text()
     assert "caesura watch" in said
     assert f"{made}/ca.key stays here" in said
 
@@ -81,7 +82,8 @@ def test_a_station_that_is_added_changes_the_routers_files_alone(made):
 def test_where_to_listen_and_the_hosts_are_remembered(tmp_path):
     certs(tmp_path, "--host", "10.0.0.1", "--host", "router.plant", "--listen", "tls/0.0.0.0:7500")
     said = certs(tmp_path, "--station", "cell-1").stdout
-    assert "--connect tls/10.0.0.1:7500" in said
+    assert "caesura bridge --station cell-1 --zenoh-config" in said
+    assert '"tls/10.0.0.1:7500"' in (tmp_path / "bridge.cell-1.json5").read_text()
     certs(tmp_path, "--host", "router.new", "--renew", "router")
     certificate = x509.load_pem_x509_certificate((tmp_path / "router.crt").read_bytes())
     names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value

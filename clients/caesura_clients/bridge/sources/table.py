@@ -10,8 +10,8 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S, FileSource
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
-from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.recording import load_recording, needing
+from caesura_clients.transport import endpoint_of
 from caesura_protocol.messages import WRENCH_SOURCES
 
 DEFAULT_SCENARIO = "pick_and_place"
@@ -78,7 +78,7 @@ def _ros2(options: SourceOptions) -> Source:
     with needing("ros2", "the source ros2"):
         from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra
     mapped = None if options.mapping is None else load_mapping(options.mapping)
-    endpoint = options.ros or DEFAULT_ENDPOINT
+    endpoint = endpoint_of(options.ros, options.config)
     return open_ros2(endpoint, options.config, mapped, options.mapping, options.wrench_source)
 
 

@@ -140,10 +140,9 @@ class Robot:
         """Wrenches (n, 6) of q (n, 7) and tau (n, 7), as `wrench_of_joint_torques`."""
         q, tau = _rows(q), _rows(tau)
         jacobians = np.array([self._flange_jacobian(row) for row in q]).reshape(-1, 6, JOINTS)
-        u, s, vt = np.linalg.svd(jacobians, full_matrices=False)
-        damping = np.maximum(0.0, SINGULAR_BELOW**2 - s**2)
-        explained = np.matvec(vt, tau) * (s / (s**2 + damping))
-        wrenches: Array = np.matvec(u, explained)
+        squares, axes = np.linalg.eigh(jacobians @ jacobians.mT)  # squared singular values of J
+        felt = np.matvec(axes.mT, np.matvec(jacobians, tau)) / np.maximum(squares, SINGULAR_BELOW**2)
+        wrenches: Array = np.matvec(axes, felt)
         return wrenches
 
     def gravity_torques(self, q: ArrayLike) -> Array:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.robot import JOINTS, ReachError, Robot, load_panda
+from caesura_service.robot.kinematics import SINGULAR_BELOW
 
 Array = NDArray[np.float64]
 
@@ -120,6 +121,18 @@ def test_wrench_stays_bounded_where_the_arm_is_stretched(robot: Robot) -> None:
     assert np.linalg.svd(robot.flange_jacobian(stretched))[1][-1] < 0.05
     wrench = robot.wrench_of_joint_torques(stretched, np.full(JOINTS, 1.0))
     assert np.linalg.norm(wrench) < np.sqrt(JOINTS) / 0.05
+
+
+def test_a_wrench_is_damped_as_its_singular_values_say(robot: Robot, postures: Array) -> None:
+    stretched = np.outer([0.0, 0.01, 0.1, 0.5], np.array([0.3, 0.0, -0.2, -0.0698, 0.1, 1.5, 0.0]))
+    q = np.concatenate([postures, stretched])
+    tau = np.random.default_rng(4).normal(size=q.shape)
+    u, s, vt = np.linalg.svd([robot.flange_jacobian(each) for each in q], full_matrices=False)
+    assert (s.min(axis=1) < SINGULAR_BELOW).any()
+    assert (s.min(axis=1) > SINGULAR_BELOW).any()
+    damping = np.maximum(0.0, SINGULAR_BELOW**2 - s**2)
+    expected = np.einsum("nij,nj,njk,nk->ni", u, s / (s**2 + damping), vt, tau)
+    assert_allclose(robot.wrenches_of_joint_torques(q, tau), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_batches_equal_single_calls(robot: Robot, postures: Array) -> None:

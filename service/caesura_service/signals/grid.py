@@ -111,7 +111,7 @@ class Resampler:
         """Whether every sample is later than the one before, and all are too close for a gap."""
         if not times.size or not (times[0] > latest and times[-1] - latest <= self.gap_limit_s):
             return False
-        return bool((times[1:] > times[:-1]).all())
+        return not np.count_nonzero(times[1:] <= times[:-1])
 
     def _sorted_out(
         self, state: GridState | None, samples: Array, *, broken: bool

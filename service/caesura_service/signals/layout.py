@@ -110,7 +110,7 @@ class Layout:
         if samples.ndim != 2 or samples.shape[1] != len(self.columns):
             expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
             raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
-        if not (np.abs(samples) <= self._limits).all():
+        if np.count_nonzero(np.abs(samples) <= self._limits) < samples.size:
             self._refuse(samples)
         taken = samples.take(self._picked, axis=1)
         values = taken[:, 1:]
@@ -200,7 +200,7 @@ class Layout:
 def _check_quaternions(quaternions: Array) -> None:
     norms = lengths(quaternions)
     off = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
-    if off.any():
+    if np.count_nonzero(off):
         row = int(off.argmax())
         limit = f"1 ± {QUATERNION_NORM_TOLERANCE:g}"
         raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}")

@@ -31,7 +31,7 @@ def lengths(vectors: Array) -> Array:
 def make_sign_continuous(quaternions: Array) -> None:
     """Put each row (n, 4) but the first on the side of the row before it; q and -q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
-    if turned.any():
+    if np.count_nonzero(turned):
         quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
 
 

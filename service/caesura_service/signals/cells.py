@@ -23,18 +23,18 @@ def cell_means(edges: Array, samples: Array) -> Array:
     first, stop = after[0], after[-1]
     order = np.concatenate([edges, times[first:stop]]).argsort(kind="stable")  # an edge before its equal
     knots = np.concatenate([_interpolated(edges, samples, after), samples[first:stop]]).take(order, axis=0)
-    values = knots[:, 1:]
-    areas = values[1:] + values[:-1]
-    areas *= (knots[1:, 0] - knots[:-1, 0])[:, None]
+    areas = knots[1:] + knots[:-1]
+    areas *= knots[1:, :1] - knots[:-1, :1]
     sums = np.add.reduceat(areas, after[:-1] - first + np.arange(len(edges) - 1), axis=0)
-    sums /= (2.0 * (edges[1:] - edges[:-1]))[:, None]
-    return sums
+    sums /= 2.0 * (edges[1:] - edges[:-1])[:, None]
+    means: Array = sums[:, 1:]
+    return means
 
 
 def held_values(at: Array, samples: Array) -> Array:
     """Hold each sample (m, 1 + c) until the next: the last at or before each time, (n, c). times[0] <= at."""
-    held: Array = samples[samples[:, 0].searchsorted(at, side="right") - 1, 1:]
-    return held
+    last = samples[:, 0].searchsorted(at, side="right") - 1
+    return samples.take(last, axis=0)[:, 1:]
 
 
 def _interpolated(at: Array, samples: Array, after: NDArray[np.intp]) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ Array = NDArray[np.float64]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUM, _SUM2, _HOLDING, _AFTER_GAP, _COLUMNS = 7, 8, 9, 10, 11
-_ORIENTATION, _JOINTS, _WIDTH, _POSE_COLUMNS = slice(0, 4), slice(4, 11), 11, 12
+_PARTS = {"orientation": 4, "joints": 7, "gripper_width": 1}  # of a pose, which only some sessions have
 PRESS_SHARE, PRESS_LOOKS = 0.7, 600
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
@@ -25,7 +27,7 @@ class History:
 
     def __init__(self) -> None:
         self._rows = np.empty((256, _COLUMNS))
-        self._poses: Array | None = None  # what only some sessions have
+        self._parts: dict[str, Array] = {}  # those of _PARTS that there are
         self._count = 0
 
     def __len__(self) -> int:
@@ -39,8 +41,8 @@ class History:
     def append(self, observation: Observation) -> None:
         """Keep one more observation."""
         if self._count == len(self._rows):
-            self._rows = _doubled(self._rows)
-            self._poses = None if self._poses is None else _doubled(self._poses)
+            self._rows = _grown(self._rows)
+            self._parts = {name: _grown(rows) for name, rows in self._parts.items()}
         row = self._rows[self._count]
         row[_T] = observation.t
         row[_POSITION], row[_FORCE] = observation.position_base, observation.force_base
@@ -48,18 +50,16 @@ class History:
         before, before2 = self._sums(self._count)
         fz = float(observation.force_base[2])
         row[_SUM], row[_SUM2] = before + fz, before2 + fz * fz
-        self._append_pose(observation)
+        self._append_parts(observation)
         self._count += 1
 
-    def _append_pose(self, observation: Observation) -> None:
-        parts = (observation.orientation, observation.joints, observation.gripper_width)
-        if self._poses is None:
-            if all(part is None for part in parts):
-                return
-            self._poses = np.empty((len(self._rows), _POSE_COLUMNS))
-            self._poses[: self._count] = np.nan
-        row = self._poses[self._count]
-        row[_ORIENTATION], row[_JOINTS], row[_WIDTH] = (np.nan if part is None else part for part in parts)
+    def _append_parts(self, observation: Observation) -> None:
+        for name, width in _PARTS.items():
+            part = getattr(observation, name)
+            if part is not None and name not in self._parts:
+                self._parts[name] = np.full((len(self._rows), width), np.nan)
+            if name in self._parts:
+                self._parts[name][self._count] = np.nan if part is None else part
 
     def observed(self, index: int) -> Observed:
         """What the segment models see of an observation."""
@@ -122,23 +122,19 @@ class History:
 
     def moment_at(self, index: int) -> Moment:
         """The pose at an observation."""
-        if self._poses is None:
-            return Moment(
-                self.position(index),
-                orientation=None,
-                joints=None,
-                gripper_width=None,
-                force=self.force(index),
-            )
-        row = self._poses[index]
-        orientation, joints = row[_ORIENTATION].tolist(), row[_JOINTS].tolist()
+        width = self._part("gripper_width", index)
         return Moment(
             position=self.position(index),
-            orientation=None if np.isnan(orientation[0]) else tuple(orientation),
-            joints=None if np.isnan(joints[0]) else tuple(joints),
-            gripper_width=None if np.isnan(row[_WIDTH]) else float(row[_WIDTH]),
+            orientation=self._part("orientation", index),
+            joints=self._part("joints", index),
+            gripper_width=None if width is None else width[0],
             force=self.force(index),
         )
+
+    def _part(self, name: str, index: int) -> Any:
+        rows = self._parts.get(name)
+        part = None if rows is None else tuple(rows[index].tolist())
+        return None if part is None or math.isnan(part[0]) else part
 
 
 def _upper_decile(values: Array) -> float:
@@ -149,9 +145,9 @@ def _upper_decile(values: Array) -> float:
     return float(low + share * (high - low))
 
 
-def _doubled(rows: Array) -> Array:
-    """Twice as many, the new ones untouched: memory that nothing is written to costs nothing."""
-    grown = np.empty((2 * len(rows), rows.shape[1]))
+def _grown(rows: Array) -> Array:
+    """An eighth more. Not twice as many: large arrays are of huge pages, which exist whole once touched."""
+    grown = np.empty((len(rows) + max(len(rows) // 8, 256), rows.shape[1]))
     grown[: len(rows)] = rows
     return grown
 

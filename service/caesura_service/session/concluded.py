@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import Snapshot
+from caesura_protocol.messages import Changepoint, Segment, Snapshot
 from caesura_service.session.corrections import Change, Correction
+from caesura_service.session.kept import packed
 from caesura_service.session.ports import Owner
 from caesura_service.session.standing import Standing, Stream, Tally
 from caesura_service.session.view import Pipeline, View
@@ -49,8 +50,8 @@ def view_of(snapshot: Snapshot) -> View:
         samples=status.samples,
         repeats=status.repeats,
         observations=status.observations,
-        changepoints=snapshot.changepoints.changepoints,
-        segments=snapshot.segments.segments,
+        changepoints=packed(Changepoint, snapshot.changepoints.changepoints),
+        segments=packed(Segment, snapshot.segments.segments),
         posterior_starts=posterior.starts if posterior else (),
         posterior_probabilities=posterior.probabilities if posterior else (),
         apps=snapshot.program.apps,

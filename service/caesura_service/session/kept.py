@@ -74,6 +74,13 @@ class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         return old + self._rest[max(start - kept, 0) : max(stop - kept, 0)]
 
 
+def packed(model: type[M], messages: Iterable[M]) -> Shown[M]:
+    """All of these, packed."""
+    kept = Kept(model)
+    kept.extend(messages)
+    return Shown(kept, ())
+
+
 def alike(one: Sequence[M], other: Sequence[M]) -> int:
     """So many of the first are the same ones, at least: both show them of the same that is kept."""
     if not (isinstance(one, Shown) and isinstance(other, Shown)):

@@ -1,8 +1,9 @@
 """Our own preset, all six kinds of segment, and what each of its principles is worth.
 
 DESIGN, "What real robots teach": noise from the sensor, misfit that grows with the movement, free space with
-a bias, contact as a change, correlated residuals. A sixth is that speed tells movement from rest. `WITHOUT`
-has each left out, everything else being as it is.
+a bias, contact as a change, correlated residuals. A sixth is that speed tells movement from rest, a seventh
+that a surface never drives whoever slides along it. `WITHOUT` has each left out, everything else being as
+it is.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from caesura_service.changepoint.friction import Friction
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.levels import Biased, Constant, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise
@@ -73,6 +75,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "stopped": Walk("position", scale=REST_STEP_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
         "pressed": Walk("force", scale=0.5, presence=beyond),
+        "slid_along": Friction(least=beyond, pace=slow),
         "laden": Laden(QUIET, bias=bias_n, absence=beyond),
         "empty": Held(0.03),
         "gripping": Held(0.5, change=0.05),
@@ -85,7 +88,7 @@ _LADEN_WEIGHT = 0.1
 ALL_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
     Kind("steady", "steady", "free", ("still", "untouched", "empty")),
-    Kind("sliding", "motion", "contact", ("moving", "pressed", "gripping")),
+    Kind("sliding", "motion", "contact", ("moving", "pressed", "slid_along", "gripping")),
     Kind("contact", "steady", "contact", ("stopped", "pressed", "gripping")),
     Kind("transport", "motion", "transport", ("moving", "laden", "holding"), _LADEN_WEIGHT),
     Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
@@ -155,6 +158,11 @@ def _paceless(bias_n: float) -> Channels:
     return {"moving": replace(_moving(bias_n), pace=0.0), "still": Walk("position", scale=REST_STEP_M)}
 
 
+def _frictionless(bias_n: float) -> Channels:
+    """Whoever moves under a force that no bias explains slides, wherever that points."""
+    return {"slid_along": Friction(least=0.0, pace=0.005 * STEP_S)}
+
+
 def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
     return {**default_channels(bias_n), **changes(bias_n)}
 
@@ -170,6 +178,7 @@ WITHOUT: Mapping[str, Preset] = {
             ("change", _rising_contact),
             ("correlation", _white),
             ("pace", _paceless),
+            ("friction", _frictionless),
         )
     )
 }

@@ -17,6 +17,7 @@ import numpy as np
 
 from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
 from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.friction import Friction
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
@@ -194,6 +195,7 @@ MODELS: dict[str, Entry] = {
 EVERYTHING: dict[str, ChannelModel] = {
     **{name: entry.model for name, entry in MODELS.items()},
     "held": Held(0.2, change=0.1),
+    "friction": Friction(least=2.0, pace=0.002),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
 }

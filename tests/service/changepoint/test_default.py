@@ -21,6 +21,7 @@ TOUCHED = {
     "without_change": {"pressed"},
     "without_correlation": {"moving", "still", "stopped", "untouched", "pressed", "laden"},
     "without_pace": {"moving", "still"},
+    "without_friction": {"slid_along"},
 }
 
 

@@ -17,6 +17,7 @@ from caesura_service.changepoint.kernels.layout import (
     CARRIED,
     CONSTANT,
     CONTACT,
+    FRICTION,
     HELD,
     LADEN,
     PROFILED,
@@ -39,7 +40,7 @@ from caesura_service.changepoint.kernels.residuals import (
 )
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 
-HOLDING = 6  # place in an observation
+FORCE, HOLDING = 3, 6  # places in an observation
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 
 
@@ -63,6 +64,8 @@ def take(here, c, joins):
         contact(here, c)
     elif which == VELOCITY:
         velocity(here, c)
+    elif which == FRICTION:
+        friction(here, c, joins)
 
 
 @compiled
@@ -74,6 +77,22 @@ def walk(here, c, joins):
     size2 = now[signal] ** 2 + now[signal + 1] ** 2 + now[signal + 2] ** 2
     told = channel.constant - 0.5 * (channel.nu + AXES) * math.log1p(step2 / (channel.nu * channel.scale2))
     told += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
+    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+
+
+@compiled
+def friction(here, c, joins):
+    """`Friction`. Field: log weight. The step is the same for every hypothesis."""
+    model, state = model_at(here), state_at(here)
+    channel, now = model.channels[c], state.now
+    force2 = along = 0.0
+    for a in range(AXES):
+        force2 += now[FORCE + a] ** 2
+        along += now[FORCE + a] * (now[a] - state.previous[a]) if joins else 0.0
+    along /= math.sqrt(step_squared(here, 0, joins) + channel.pace**2)
+    across2 = max(force2 - along**2, 0.0)
+    outside = max(along, -along - math.sqrt(across2), 0.0)
+    told = log_presence(across2, channel.least) + log_absence(outside**2, channel.least)
     add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from caesura_service.changepoint.contact import ContactShare
+from caesura_service.changepoint.friction import Friction
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.kernels import layout
 from caesura_service.changepoint.kernels.layout import (
@@ -257,6 +258,10 @@ def _velocity(model: ConstantVelocity) -> Record:
     }
 
 
+def _friction(model: Friction) -> Record:
+    return {"model": layout.FRICTION, "least": model.least, "pace": model.pace}
+
+
 RECORDS: Mapping[type, Callable[[Any], Record]] = {
     Profiled: _profiled,
     Walk: _walk,
@@ -267,6 +272,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     Held: _held,
     ContactShare: _contact,
     ConstantVelocity: _velocity,
+    Friction: _friction,
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
@@ -279,6 +285,7 @@ _WIDTHS: Mapping[type, int] = {
     Held: 2,
     ContactShare: 2 + layout.STATES,
     ConstantVelocity: 12,
+    Friction: 1,
 }
 
 

@@ -29,7 +29,7 @@ STATES = 3  # of the contact model
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
-PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY = range(9)
+PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION = range(10)
 PREVIOUS, FIRST, ZERO = range(3)
 
 CHANNEL = np.dtype(

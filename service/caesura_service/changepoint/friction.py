@@ -1,0 +1,51 @@
+"""What a surface does to whoever slides along it: a weight on the force, given where the movement goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.models import AXES, Observed, Rows, append, log_absence, log_presence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """A surface pushes out of itself, across the movement, and holds the movement back; it never drives it.
+
+    Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of 1 at most.
+    With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), for there is
+    a normal force all the time, and by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which the force
+    leaves the cone. Whoever pushes in what gives way, or is pushed back by it, does not slide; nor does who
+    moves freely under a bias that happens to point along. The weight is at most 1.
+
+    least [N]: of a normal force, as far as it can be told from a bias; 0 weighs nothing. pace [m]: a step
+    much shorter than this has no direction.
+    """
+
+    least: float
+    pace: float
+
+    def empty(self) -> Rows:
+        """Rows: the last position, Σ log weight."""
+        return np.zeros((0, AXES)), np.zeros(0)
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation. The first of all is no step."""
+        step = observed.position - rows[0][-1] if len(rows[0]) else np.zeros(AXES)
+        told = append(rows[1], 0.0) + self.log_weight(observed.force, step)
+        return np.tile(observed.position, (len(told), 1)), told
+
+    def log_weight(self, force: Array, step: Array) -> float:
+        """Of a force (3,) [N] at the end of a step (3,) [m]."""
+        along = float(force @ step) / float(np.sqrt(step @ step + self.pace**2))
+        across2 = max(float(force @ force) - along**2, 0.0)
+        outside = max(along, -along - np.sqrt(across2), 0.0)
+        return float(log_presence(across2, self.least) + log_absence(outside**2, self.least))
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        return np.asarray(rows[1], np.float64)

@@ -1,9 +1,10 @@
 """The task program of a demonstration that goes on: what lies before a quiet place is built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a rest, or a motion that is not the decay of a contact.
-The program is then that of the segments up to it, and that of the segments from it on. A gap that touches
-what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
+it, and at whose beginning the gripper does nothing: a rest, or a motion that is neither the decay of a
+contact nor part of a carry. The program is then that of the segments up to it, and that of the segments from
+it on. A gap that touches what lies before it is known by then: it ends where a segment begins, and the quiet
+place is one.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
-from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, task_program
+from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, holds, task_program
 
 
 @dataclass
@@ -36,25 +37,30 @@ class GrowingProgram:
         grips and gaps: all that are known. Where a grip comes to light that lies before `since`, begin anew.
         """
         rest = [grip for grip in grips if grip.t > self.since]
-        quiet = self._quiet(steps, settled - self.first, rest)
+        quiet = self._quiet(steps, settled - self.first, rest, grips)
         if quiet:
             place = steps[quiet]
             before = [grip for grip in rest if grip.t < place.segment.t0]
-            apps = self._program(steps[: quiet + 1], before, gaps)
+            apps = self._program(steps[: quiet + 1], before, gaps, grips)
             self.built += tuple(app for app in apps if not app.segments or app.segments[0] < place.index)
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
-        return self.built + self._program(steps[quiet:], rest, gaps)
+        return self.built + self._program(steps[quiet:], rest, gaps, grips)
 
-    def _program(self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap]) -> tuple[App, ...]:
-        return task_program(steps, grips, self.moment_at, least_s=self.least_s, gaps=gaps)
+    def _program(
+        self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
+    ) -> tuple[App, ...]:
+        return task_program(steps, grips, self.moment_at, least_s=self.least_s, gaps=gaps, known=known)
 
-    def _quiet(self, steps: Sequence[Step], settled: int, grips: Sequence[Grip]) -> int:
+    def _quiet(
+        self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], known: Sequence[Grip]
+    ) -> int:
         """The last quiet place among the steps that have settled; 0 where there is none."""
         for i in range(settled - 1, 0, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
             moves = kind == "motion" and self._lasts(before) and before.segment.kind != "contact"
+            moves = moves and (before.segment.contact == "free" or not holds(step, known))
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and (kind == "steady" or moves) and not gripped:
                 return i

@@ -16,11 +16,11 @@ from caesura_service.session.growing import GrowingProgram
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
 LENGTHS = (0.1, 0.3, 0.4, 2.0)
 PAUSES = (0.0, 0.0, 0.0, 0.2, 1.0)
-FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0))
+FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0), (0.0, 0.0, -5.0))
 
 
 def moment_at(t: float) -> Moment:
-    return Moment((t, 0.0, 0.0), None, None, 0.04)
+    return Moment((t, 0.0, 0.0), None, None, 0.04, FORCES[round(10.0 * t) % len(FORCES)])
 
 
 def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
@@ -38,8 +38,8 @@ def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
         certainty="final",
         position_start=(0.0, 0.0, 0.0),
         position_end=(float(rng.choice([0.0, 0.3])), 0.0, 0.0),
-        force_start=FORCES[rng.integers(3)],
-        force_end=FORCES[rng.integers(3)],
+        force_start=FORCES[rng.integers(len(FORCES))],
+        force_end=FORCES[rng.integers(len(FORCES))],
         force_held=None,
         load_kg=0.1 * index if carried else None,
         load_sd_kg=0.01 if carried else None,

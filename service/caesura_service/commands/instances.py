@@ -29,7 +29,8 @@ STEADY_S = 60.0  # an instance that lived so long starts with the first pause ag
 PATIENCE_S = 15.0  # for an instance to leave when it is told to
 LOOK_S = 0.2  # how often the main thread looks up for a signal, and after the instances
 BEAT_S = 1.0  # how often an instance says that it is alive
-SILENCE_S = 30.0  # longer than freezes that a session survives, and than a start on a busy machine
+SILENCE_S = 30.0  # of one that was ready: longer than freezes that a session survives
+STARTING_S = 300.0  # of one that is not ready yet, for compiling the filter leaves no time to say anything
 READY = "caesura ready"
 ALIVE = "caesura alive"
 LEAVES_WITH_STDIN = "--leave-with-stdin"
@@ -60,6 +61,7 @@ class Instance:
         self._guard = threading.Lock()  # of what is started and ended
         self._process: subprocess.Popen[str] | None = None
         self._silence_s = silence_s
+        self._limit_s = STARTING_S  # of its silence, now
         self._silent_s = 0.0  # as far as anybody looked: when we were frozen ourselves it does not count
         self._thread = threading.Thread(target=self._keep, name=f"instance {name}", daemon=True)
 
@@ -71,9 +73,9 @@ class Instance:
         """To be called every LOOK_S: kills it where it has been silent for too long."""
         with self._guard:
             self._silent_s += LOOK_S
-            if self._silent_s < self._silence_s or self._process is None or self._over.is_set():
+            if self._silent_s < self._limit_s or self._process is None or self._over.is_set():
                 return
-            logger.error("%s gives no sign of life for %g s: killed", self.name, self._silence_s)
+            logger.error("%s gives no sign of life for %g s: killed", self.name, self._limit_s)
             self._process.kill()
             self._silent_s = 0.0
 
@@ -115,7 +117,7 @@ class Instance:
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
             )
-            self._silent_s = 0.0
+            self._limit_s, self._silent_s = max(STARTING_S, self._silence_s), 0.0
             return self._process
 
     def _follow(self, process: subprocess.Popen[str]) -> int:
@@ -127,7 +129,7 @@ class Instance:
                 self._silent_s = 0.0
                 if line.startswith(READY):
                     logger.info("%s is ready, process %d", self.name, process.pid)
-                    self.ready = True
+                    self.ready, self._limit_s = True, self._silence_s
                     self._changed()
             return process.wait()
 

@@ -2,14 +2,13 @@
 
 Processor time of the filter, preset `default`, and of the whole way from samples to what is shown. Sessions
 of every age are made first and then taken in turn over the same observations, a stretch at a time, so that
-what differs is their age alone. "still" is a robot that stands: one segment as long as the session. At other
-rates than 10 Hz the filter's window and bounds keep their seconds, and hold more samples. Usage: python
-tests/bench/growth.py [--hours 8] [--json DIR]
+what differs is their age alone; all figures are medians over stretches, of ratios too. "still" is a robot
+that stands: one segment as long as the session. At other rates than 10 Hz the filter's window and bounds keep
+their seconds, and hold more samples. Usage: python tests/bench/growth.py [--hours 8] [--json DIR]
 """
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -42,7 +41,7 @@ MINUTES = (1, 10, 60)  # and the longest
 SEGMENT_SECONDS = (1, 4, 16)  # times as slow as `hour.varied`
 SESSIONS = (1, 8, 32, 128)
 RATES_HZ = (10, 50, 100)
-SETTLING, STRETCH, STRETCHES = 300, 100, 9  # observations
+SETTLING, STRETCH, STRETCHES = 300, 25, 36  # observations
 PRESET = PRESETS["default"]
 EACH = round(hour.RATE_HZ / HZ)  # samples of an observation
 BATCHES = max(EACH // hour.BATCH, 1)
@@ -66,15 +65,15 @@ def main() -> None:
 
 def by_length(minutes: Sequence[int], directory: Path | None) -> None:
     """What an observation costs in sessions of every length."""
-    rows: list[tuple[object, ...]] = []
+    rows = []
     for name, work in sorted(hour.WORK.items(), reverse=True):
         seen, probe = observations(work, 600 * HZ), observations(work, measured(), seed=1)
         filters = [aged(seen, 60 * HZ * minute) for minute in minutes]
-        rows.append((f"filter, {name}", *in_turn([partial(steps, online) for online in filters], probe)))
-    seen, probes = sampled(hour.varied, 600 * HZ), sampled(hour.varied, measured(), seed=1)
-    sessions = [aged_samples(seen, 60 * HZ * minute) for minute in minutes]
-    rows.append(("all of it, varied", *in_turn([one.take for one in sessions], probes)))
-    told = [(*row, float(row[-1]) / float(row[1])) for row in rows]  # type: ignore[arg-type]
+        rows.append((f"filter, {name}", in_turn([partial(steps, online) for online in filters], probe)))
+    samples, probes = sampled(hour.varied, 600 * HZ), sampled(hour.varied, measured(), seed=1)
+    sessions = [aged_samples(samples, 60 * HZ * minute) for minute in minutes]
+    rows.append(("all of it, varied", in_turn([one.take for one in sessions], probes)))
+    told = [(what, *np.median(taken, axis=1), np.median(taken[-1] / taken[0])) for what, taken in rows]
     columns = ("what", *(f"{minute} min" for minute in minutes), "last ÷ first")
     tell("growth_length", "µs an observation, by the session's length", columns, told, directory)
 
@@ -85,7 +84,7 @@ def by_segments(directory: Path | None) -> None:
     for slower in SEGMENT_SECONDS:
         work = partial(slowed, slower=slower)
         online = aged(observations(work, 600 * HZ), 3600 * HZ)
-        (cost,) = in_turn([partial(steps, online)], observations(work, measured(), seed=1))
+        cost = np.median(in_turn([partial(steps, online)], observations(work, measured(), seed=1)))
         rows.append((len(online.final), online.starts.size, cost))
     columns = ("segments", "hypotheses at the end", "µs")
     tell("growth_segments", "µs an observation after an hour, by segments", columns, rows, directory)
@@ -96,7 +95,7 @@ def by_sessions(directory: Path | None) -> None:
     seen, probe = observations(hour.varied, 60 * HZ), observations(hour.varied, measured(), seed=1)
     groups = [[aged(seen, 60 * HZ) for _ in range(count)] for count in SESSIONS]
     costs = in_turn([partial(round_robin, group) for group in groups], probe)
-    rows = [(count, cost / count) for count, cost in zip(SESSIONS, costs, strict=True)]
+    rows = [(count, np.median(cost) / count) for count, cost in zip(SESSIONS, costs, strict=True)]
     tell(
         "growth_sessions",
         "µs an observation, by sessions in the process",
@@ -113,7 +112,8 @@ def by_rate(directory: Path | None) -> None:
         online = at_rate(hz)
         seen = observations(hour.varied, 60 * hz, hz=hz)
         steps(online, seen)
-        (cost,) = in_turn([partial(steps, online)], observations(hour.varied, measured(), hz=hz, seed=1))
+        probe = observations(hour.varied, measured(), hz=hz, seed=1)
+        cost = np.median(in_turn([partial(steps, online)], probe))
         rows.append((hz, online.starts.size, cost, 1e-4 * cost * hz))
     columns = ("Hz", "hypotheses at the end", "µs", "% of a core")
     tell("growth_rate", "µs an observation, by the rate of segmentation", columns, rows, directory)
@@ -122,15 +122,16 @@ def by_rate(directory: Path | None) -> None:
 # --- measuring ------------------------------------------------------------------------------------------
 
 
-def in_turn(works: Sequence[Callable[[Sequence[Work]], None]], probe: Sequence[Work]) -> list[float]:
-    """Median µs of processor time each takes for one of the probe, a stretch of it after the other."""
+def in_turn(works: Sequence[Callable[[Sequence[Work]], None]], probe: Sequence[Work]) -> Array:
+    """(works, stretches) µs of processor time for one of the probe; each is first in turn."""
     taken: list[list[float]] = [[] for _ in works]
-    for first in range(0, len(probe), STRETCH):
-        for mine, work in zip(taken, works, strict=True):
+    for turn, first in enumerate(range(0, len(probe), STRETCH)):
+        for i in range(len(works)):
+            mine = (turn + i) % len(works)
             before = time.thread_time()
-            work(probe[first : first + STRETCH])
-            mine.append(1e6 * (time.thread_time() - before) / STRETCH)
-    return [statistics.median(mine[SETTLING // STRETCH :]) for mine in taken]
+            works[mine](probe[first : first + STRETCH])
+            taken[mine].append(1e6 * (time.thread_time() - before) / STRETCH)
+    return np.array(taken)[:, SETTLING // STRETCH :]
 
 
 def measured() -> int:

@@ -19,7 +19,7 @@ import numpy as np
 import peers
 import roofline
 import thesis_update
-from machine import machine, options, seconds, tell
+from machine import machine, options, tell
 
 from caesura_service.changepoint.compiled import CompiledFilter
 from caesura_service.changepoint.filter import Filter
@@ -102,7 +102,7 @@ def after_others(compiled: Filter, reference: Filter, observations: Sequence[Obs
     taken = []
     for observed in observations:
         reference.step(observed)
-        taken.append(seconds(partial(compiled.step, observed)))
+        taken.append(processor_seconds(partial(compiled.step, observed)))
     return taken
 
 

@@ -5,6 +5,7 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what begins without a change goes on as what came before it. A sensor drifts
   by newtons within a recording, and a press is what is added to that;
 - what the fingers have let go is not carried, what they hold is, and so is what only hangs on the robot;
+  a load that rests for less than a second is not held, but on its way;
 - a movement far out of what was pressed goes on in the air.
 What an operator has named is what it is.
 """
@@ -28,6 +29,7 @@ BASE_S = 1.0  # before a contact, over which the force is what the sensor makes 
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 SURE_SDS = 2.0  # deviations of a load from nothing
+HOLD_S = 1.0  # a load is held for so long where it is meant: hesitating takes less
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
@@ -97,9 +99,9 @@ def kept_steps(
     for before, step in zip([None, *long], long, strict=False):
         if not _lets_go(before, step):
             read = _leaving(_hanging(_in_hand(step, grips), grips))
-            kept.append(_as_touching(kept[-1] if kept else None, read, moment_at))
-    sides = zip([None, *kept], kept, [*kept[1:], None], strict=False)
-    return [_beside_a_carry(before, step, after, grips) for before, step, after in sides]
+            read = _as_touching(kept[-1] if kept else None, read, moment_at)
+            kept += [] if _pauses(read) else [read]
+    return kept
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -152,20 +154,25 @@ def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
 
 
 def _in_hand(step: Step, grips: Sequence[Grip]) -> Step:
-    """What the fingers have let go is not carried; nor, where they say nothing, what weighs nothing."""
-    if step.segment.contact != "transport":
+    """What the fingers hold is carried, however light; what they have let go is not.
+
+    Where they say nothing, what weighs nothing is not carried.
+    """
+    segment = step.segment
+    if segment.kind == "motion":
+        return _as(step, "transport") if holds(step, grips) else step
+    if segment.contact != "transport":
         return step
-    carried, kg, sd_kg = holds(step, grips), step.segment.load_kg, step.segment.load_sd_kg
+    carried, kg, sd_kg = holds(step, grips), segment.load_kg, segment.load_sd_kg
     if carried is None:
         carried = kg is None or kg > SURE_SDS * (sd_kg or 0.0)
     return step if carried else _as(step, "free")
 
 
-def _beside_a_carry(before: Step | None, step: Step, after: Step | None, grips: Sequence[Grip]) -> Step:
-    """A movement beside a carry, while the fingers hold something, is part of it, however light the load."""
-    beside = any(one is not None and one.segment.contact == "transport" for one in (before, after))
-    carries = step.segment.kind == "motion" and beside and holds(step, grips)
-    return _as(step, "transport") if carries else step
+def _pauses(step: Step) -> bool:
+    """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
+    segment = step.segment
+    return segment.kind == "hold" and step.seconds < HOLD_S and not segment.corrected
 
 
 def holds(step: Step, grips: Sequence[Grip]) -> bool | None:

@@ -60,9 +60,8 @@ class GrowingProgram:
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
             moves = kind == "motion" and self._lasts(before) and before.segment.kind != "contact"
-            moves = moves and (before.segment.contact == "free" or not holds(step, known))
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
-            if self._lasts(step) and (kind == "steady" or moves) and not gripped:
+            if self._lasts(step) and (kind == "steady" or (moves and not holds(step, known))) and not gripped:
                 return i
         return 0
 

@@ -95,8 +95,18 @@ def test_what_the_fingers_hold_is_carried_from_beginning_to_end_however_light() 
     assert kinds(program(before, carry)) == ["cartesian_motion", "transport"]
 
 
+@pytest.mark.parametrize(
+    ("seconds", "becomes"), [(0.6, ["transport"] * 2), (1.5, ["transport", "hold", "transport"])]
+)
+def test_a_load_that_rests_for_a_moment_is_on_its_way(seconds: float, becomes: list[str]) -> None:
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    rest, onward = 2.0 + seconds, 4.0 + seconds
+    carry = segment("transport", 0.0, 2.0, **load), segment("hold", 2.0, rest, **load)
+    assert kinds(program(*carry, segment("transport", rest, onward, **load))) == becomes
+
+
 def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> None:
-    rest = segment("contact", 2.0, 3.0, force_held=(-0.2, 0.1, -4.6))
+    rest = segment("contact", 2.0, 3.5, force_held=(-0.2, 0.1, -4.6))
     carry = segment("transport", 1.0, 2.0, load_kg=0.5, load_sd_kg=0.05)
     assert kinds(program(carry, rest, grips=(GRASP,)))[1:] == ["transport", "hold"]
     assert kinds(program(carry, rest)) == ["transport", "apply_force"]

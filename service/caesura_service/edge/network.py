@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import socket
 import threading
 import time
@@ -41,6 +42,9 @@ SETTINGS: Mapping[str, Any] = {
     "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
+# A link whose peer hangs is closed once its lease ends, and that holds one of zenoh's threads for 10 s
+# (SO_LINGER; zenoh issues 1101, 2718). It has two that read: three frozen dashboards kept everybody waiting.
+RUNTIME = "(rx: (worker_threads: 64))"
 # One attempt to connect. Waiting inside the library hears no signal and no deadline.
 ATTEMPT_MS = 500
 _FREE_PORT = ":0"
@@ -81,6 +85,7 @@ class NetworkSettings:
 
 def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
     """A zenoh session and the endpoint that it is reached by. Raises NetworkError, also once told to stop."""
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when a process opens its first session
     config = _config(settings.config_file)
     if settings.connect is not None:
         return _join_as_client(config, settings.connect, settings, stop), settings.connect

@@ -13,6 +13,7 @@ from faults.suite.stations import Station, reached
 from harness.processes import Process, serving
 
 DASHBOARDS = 3
+PATIENCE_S = 2.0  # the lease of a link; closing those of the frozen kept everybody waiting for 10 s
 _DASHBOARD = """
 import sys
 from caesura_clients import connect
@@ -50,8 +51,9 @@ def slow_dashboards(directory: Path) -> Row:
         for dashboard in dashboards:
             stack.callback(dashboard.kill)
         done = played(service.endpoint, directory, disturb)
-    waited = f"longest wait of a healthy reader {longest_wait_s(done):.2f} s"
-    return done.row(note=f"{DASHBOARDS} frozen; {waited}")
+    wait_s = longest_wait_s(done)
+    note = f"{DASHBOARDS} frozen; longest wait of a healthy reader {wait_s:.2f} s"
+    return done.row(note=note, met=wait_s < PATIENCE_S)
 
 
 def longest_wait_s(done: Played) -> float:

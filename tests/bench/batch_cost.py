@@ -1,0 +1,143 @@
+"""Where a service's time goes: µs of processor time a batch of 20 samples, part by part.
+
+What the worker's thread does with a batch of a 1 kHz robot, from the payload to the results' payloads, with many
+stations in turn, the real journal and the real mathematics. The network, its threads and the journal's writing
+thread are not in it: `service_load.py` has the whole. A part's time is without that of parts within it.
+Usage: python tests/bench/batch_cost.py [--stations N] [--json DIR]
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from machine import options, tell
+from service_load import prepared
+
+from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Control, Message
+from caesura_protocol.pieces import in_pieces
+from caesura_service.app import segmenting_pipeline
+from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.edge import worker
+from caesura_service.edge.arrivals import Content
+from caesura_service.edge.outgoing import key_of
+from caesura_service.journal import SqliteJournal
+from caesura_service.observing.chronicle import Chronicle
+from caesura_service.observing.counting import Counting
+from caesura_service.observing.watched import WatchedRegistry
+from caesura_service.session import results, session
+from caesura_service.session.limits import Limits
+from caesura_service.session.pipeline import SegmentationPipeline
+from caesura_service.session.ports import Owner, Publish
+from caesura_service.signals import Conditioner
+
+WARM_UP = 100  # batches of each station
+BATCH_S, BATCHES_PER_S = 0.02, 50
+
+#: Part → where its functions are looked up.
+PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
+    "reading the message": ((worker, "_batch"),),
+    "checking its samples": ((session, "samples_of"),),
+    "handing it to the journal": ((SqliteJournal, "append"),),
+    "conditioning": ((Conditioner, "push"),),
+    "a step of the filter": ((CompiledFilter, "step"),),
+    "segments and changepoints": ((SegmentationPipeline, "_parts"),),
+    "the program": ((SegmentationPipeline, "_apps"),),
+    "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
+    "counting and telling": ((Counting, "take"), (Chronicle, "take")),
+}
+REST = "order, standing, all else"
+
+
+class Clock:
+    """Times parts by their own share."""
+
+    def __init__(self) -> None:
+        self.spent: Counter[str] = Counter()  # [s]
+        self._within = [0.0]  # [s] what parts within took, of each part that is under way
+
+    def timed(self, part: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        """The same work, told to the clock."""
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            self._within.append(0.0)
+            began = time.thread_time()
+            try:
+                return work(*args, **kwargs)
+            finally:
+                took = time.thread_time() - began
+                self.spent[part] += took - self._within.pop()
+                self._within[-1] += took
+
+        return timed
+
+
+def main() -> None:
+    """Let all stations teach at once."""
+    parser = options(__doc__)
+    parser.add_argument("--stations", type=int, default=32)
+    asked = parser.parse_args()
+    content, opening = prepared()
+    command = decode(opening.payload, opening.encoding, Control).command
+    clock = Clock()
+    with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
+        registry = WatchedRegistry(
+            owner=Owner("bench", 1),
+            pipeline_factory=segmenting_pipeline(),
+            default_preset="default",
+            journal=stack.enter_context(SqliteJournal(Path(directory) / "journal.sqlite")),
+            limits=Limits(),
+        )
+        names = [f"cell-{number}" for number in range(1, asked.stations + 1)]
+        for name in names:
+            registry.command(name, command, 0.0)
+        for part, places in PARTS.items():
+            for owner, name in places:
+                timed = clock.timed(part, getattr(owner, name))
+                stack.enter_context(mock.patch.object(owner, name, timed))
+        write = clock.timed("writing messages", lambda message: list(in_pieces(message)))
+        whole = clock.timed(REST, lambda *given: take(registry, write, *given))
+        for seq, batch in enumerate(content):
+            if seq == WARM_UP:
+                clock.spent.clear()
+            for name in names:
+                whole(name, batch, seq * BATCH_S)
+    count = (len(content) - WARM_UP) * len(names)
+    show(clock.spent, count, asked.stations, asked.json)
+
+
+def take(
+    registry: WatchedRegistry, write: Callable[[Message], object], station: str, batch: Encoded, now: float
+) -> None:
+    """What the worker does with a batch."""
+    content = Content(station_key(station, "samples"), batch.payload, batch.encoding, len(batch.payload))
+    said = registry.samples(station, worker._batch(content), now)
+    for output in said:
+        if isinstance(output, Publish):
+            key_of(output.message)
+            write(output.message)
+
+
+def show(spent: Mapping[str, float], count: int, stations: int, directory: Path | None) -> None:
+    """Largest first."""
+    total = sum(spent.values())
+    rows: list[Sequence[object]] = [
+        (part, 1e6 * s / count, 100.0 * s / total) for part, s in sorted(spent.items(), key=lambda x: -x[1])
+    ]
+    share = 100.0 * BATCHES_PER_S * total / count
+    rows.append((f"all of it: {share:.2f} % of a core a station", 1e6 * total / count, 100.0))
+    tell(
+        "batch_cost", f"{stations} stations, session {SESSION}", ("part", "µs a batch", "%"), rows, directory
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,9 @@
 """Where a service's time goes: µs of processor time a batch of 20 samples, part by part.
 
-What the worker's thread does with a batch of a 1 kHz robot, from the payload to the results' payloads, with many
-stations in turn, the real journal and the real mathematics. The network, its threads and the journal's writing
-thread are not in it: `service_load.py` has the whole. A part's time is without that of parts within it.
+What the worker's thread does with a batch of a 1 kHz robot, from the payload to the results' payloads, many
+stations in turn, with the real journal and the real mathematics. The network, its threads and the thread in
+which the journal writes are not in it: `service_load.py` has the whole. A part's time is without that of
+parts within it.
 Usage: python tests/bench/batch_cost.py [--stations N] [--json DIR]
 """
 
@@ -134,9 +135,7 @@ def show(spent: Mapping[str, float], count: int, stations: int, directory: Path 
     ]
     share = 100.0 * BATCHES_PER_S * total / count
     rows.append((f"all of it: {share:.2f} % of a core a station", 1e6 * total / count, 100.0))
-    tell(
-        "batch_cost", f"{stations} stations, session {SESSION}", ("part", "µs a batch", "%"), rows, directory
-    )
+    tell("batch_cost", f"{stations} stations", ("part", "µs a batch", "%"), rows, directory)
 
 
 if __name__ == "__main__":

@@ -90,8 +90,8 @@ def new_registry(journal: Journal | None = None, limits: Limits | None = None) -
 
 def unowned(standing: Standing) -> Standing:
     """Whoever speaks, and under whatever epoch."""
-    program = standing.program.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
-    return standing._replace(owner=OWNER, program=program)
+    heading = standing.heading.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
+    return standing._replace(owner=OWNER, heading=heading)
 
 
 def published(outputs: Iterable[Output], kind: type[M]) -> list[M]:

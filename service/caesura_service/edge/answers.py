@@ -34,7 +34,7 @@ from caesura_service.edge.outgoing import answer, as_pressed, refuse
 from caesura_service.edge.rates import RateLimit, RateSettings
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
-from caesura_service.session.standing import Standing, snapshot_of
+from caesura_service.session.standing import Standing, program_of, snapshot_of
 
 logger = logging.getLogger(__name__)
 
@@ -157,7 +157,7 @@ class Answers(Threaded):
             for standing in self._registry.board.current():
                 key = station_key(standing.station, "program")
                 if asked.intersects(key):
-                    answer(query, key, standing.program)
+                    answer(query, key, program_of(standing))
 
     def _answer_status(self, query: zenoh.Query) -> None:
         with query:

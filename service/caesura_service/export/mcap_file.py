@@ -48,7 +48,7 @@ def told_of(taught: Taught) -> Demonstration:
         segments=tuple(view.segments),
         changepoints=tuple(view.changepoints),
         gaps=view.gaps,
-        apps=view.apps,
+        apps=tuple(view.apps),
         notes=taught.notes,
         wrench_note=view.wrench.note,
         complete=taught.complete,

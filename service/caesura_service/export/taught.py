@@ -68,7 +68,7 @@ def _concluded(outcome: Outcome) -> tuple[View, tuple[str, ...], bool]:
 def _replayed(records: Sequence[Record]) -> tuple[View, tuple[str, ...], bool]:
     """What the service makes of the records, now as then."""
     standing = _folded(records)
-    return standing.view, standing.program.notes, not standing.is_open
+    return standing.view, standing.heading.notes, not standing.is_open
 
 
 def _folded(records: Sequence[Record]) -> Standing:

@@ -119,7 +119,7 @@ def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
 
     teaching = Teaching(scenario, seed=seed)
     apps = segment_recording(finish(teaching, list(teaching.chunks(1.0))).recording).apps
-    return apps, Place(teaching.scenario, teaching.person, seed)
+    return tuple(apps), Place(teaching.scenario, teaching.person, seed)
 
 
 # --- operators ------------------------------------------------------------------------------------------

@@ -81,7 +81,7 @@ def _tell_change(change: Change) -> None:
     for gap in after.view.gaps[len(before.view.gaps) :] if after.view.gaps is not before.view.gaps else ():
         _say_of(after, logging.WARNING, _gap(gap))
     if after.revision > before.revision:
-        _say_of(after, logging.INFO, f"corrected by {after.program.author}: revision {after.revision}")
+        _say_of(after, logging.INFO, f"corrected by {after.heading.author}: revision {after.revision}")
     if before.is_open and after.state == "closed":
         _say_of(after, logging.INFO, _closed(after))
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import Changepoint, Segment, Snapshot
+from caesura_protocol.messages import App, Changepoint, Segment, Snapshot
 from caesura_service.session.corrections import Change, Correction
 from caesura_service.session.kept import packed
 from caesura_service.session.ports import Owner
@@ -54,7 +54,7 @@ def view_of(snapshot: Snapshot) -> View:
         segments=packed(Segment, snapshot.segments.segments),
         posterior_starts=posterior.starts if posterior else (),
         posterior_probabilities=posterior.probabilities if posterior else (),
-        apps=snapshot.program.apps,
+        apps=packed(App, snapshot.program.apps),
         notes=snapshot.program.notes,
         gaps=status.gaps,
         wrench=status.wrench,
@@ -74,17 +74,20 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
     }
+    said = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
+    view = view_of(snapshot)
     return Standing(
         station=status.station,
         session=status.session,
         owner=owner,
         preset=status.preset,
         state="closed",
-        view=view_of(snapshot),
+        view=view,
         tally=Tally(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
         waiting_for=None,
         last_seq=last_seq,
-        program=snapshot.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch}),
+        heading=snapshot.program.model_copy(update=said),
+        apps=view.apps,
         revision=status.revision,
         undoable=status.undoable,
         redoable=status.redoable,

@@ -17,7 +17,7 @@ from caesura_service.session import results
 from caesura_service.session.corrections import Corrections
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
-from caesura_service.session.standing import Standing, Tally, time_of
+from caesura_service.session.standing import Standing, Tally, program_of, time_of
 from caesura_service.session.state import Move, State, after
 from caesura_service.session.view import Pipeline
 
@@ -134,8 +134,8 @@ class Demonstration:
 
     def hand_to(self, owner: Owner) -> None:
         """Speak as this owner from here on."""
-        program = self.standing.program.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
-        self.standing = self.standing._replace(owner=owner, program=program)
+        heading = self.standing.heading.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
+        self.standing = self.standing._replace(owner=owner, heading=heading)
 
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
@@ -163,8 +163,9 @@ class Demonstration:
         self.standing, changes = results.with_view(
             self.standing, self._pipeline.view, tally or self.standing.tally
         )
-        self.standing, program = results.with_program(self.standing)
-        self._program_unsaid |= bool(program)
+        version = self.standing.heading.version
+        self.standing = results.with_program(self.standing)
+        self._program_unsaid |= self.standing.heading.version > version
         view = self.standing.view
         due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]
@@ -176,7 +177,7 @@ class Demonstration:
         if not self._program_unsaid or (self.standing.is_open and t < self._program_t + waits_s):
             return []
         self._program_t, self._program_unsaid = t, False
-        return [Publish(self.standing.program)]
+        return [Publish(program_of(self.standing))]
 
     def _guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
         """What a step says; if it breaks, it has said nothing, and the demonstration ends where it stood."""
@@ -192,9 +193,9 @@ class Demonstration:
     def _fail(self, error: Exception) -> list[Output]:
         self._move("fail")
         reason = f"closed by an error in processing: {type(error).__name__}: {error}"
-        self.standing, program = results.with_program(self.standing, note=reason)
+        self.standing = results.with_program(self.standing, note=reason)
         failed = Failed(self.standing.station, self.standing.session, error)
-        return [failed, *program, *self.refuse(ProtocolError("conflict", reason))]
+        return [failed, Publish(program_of(self.standing)), *self.refuse(ProtocolError("conflict", reason))]
 
     def _move(self, move: Move) -> None:
         self.standing = self.standing._replace(state=after(self.state, move))

@@ -10,12 +10,13 @@ place is one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
 from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, holds, task_program
+from caesura_service.session.kept import Kept, Shown
 
 
 @dataclass
@@ -26,11 +27,11 @@ class GrowingProgram:
     least_s: float
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
-    built: tuple[App, ...] = ()  # from what lies before
+    built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
 
     def apps(
         self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
-    ) -> tuple[App, ...]:
+    ) -> Sequence[App]:
         """The apps of a demonstration, in time order.
 
         steps: from segment `first` on; settled: how many segments of all nothing can change any more;
@@ -42,10 +43,10 @@ class GrowingProgram:
             place = steps[quiet]
             before = [grip for grip in rest if grip.t < place.segment.t0]
             apps = self._program(steps[: quiet + 1], before, gaps, grips)
-            self.built += tuple(app for app in apps if not app.segments or app.segments[0] < place.index)
+            self.built.extend(app for app in apps if not app.segments or app.segments[0] < place.index)
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
-        return self.built + self._program(steps[quiet:], rest, gaps, grips)
+        return Shown(self.built, self._program(steps[quiet:], rest, gaps, grips))
 
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]

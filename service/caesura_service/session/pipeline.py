@@ -316,7 +316,7 @@ class SegmentationPipeline:
             corrected=self._heeded.is_certain(stretch.start),
         )
 
-    def _apps(self, unsettled: list[Part]) -> tuple[App, ...]:
+    def _apps(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first
         parts = [*self._settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]

@@ -16,6 +16,7 @@ from caesura_service.session.standing import (
     Tally,
     changepoints_of,
     posterior_of,
+    program_of,
     segments_of,
     status_of,
     time_of,
@@ -34,7 +35,7 @@ class Edited:
 
 def beginning(station: str, session: str, owner: Owner, preset: str, view: View) -> Standing:
     """A session that has taken nothing yet."""
-    program = Program(
+    heading = Program(
         station=station,
         session=session,
         instance=owner.instance,
@@ -42,7 +43,7 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: View)
         version=0,
         t=time_of(view),
         complete=False,
-        apps=view.apps,
+        apps=(),
         notes=view.notes,
     )
     silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
@@ -56,14 +57,15 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: View)
         tally=Tally(),
         waiting_for=None,
         last_seq=silent,
-        program=program,
+        heading=heading,
+        apps=view.apps,
     )
 
 
 def first_words(standing: Standing) -> tuple[Standing, list[Publish]]:
     """Every stream but the posterior begins with what is there, so that a snapshot can number it."""
     standing = _bump(_bump(standing, "changepoints"), "segments")
-    said = [Publish(changepoints_of(standing)), Publish(segments_of(standing)), Publish(standing.program)]
+    said = [Publish(changepoints_of(standing)), Publish(segments_of(standing)), Publish(program_of(standing))]
     standing, status = with_status(standing)
     return standing, [*said, status]
 
@@ -90,14 +92,14 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     return standing, said
 
 
-def with_program(standing: Standing, *, note: str | None = None) -> tuple[Standing, list[Publish]]:
-    """The next version of the task program, where it differs from the last one."""
-    program, view = standing.program, standing.view
+def with_program(standing: Standing, *, note: str | None = None) -> Standing:
+    """With the next version of the task program, where it differs from the last one."""
+    heading, view = standing.heading, standing.view
     notes = (*view.notes, note) if note else view.notes
     complete = not standing.is_open
-    if (view.apps, notes, complete) == (program.apps, program.notes, program.complete):
-        return standing, []
-    return _next_program(standing, apps=view.apps, notes=notes, complete=complete)
+    if (view.apps, notes, complete) == (standing.apps, heading.notes, heading.complete):
+        return standing
+    return _next_program(standing, notes=notes, complete=complete)
 
 
 def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing, list[Publish]]:
@@ -107,9 +109,8 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
     standing = standing._replace(
         revision=done.revision, undoable=bool(done.active), redoable=bool(done.undone)
     )
-    standing, program = _next_program(
+    standing = _next_program(
         standing,
-        apps=view.apps,
         notes=view.notes,
         complete=not standing.is_open,
         revision=done.revision,
@@ -117,13 +118,13 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
         edited=edited.at,
     )
     standing, status = with_status(standing)
-    return standing, [*changes, *program, status]
+    return standing, [*changes, Publish(program_of(standing)), status]
 
 
-def _next_program(standing: Standing, **changes: Any) -> tuple[Standing, list[Publish]]:
-    program, t = standing.program, time_of(standing.view)
-    fresh = program.model_copy(update={"version": program.version + 1, "t": t, **changes})
-    return standing._replace(program=fresh), [Publish(fresh)]
+def _next_program(standing: Standing, **changes: Any) -> Standing:
+    heading, view = standing.heading, standing.view
+    changes |= {"version": heading.version + 1, "t": time_of(view)}
+    return standing._replace(heading=heading.model_copy(update=changes), apps=view.apps)
 
 
 def _posterior(view: View) -> tuple[object, ...]:

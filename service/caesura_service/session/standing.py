@@ -6,13 +6,14 @@ The messages of a snapshot are made from it when somebody asks, not at every bat
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import (
     MAX_GAPS,
+    App,
     Changepoints,
     Posterior,
     Program,
@@ -57,7 +58,8 @@ class Standing(NamedTuple):
     tally: Tally
     waiting_for: int | None  # the batch that is missing
     last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
-    program: Program
+    heading: Program  # the task program without its apps
+    apps: Sequence[App]  # of the task program
     revision: int = 0  # edits so far
     undoable: bool = False
     redoable: bool = False
@@ -135,6 +137,11 @@ def posterior_of(standing: Standing) -> Posterior:
     )
 
 
+def program_of(standing: Standing) -> Program:
+    """The task program."""
+    return standing.heading.model_copy(update={"apps": tuple(standing.apps)})
+
+
 def snapshot_of(standing: Standing) -> Snapshot:
     """Everything so far, with the last sequence number of each stream."""
     return Snapshot(
@@ -142,5 +149,5 @@ def snapshot_of(standing: Standing) -> Snapshot:
         changepoints=changepoints_of(standing),
         segments=segments_of(standing),
         posterior=posterior_of(standing) if standing.last_seq["posterior"] >= 0 else None,
-        program=standing.program,
+        program=program_of(standing),
     )

@@ -27,7 +27,7 @@ class View(NamedTuple):
     segments: Sequence[Segment]
     posterior_starts: tuple[float, ...]  # [s] living hypotheses
     posterior_probabilities: tuple[float, ...]
-    apps: tuple[App, ...]
+    apps: Sequence[App]
     notes: tuple[str, ...]
     gaps: tuple[Gap, ...]
     wrench: WrenchReport

@@ -42,7 +42,7 @@ from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.ports import NotTaken, Output
 from caesura_service.session.registry import Registry
 from caesura_service.session.session import Session
-from caesura_service.session.standing import Standing, snapshot_of
+from caesura_service.session.standing import Standing, program_of, snapshot_of
 from harness.sessions import (
     NAME,
     OWNER,
@@ -253,7 +253,7 @@ class Real:
 
 
 def compared(standing: Standing) -> tuple[object, ...]:
-    program = unowned(standing).program
+    program = program_of(unowned(standing))
     return standing.view, program, standing.state, standing.revision, standing.undoable, standing.redoable
 
 
@@ -343,7 +343,7 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     (standing, _) = registry.board.standings()
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]
-    assert [one.version for one in published(said, Program)] == [before.program.version + 1]
+    assert [one.version for one in published(said, Program)] == [before.heading.version + 1]
 
 
 def test_where_the_records_are_gone_a_correction_says_so():
@@ -402,7 +402,7 @@ def test_whoever_takes_a_station_over_has_its_corrections(pair):
     assert corrected(a).revision == 1
     a.kill()
     b.take()
-    assert (b.standing.revision, b.standing.program.author) == (1, "Ann")
+    assert (b.standing.revision, b.standing.heading.author) == (1, "Ann")
     b.feed(*range(9, COUNT))
     b.close()
     assert corrected(b, 1, Insert(t=0.5)).revision == 2

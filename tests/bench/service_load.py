@@ -40,7 +40,8 @@ SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
 OBSERVED_S = 0.1  # from one observation to the next
 SECONDS, WARM_UP_S = 10.0, 2.0
 LIMIT_MS = 50.0
-STEPS = (8, 16, 24, 32, 48, 64, 96, 128)
+STEPS = (8, 16, 24, 32, 40, 48, 64, 96, 128)
+NETWORK_THREADS = ("rx-", "tx-", "acc-", "app-", "net-")  # as zenoh calls its own
 
 
 class Load(NamedTuple):
@@ -49,6 +50,7 @@ class Load(NamedTuple):
     lost: int  # samples
     latencies_ms: Sequence[float]
     processor: float  # cores that the service took
+    network: float  # share of that in the network's own threads
     memory_mb: float
 
 
@@ -76,6 +78,7 @@ def main() -> None:
         "p99.9",
         "cores",
         "% of a core a station",
+        "network [%]",
         "MB a station",
     )
     title = f"{held} stations held, {asked.instances} instance(s): p99 at most {LIMIT_MS:g} ms, nothing lost"
@@ -87,7 +90,8 @@ def row(stations: int, load: Load) -> tuple[object, ...]:
     p50, p99, p999 = (float(np.percentile(load.latencies_ms, p)) for p in (50, 99, 99.9))
     share = 100.0 * load.processor / stations
     results = len(load.latencies_ms)
-    return stations, load.lost, results, p50, p99, p999, load.processor, share, load.memory_mb / stations
+    network, memory_mb = 100.0 * load.network, load.memory_mb / stations
+    return stations, load.lost, results, p50, p99, p999, load.processor, share, network, memory_mb
 
 
 def measured(stations: int, instances: int, spread_s: float) -> Load:
@@ -108,9 +112,10 @@ def measured(stations: int, instances: int, spread_s: float) -> Load:
         robots.start()
         begun = told.get()  # all sessions are open
         time.sleep(max(0.0, begun + WARM_UP_S - time.monotonic()))
-        spent, since = processor_s(service.pid), time.monotonic()
+        before, since = processor_s(service.pid), time.monotonic()
         time.sleep(max(0.0, begun + SECONDS - time.monotonic()))
-        cores = (processor_s(service.pid) - spent) / (time.monotonic() - since)
+        spent_s, network_s = np.subtract(processor_s(service.pid), before).tolist()
+        cores = spent_s / (time.monotonic() - since)
         grown_mb = memory_mb(service.pid) - before_mb
         put_at = told.get()
         received = told.get()
@@ -118,7 +123,7 @@ def measured(stations: int, instances: int, spread_s: float) -> Load:
             lost = missing(transport, names, len(next(iter(put_at.values()))))
         robots.join()
         reader.join()
-    return Load(lost, list(latencies(put_at, received)), cores, grown_mb)
+    return Load(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb)
 
 
 def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, float]]) -> Iterator[float]:
@@ -247,13 +252,16 @@ def family(pid: int) -> list[int]:
     return [pid, *(one for child in children for one in family(int(child)))]
 
 
-def processor_s(pid: int) -> float:
-    """[s] of processor time so far, all threads and children."""
-    ticks = 0
-    for one in family(pid):
-        fields = Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()
-        ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+def processor_s(pid: int) -> tuple[float, float]:
+    """[s] of processor time so far of a process and its children: all threads, and the network's own."""
+    whole = network = 0.0
+    for path in (path for one in family(pid) for path in Path(f"/proc/{one}/task").glob("*/stat")):
+        name, _, rest = path.read_text().partition("(")[2].rpartition(")")
+        user, system = rest.split()[11:13]
+        spent = (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+        whole += spent
+        network += spent * name.startswith(NETWORK_THREADS)
+    return whole, network
 
 
 def memory_mb(pid: int) -> float:

@@ -34,6 +34,13 @@ class Proxy:
             writer.transport.abort()
         self._open.clear()
 
+    async def _end(self) -> None:
+        """Let go of whatever is still passed."""
+        passing = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in passing:
+            task.cancel()
+        await asyncio.gather(*passing, return_exceptions=True)
+
     async def _serve(self) -> None:
         async with await asyncio.start_server(self._connected, "127.0.0.1", self.port) as server:
             await server.serve_forever()
@@ -67,6 +74,7 @@ def proxied(target: str) -> Iterator[Proxy]:
     def run() -> None:
         with suppress(asyncio.CancelledError):
             proxy._loop.run_until_complete(serving)
+        proxy._loop.run_until_complete(proxy._end())
 
     serving = proxy._loop.create_task(proxy._serve())
     thread = threading.Thread(target=run, daemon=True)
@@ -74,8 +82,7 @@ def proxied(target: str) -> Iterator[Proxy]:
     try:
         yield proxy
     finally:
-        proxy.flows = True
         proxy.cut()
-        proxy._loop.call_soon_threadsafe(lambda: [task.cancel() for task in asyncio.all_tasks(proxy._loop)])
+        proxy._loop.call_soon_threadsafe(serving.cancel)
         thread.join()
         proxy._loop.close()

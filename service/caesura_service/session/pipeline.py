@@ -109,7 +109,6 @@ class SegmentationPipeline:
         self._history = History()
         self._gaps = Gaps()
         self._grips: list[Grip] = []
-        self._settled, self._baseline = Settled(), list[Stretch]()
         self._program = self._growing()
         self._lost = False  # the next gap was declared, not seen
         self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
@@ -149,7 +148,6 @@ class SegmentationPipeline:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
         other = copy(self)
         other._heeded = Heeded(corrections)
-        other._settled, other._baseline = Settled(), []
         other._program = other._growing()
         other._begin(tared=self._tared)
         for index in range(len(self._history)):
@@ -169,6 +167,7 @@ class SegmentationPipeline:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
 
     def _begin(self, *, tared: bool) -> None:
+        self._settled, self._baseline = Settled(), list[Stretch]()
         self._places = array("d")  # [s] where a segment begins whose first own observation is this one
         level = self._preset.threshold
         self._tared = tared

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from caesura_clients.recording import Recording
+from caesura_clients.results import Update
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Changepoint, Message, Segment, Segments, Snapshot
 
@@ -77,3 +78,8 @@ def samples(count: int, t0: float = 0.0, rate_hz: float = 1000.0) -> np.ndarray:
     """(count, 4) samples of a LiveSource."""
     t = t0 + np.arange(count) / rate_hz
     return np.column_stack([t, t, t, t])
+
+
+def until_complete(updates: Iterable[Update]) -> Update:
+    """The first one of a session that is over, with its whole program."""
+    return next(update for update in updates if update.closed and update.program.complete)

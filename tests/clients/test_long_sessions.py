@@ -20,7 +20,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
 from caesura_protocol.pieces import in_pieces
-from clients.examples import LiveSource, example
+from clients.examples import LiveSource, example, until_complete
 
 pytest.importorskip("caesura_service.app")
 from caesura_service.app import Service
@@ -66,10 +66,7 @@ def test_a_long_session_is_told_whole(caesura: Caesura, config: ServiceConfig):
     updates: list[Update] = []
 
     def follow() -> None:
-        for update in caesura.results("cell-1", silence_s=20.0):
-            updates[:] = [update]
-            if update.closed and update.program.complete:
-                return
+        updates.append(until_complete(caesura.results("cell-1", silence_s=20.0)))
 
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()

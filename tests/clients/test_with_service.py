@@ -20,7 +20,7 @@ from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_clients.recording import Recording
 from clients.conftest import free_port
-from clients.examples import LiveSource, recording, samples
+from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
 
@@ -77,10 +77,7 @@ def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
 
     def follow() -> None:
         with connect(endpoint) as watching:
-            for update in watching.results("cell-2", silence_s=5.0):
-                last[:] = [update]
-                if update.closed and update.program.complete:
-                    return
+            last.append(until_complete(watching.results("cell-2", silence_s=5.0)))
 
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()

@@ -11,4 +11,4 @@ if ! "$python" -c 'import ensurepip' 2>/dev/null; then
 fi
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 "$venv/bin/pip" install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-"$venv/bin/python" -m caesura_service.changepoint.kernels
+"$venv/bin/python" -m caesura_service.prepare

@@ -128,7 +128,7 @@ def run_service(
 
 def segmenting_pipeline() -> PipelineFactory:
     """The real mathematics, compiled. Imported here: a service with another one does not wait for it."""
-    from caesura_service.changepoint.filters import prepare  # noqa: PLC0415
+    from caesura_service.prepare import prepare  # noqa: PLC0415
     from caesura_service.session.pipeline import make_pipeline  # noqa: PLC0415
 
     prepare()

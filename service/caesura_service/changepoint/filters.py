@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import logging
-from functools import cache
-
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.parameters import FilterParameters
-
-logger = logging.getLogger(__name__)
+from caesura_service.compiling import has_kernels
 
 
 def filter_for(lattice: Lattice, hazard: Hazard, parameters: FilterParameters) -> Filter:
@@ -30,14 +26,3 @@ def prepare() -> None:
         from caesura_service.changepoint.compiled import compile_now  # noqa: PLC0415
 
         compile_now()
-
-
-@cache
-def has_kernels() -> bool:
-    """Whether numba is installed. Without it everything works, a hundred times slower."""
-    try:
-        import numba  # noqa: F401, PLC0415
-    except ImportError:
-        logger.warning("numba is not installed: segmentation is slow; pip install 'caesura[service]'")
-        return False
-    return True

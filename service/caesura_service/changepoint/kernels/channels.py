@@ -9,7 +9,6 @@ there was an observation before this one. The hypothesis in the last place has j
 
 import math
 
-from caesura_service.changepoint.kernels.compiling import compiled
 from caesura_service.changepoint.kernels.elementary import log_sum_exp, logarithms
 from caesura_service.changepoint.kernels.layout import (
     AXES,
@@ -39,6 +38,7 @@ from caesura_service.changepoint.kernels.residuals import (
     whole,
 )
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
+from caesura_service.compiling.decorators import compiled
 
 FORCE, HOLDING = 3, 6  # places in an observation
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work

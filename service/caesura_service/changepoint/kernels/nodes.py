@@ -2,8 +2,8 @@
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
-from caesura_service.changepoint.kernels.compiling import compiled
 from caesura_service.changepoint.kernels.unpacking import state_at
+from caesura_service.compiling.decorators import compiled
 
 FREE = -1
 

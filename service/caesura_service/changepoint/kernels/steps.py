@@ -5,12 +5,12 @@
 import math
 
 from caesura_service.changepoint.kernels.channels import take
-from caesura_service.changepoint.kernels.compiling import compiled
 from caesura_service.changepoint.kernels.elementary import exponentials, logarithms, most_of, shares_of
 from caesura_service.changepoint.kernels.nodes import copy, new_node, release, settle
 from caesura_service.changepoint.kernels.residuals import whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.changepoint.kernels.window import keep_shares, remember, smooth, sum_from
+from caesura_service.compiling.decorators import compiled
 
 HOLDING = 6  # place in an observation; before it what has to be finite
 UNKNOWN = -1

@@ -10,10 +10,10 @@ u times that of its forerunner having begun at s. Only the last segment's expone
 
 import math
 
-from caesura_service.changepoint.kernels.compiling import compiled
 from caesura_service.changepoint.kernels.elementary import exponentials, log_sum_exp, shares_of
 from caesura_service.changepoint.kernels.nodes import new_node, node_at, release
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
+from caesura_service.compiling.decorators import compiled
 
 
 @compiled

@@ -1,0 +1,19 @@
+"""Compiled code: how it is compiled, where that is kept, whether it can be. It stands in rooms' `kernels`."""
+
+from __future__ import annotations
+
+import logging
+from functools import cache
+
+logger = logging.getLogger(__name__)
+
+
+@cache
+def has_kernels() -> bool:
+    """Whether numba is installed. Without it everything works, a hundred times slower."""
+    try:
+        import numba  # noqa: F401, PLC0415
+    except ImportError:
+        logger.warning("numba is not installed: segmentation is slow; pip install 'caesura[service]'")
+        return False
+    return True

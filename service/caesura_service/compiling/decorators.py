@@ -1,0 +1,75 @@
+"""How every kernel is compiled, and where that is kept.
+
+Without the interpreter, without counting references, and dividing as C does: a branch at every division would
+keep loops from being done several numbers at a time. A product and a sum may be one instruction.
+
+Numba keeps what it compiled by the file of a function, and does not see that a function which is called, or a
+constant, has changed in another. So what a room compiles is kept under a digest of all its sources: a kernel
+calls none of another room's. Numba wants to write where it reads: where the package cannot be written (an
+image), what is kept there is copied to where it can.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+config: Any = numba.config
+njit: Any = numba.njit  # whose stubs do not know `_nrt`
+GIVEN = config.CACHE_DIR  # as NUMBA_CACHE_DIR says
+
+
+def digest(room: Path) -> str:
+    """Of all sources of a room's kernels."""
+    sources = (Path(__file__), *sorted(room.glob("*.py")))
+    return hashlib.blake2b(b"\0".join(path.read_bytes() for path in sources), digest_size=8).hexdigest()
+
+
+@cache
+def cache_directory(room: Path) -> Path:
+    """Where a room's compiled code is kept: as NUMBA_CACHE_DIR says, in the room, or in a copy of that."""
+    if GIVEN:
+        return Path(GIVEN) / digest(room)
+    ours = room / "__pycache__" / digest(room)
+    if os.access(ours if ours.exists() else room, os.W_OK):
+        return ours
+    copy = _own_directory() / digest(room)
+    if ours.exists() and not copy.exists():
+        shutil.copytree(ours, copy, dirs_exist_ok=True)
+    return copy
+
+
+def _own_directory() -> Path:
+    """Where this user alone writes: what lies there is run."""
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    mine = Path(caches) / "caesura" / "kernels"
+    try:
+        mine.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="caesura-"))
+    return mine if os.access(mine, os.W_OK) else Path(tempfile.mkdtemp(prefix="caesura-"))
+
+
+def _kept(**how: object) -> Callable[[Callable[..., Any]], Any]:
+    """A decorator that compiles, and keeps it where its room's is kept."""
+    compile_ = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        config.CACHE_DIR = str(cache_directory(Path(function.__code__.co_filename).parent))
+        return compile_(function)
+
+    return decorate
+
+
+compiled = _kept(fastmath={"contract"})
+inlined = _kept(fastmath={"contract"}, forceinline=True)
+# Sums and extremes of numbers may be taken in any order, which is the same one every time.
+reducing = _kept(fastmath={"reassoc", "contract", "nnan", "nsz"})

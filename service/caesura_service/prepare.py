@@ -1,0 +1,18 @@
+"""`python -m caesura_service.prepare`: compile, so that no session has to wait for it."""
+
+from __future__ import annotations
+
+import time
+
+from caesura_service.changepoint import filters
+
+
+def prepare() -> None:
+    """Compile what is not compiled yet, where there is something to compile with."""
+    filters.prepare()
+
+
+if __name__ == "__main__":
+    before = time.perf_counter()
+    prepare()
+    print(f"kernels ready in {time.perf_counter() - before:.1f} s")

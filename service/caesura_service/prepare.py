@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 
 from caesura_service.changepoint import filters
+from caesura_service.signals import beforehand
 
 
 def prepare() -> None:
     """Compile what is not compiled yet, where there is something to compile with."""
     filters.prepare()
+    beforehand.prepare()
 
 
 if __name__ == "__main__":

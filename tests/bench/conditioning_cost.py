@@ -44,7 +44,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "flange rows": ((conditioning, "flange_rows"),),
     "kinematics": ((Robot, "flange_poses"), (Robot, "wrenches_of_joint_torques")),
     "gripper": ((GripperTracker, "advance"),),
-    "filtering": ((SavitzkyGolay, "fit"), (SavitzkyGolay, "tail")),
+    "filtering": ((Conditioner, "_fit"), (SavitzkyGolay, "tail")),
     "tare": ((Taring, "advance"),),
     "observations": ((conditioning, "observation_of"),),
 }

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.signals.arithmetic import Arithmetic, best
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
-from caesura_service.signals.rotation import length
 from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchSource
 
@@ -102,8 +102,14 @@ class Conditioner:
     _samples: int
     _repeats: int
 
-    def __init__(self, layout: Layout, parameters: ConditioningParameters | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        parameters: ConditioningParameters | None = None,
+        arithmetic: Arithmetic | None = None,
+    ) -> None:
         self.layout = layout
+        self._arithmetic = arithmetic or best()
         self.parameters = parameters or ConditioningParameters()
         self._columns = columns_of(layout)
         self._filter = self.parameters.filter
@@ -115,6 +121,7 @@ class Conditioner:
             quaternion=layout.slices.get("quat"),
             every=self.parameters.decimation,
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
+            arithmetic=self._arithmetic,
         )
         self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper)
         self.reset()
@@ -161,7 +168,7 @@ class Conditioner:
         """
         if self._finished:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
-        samples = self.layout.take(samples)
+        samples = self.layout.take(samples, self._arithmetic)
         grid, resampled = self._resampler.advance(self._grid, samples, broken=self._broken)
         state = self._state
         events: tuple[GripperEvent, ...] = ()
@@ -210,7 +217,7 @@ class Conditioner:
             state = self._restarted(state)
         if len(block.rows) == 0:
             return state, ()
-        recent = flange_rows(self.layout, self._columns, block.rows, state.tail)
+        recent = flange_rows(self.layout, self._columns, block.rows, state.tail, self._arithmetic)
         first = block.first + len(block.rows) - len(recent)  # grid index of the first of these
         gripper = state.gripper
         events: tuple[GripperEvent, ...] = ()
@@ -237,31 +244,29 @@ class Conditioner:
 
     def _tare(self, state: TareState, first: int, recent: Array) -> TareState:
         """Filter the rows first, first + 1, … as far as the tare looks at them."""
-        half, window, columns = self._filter.half, self._filter.window, self._columns
+        half, columns = self._filter.half, self._columns
         centres = range(half, min(len(recent) - half, self._taring.last_row + 1 - first))
-        fits = [self._filter.fit(recent[i - half : i - half + window, : columns.moving]) for i in centres]
-        forces = np.array([value[columns.force] for value, _ in fits]).reshape(-1, 3)
-        speeds = np.array([length(slope[columns.position]) for _, slope in fits])
+        fits = [self._fit(recent, i) for i in centres]
+        forces = np.array([row[columns.force] for row, _ in fits]).reshape(-1, 3)
+        speeds = np.array([speed for _, speed in fits])
         return self._taring.advance(state, first + half, forces, speeds)
+
+    def _fit(self, rows: Array, centre: int) -> tuple[Array, float]:
+        """The filtered flange row in the middle of a window, and the flange's speed [m/s]."""
+        both = np.empty((2, rows.shape[1]))
+        self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
+        row, slope = both
+        return row, math.hypot(*slope[self._columns.position].tolist())
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
         """Filter the rows first, first + 1, … where they are on the segmentation grid."""
-        half, window, columns = self._filter.half, self._filter.window, self._columns
-        every = self.parameters.decimation
+        half, every = self._filter.half, self.parameters.decimation
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
-            value, slope = self._filter.fit(recent[i - half : i - half + window, : columns.moving])
-            row = recent[i].copy()
-            row[: columns.moving] = value
-            filtered.append(
-                FilteredRow(
-                    number=state.rows + len(filtered),
-                    t=self._resampler.time_of(anchor, first + i),
-                    row=row,
-                    speed=length(slope[columns.position]),
-                    after_gap=state.after_gap and not filtered,
-                )
-            )
+            row, speed = self._fit(recent, i)
+            t = self._resampler.time_of(anchor, first + i)
+            after_gap = state.after_gap and not filtered
+            filtered.append(FilteredRow(state.rows + len(filtered), t, row, speed, after_gap))
         return filtered
 
     def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
@@ -269,5 +274,6 @@ class Conditioner:
         tare = state.tare.tare
         if tare is None or not state.waiting:
             return state, ()
-        observations = tuple(observation_of(self._columns, filtered, tare) for filtered in state.waiting)
+        known = self._columns, tare, self._arithmetic
+        observations = tuple(observation_of(filtered, *known) for filtered in state.waiting)
         return state._replace(waiting=()), observations

@@ -45,21 +45,15 @@ class SavitzkyGolay:
         """How much earlier the described time is than the row that completes the window [s]."""
         return self.half / self.rate_hz
 
-    def fit(self, rows: Array) -> tuple[Array, Array]:
-        """Value (c,) and slope (c,) [unit/s] of the polynomial through rows (window, c), at their centre."""
-        both: Array = np.add.reduce(self._taps * rows, axis=1)
-        return both[0], both[1]
-
     def tail(self, rows: Array) -> Array:
         """Keep the rows that the next ones still need, at most window - 1."""
         return rows[max(0, len(rows) - (self.window - 1)) :].copy()
 
     @cached_property
-    def _taps(self) -> Array:
-        """Weights (2, window, 1) of the rows in the polynomial's value and slope at the centre."""
+    def taps(self) -> Array:
+        """Weights (2, window) of the rows in the polynomial's value and slope [unit/s] at the centre."""
         offsets = np.arange(-self.half, self.half + 1, dtype=np.float64)
         powers = np.vander(offsets, self.order + 1, increasing=True).T
         wanted = np.zeros((self.order + 1, 2))
         wanted[0, 0], wanted[1, 1] = 1.0, self.rate_hz
-        taps = np.linalg.lstsq(powers, wanted, rcond=None)[0]
-        return np.array(taps.T[:, :, None], dtype=np.float64, order="C")
+        return np.array(np.linalg.lstsq(powers, wanted, rcond=None)[0].T, dtype=np.float64, order="C")

@@ -11,10 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
 from caesura_service.signals.layout import Layout
-from caesura_service.signals.rotation import make_sign_continuous, normalised, rotated
+from caesura_service.signals.reference import FILLED, FORCE, LEFT_OPEN, TURN
 
 Array = NDArray[np.float64]
+
+POSITION, FORCES, ORIENTATION = slice(0, FORCE), slice(FORCE, TURN), slice(TURN, TURN + 4)
 
 
 class FlangeColumns(NamedTuple):
@@ -26,6 +29,8 @@ class FlangeColumns(NamedTuple):
     joints: slice | None  # [rad]
     width: int
     moving: int  # columns before this one are filtered, the others only delayed
+    sources: NDArray[np.int64]  # columns of the grid row, see `reference.flange_rows`
+    turned: bool  # the force is measured in the flange's frame
 
     @property
     def closed(self) -> int:
@@ -40,55 +45,45 @@ class FlangeColumns(NamedTuple):
 
 def columns_of(layout: Layout) -> FlangeColumns:
     """Lay out a session's flange rows; the last two columns are the gripper's width and closed flag."""
-    orientation = slice(6, 10) if layout.has_orientation else None
-    end = 10 if orientation else 6
+    orientation = ORIENTATION if layout.has_orientation else None
+    end = TURN + 4 if orientation else TURN
     joints = slice(end, end + 7) if layout.has("q") else None
     end += 7 if joints else 0
-    return FlangeColumns(slice(0, 3), slice(3, 6), orientation, joints, width=end, moving=end)
+    sources = np.full(end + 2, LEFT_OPEN)
+    for signal, place in (("pos", POSITION), ("force", FORCES), ("quat", orientation), ("q", joints)):
+        if place:
+            at = layout.slices.get(signal)
+            sources[place] = np.arange(at.start, at.stop) if at else FILLED
+    turned = layout.force_frame == "flange" and "force" in layout.slices
+    return FlangeColumns(POSITION, FORCES, orientation, joints, end, end, sources, turned)
 
 
-def flange_rows(layout: Layout, columns: FlangeColumns, rows: Array, before: Array | None = None) -> Array:
+def flange_rows(
+    layout: Layout,
+    columns: FlangeColumns,
+    rows: Array,
+    before: Array | None = None,
+    arithmetic: Arithmetic = REFERENCE,
+) -> Array:
     """Flange rows (m, columns) that came before, and after them those of n >= 1 grid rows: (m + n, columns).
 
     rows: (n, c) as `Layout.slices` says. What the gripper does is left open.
     """
-    known = 0 if before is None else len(before)
-    flange = np.empty((known + len(rows), columns.total))
-    if before is not None:
-        flange[:known] = before
-    fresh = flange[known:]
-    joints = rows[:, layout.slices["q"]] if columns.joints else None
-    fresh[:, columns.position], orientation = _pose(layout, rows, joints)
-    if columns.orientation and orientation is not None:
-        fresh[:, columns.orientation] = normalised(orientation)
-        make_sign_continuous(flange[max(0, known - 1) :, columns.orientation])
-        orientation = fresh[:, columns.orientation]
-    fresh[:, columns.force] = _force(layout, rows, joints, orientation)
-    if columns.joints:
-        fresh[:, columns.joints] = joints
-    fresh[:, columns.width :] = np.nan
+    before = np.empty((0, columns.total)) if before is None else before
+    flange = np.empty((len(before) + len(rows), columns.total))
+    _fill(layout, rows, flange[len(before) :])
+    oriented = columns.orientation is not None
+    arithmetic.flange_rows(rows, before, columns.sources, oriented, columns.turned, flange)
     return flange
 
 
-def _pose(layout: Layout, rows: Array, joints: Array | None) -> tuple[Array, Array | None]:
-    """Position as measured where it is, else from the joints; the same for the orientation."""
+def _fill(layout: Layout, rows: Array, fresh: Array) -> None:
+    """Fill in what no column of the grid rows says: what follows from the joints, and no force as 0."""
     at = layout.slices
-    position = rows[:, at["pos"]] if "pos" in at else None
-    orientation = rows[:, at["quat"]] if "quat" in at else None
-    if layout.pose_of_joints is not None and joints is not None and (position is None or orientation is None):
-        from_joints = layout.pose_of_joints(joints)
-        position = from_joints[0] if position is None else position
-        orientation = from_joints[1] if orientation is None else orientation
-    assert position is not None, "Layout demands a position or joints with their pose"
-    return position, orientation
-
-
-def _force(layout: Layout, rows: Array, joints: Array | None, orientation: Array | None) -> Array | float:
-    at = layout.slices
-    if "force" in at:
-        force = rows[:, at["force"]]
-        in_flange = layout.force_frame == "flange" and orientation is not None
-        return rotated(orientation, force) if in_flange and orientation is not None else force
-    if "tau" in at and joints is not None and layout.wrench_of_joint_torques is not None:
-        return layout.wrench_of_joint_torques(joints, rows[:, at["tau"]])[:, :3]
-    return 0.0
+    if layout.pose_of_joints is not None and "q" in at and not ("pos" in at and "quat" in at):
+        position, orientation = layout.pose_of_joints(rows[:, at["q"]])
+        fresh[:, POSITION], fresh[:, ORIENTATION] = position, orientation
+    if "tau" in at and layout.wrench_of_joint_torques is not None:
+        fresh[:, FORCES] = layout.wrench_of_joint_torques(rows[:, at["q"]], rows[:, at["tau"]])[:, :3]
+    elif "force" not in at:
+        fresh[:, FORCES] = 0.0

@@ -24,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.cells import cell_means, held_values
-from caesura_service.signals.rotation import make_sign_continuous
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
 
 Array = NDArray[np.float64]
 
@@ -77,6 +76,7 @@ class Resampler:
     quaternion: slice | None = None
     every: int = 1
     phase: int = 0
+    arithmetic: Arithmetic = REFERENCE
 
     def time_of(self, anchor: float, row: int) -> float:
         """Session time of a grid row [s]."""
@@ -91,7 +91,8 @@ class Resampler:
         ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or leaps by
         more than LEAP_LIMIT_S.
         """
-        if state is not None and not broken and self._is_steady(samples[:, 0], state.latest):
+        steady = self.arithmetic.is_steady
+        if state is not None and not broken and steady(samples, state.latest, self.gap_limit_s):
             anchor, next_row, due, _, waiting, known = state
             latest, waiting, known = float(samples[-1, 0]), (*waiting, samples), known + len(samples)
             if latest < due and known <= MAX_WAITING_SAMPLES:
@@ -106,12 +107,6 @@ class Resampler:
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
         rows = self._rows(state.anchor, state.next_row, next_row, samples)
         return self._state(state.anchor, next_row, samples), Block(state.next_row, rows, restarts=False)
-
-    def _is_steady(self, times: Array, latest: float) -> bool:
-        """Whether every sample is later than the one before, and all are too close for a gap."""
-        if not times.size or not (times[0] > latest and times[-1] - latest <= self.gap_limit_s):
-            return False
-        return not np.count_nonzero(times[1:] <= times[:-1])
 
     def _sorted_out(
         self, state: GridState | None, samples: Array, *, broken: bool
@@ -160,7 +155,7 @@ class Resampler:
         """All samples in one matrix, each quaternion on the side of the one before it."""
         samples = np.concatenate(waiting)
         if self.quaternion is not None:
-            make_sign_continuous(samples[:, 1:][:, self.quaternion])
+            self.arithmetic.make_sign_continuous(samples, 1 + self.quaternion.start)
         return samples
 
     def _extended(
@@ -182,13 +177,10 @@ class Resampler:
         )
 
     def _rows(self, anchor: float, first: int, next_row: int, samples: Array) -> Array:
-        if next_row == first:
-            return np.empty((0, samples.shape[1] - 1))
-        rows = np.arange(first, next_row + 1, dtype=np.float64)
-        means = cell_means(anchor + (rows - 0.5) / self.grid_hz, samples)
-        if self.held:
-            means[:, -self.held :] = held_values(anchor + rows[:-1] / self.grid_hz, samples)[:, -self.held :]
-        return means
+        rows = np.empty((next_row - first + 1, samples.shape[1] - 1))
+        if next_row > first:
+            self.arithmetic.resample(samples, anchor, self.grid_hz, first, self.held, rows)
+        return rows[:-1]
 
     def _check_waiting(self, times: Array, edge: float) -> None:
         if len(times) <= MAX_WAITING_SAMPLES:

@@ -15,6 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
 from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES, WrenchSource
 
@@ -101,7 +102,7 @@ class Layout:
         taken = self.take(samples)
         return taken[:, 0], taken[:, 1:]
 
-    def take(self, samples: Array) -> Array:
+    def take(self, samples: Array, arithmetic: Arithmetic = REFERENCE) -> Array:
         """Copy the columns in use: (n, 1 + c), time [s] first, then values, positions in metres.
 
         samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.
@@ -110,20 +111,26 @@ class Layout:
         if samples.ndim != 2 or samples.shape[1] != len(self.columns):
             expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
             raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
-        if np.count_nonzero(np.abs(samples) <= self._limits) < samples.size:
+        if not samples.flags.carray:
+            samples = samples.copy()
+        taken = np.empty((len(samples), len(self._picked)))
+        if not arithmetic.take(samples, *self._conditions, taken):
             self._refuse(samples)
-        taken = samples.take(self._picked, axis=1)
-        values = taken[:, 1:]
-        if "quat" in self.slices:
-            _check_quaternions(values[:, self.slices["quat"]])
-        if self.metres_per_unit != 1.0 and "pos" in self.slices:
-            values[:, self.slices["pos"]] *= self.metres_per_unit
         return taken
 
     @cached_property
-    def _picked(self) -> NDArray[np.intp]:
+    def _conditions(self) -> tuple[Array, NDArray[np.int64], Array, int, float]:
+        """What `reference.take` holds samples against, and which columns it takes."""
+        scales = np.ones(len(self._picked))
+        if "pos" in self.slices:
+            scales[1:][self.slices["pos"]] = self.metres_per_unit
+        quaternion = 1 + self.slices["quat"].start if "quat" in self.slices else -1
+        return self._limits, self._picked, scales, quaternion, QUATERNION_NORM_TOLERANCE
+
+    @cached_property
+    def _picked(self) -> NDArray[np.int64]:
         names = ["t", *(column for signal in self._used() for column in SIGNALS[signal])]
-        return np.array([self.columns.index(name) for name in names], dtype=np.intp)
+        return np.array([self.columns.index(name) for name in names], dtype=np.int64)
 
     @cached_property
     def _limits(self) -> Array:
@@ -137,9 +144,11 @@ class Layout:
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
 
     def _refuse(self, samples: Array) -> NoReturn:
-        """Name the first value that is not finite, else the first one beyond the limit of its column."""
+        """Name the first value that is not finite, else beyond its column's limit, else no quaternion."""
         finite = np.isfinite(samples)
         beyond = ~finite if not finite.all() else np.abs(samples) > self._limits
+        if not beyond.any():
+            _refuse_quaternions(samples[:, self._picked][:, 1:][:, self.slices["quat"]])
         row, place = np.argwhere(beyond)[0]
         column, value = self.columns[place], samples[row, place]
         expected = "a finite number"
@@ -197,10 +206,8 @@ class Layout:
             )
 
 
-def _check_quaternions(quaternions: Array) -> None:
+def _refuse_quaternions(quaternions: Array) -> NoReturn:
     norms = lengths(quaternions)
-    off = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
-    if np.count_nonzero(off):
-        row = int(off.argmax())
-        limit = f"1 ± {QUATERNION_NORM_TOLERANCE:g}"
-        raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}")
+    row = int((np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE).argmax())
+    limit = f"1 ± {QUATERNION_NORM_TOLERANCE:g}"
+    raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}")

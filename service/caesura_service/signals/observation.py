@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.signals.arithmetic import Arithmetic
 from caesura_service.signals.flange import FlangeColumns
-from caesura_service.signals.rotation import length
 from caesura_service.signals.tare import Tare
 
 Array = NDArray[np.float64]
+
+UNBIASED = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +44,12 @@ class FilteredRow(NamedTuple):
     after_gap: bool
 
 
-def observation_of(columns: FlangeColumns, filtered: FilteredRow, tare: Tare) -> Observation:
+def observation_of(
+    filtered: FilteredRow, columns: FlangeColumns, tare: Tare, arithmetic: Arithmetic
+) -> Observation:
     """Tare a filtered flange row and put its parts under their names."""
     row = filtered.row.copy()
-    if tare.bias is not None:
-        row[columns.force] -= tare.bias
-    if columns.orientation:
-        row[columns.orientation] /= length(row[columns.orientation])
+    arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
     row.flags.writeable = False
     width, closed = row[columns.width :].tolist()
     return Observation(

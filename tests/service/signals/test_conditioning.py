@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.signals import Conditioner, ConditioningParameters, Layout
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic, best
 from service.signals.samples import (
     FORCE,
     JOINTS,
@@ -52,7 +53,7 @@ def test_a_sine_keeps_its_phase_and_loses_what_cell_and_filter_take(frequency_hz
     observations = positions_only(times(1000.0, 4.0), lambda t: np.sin(2 * np.pi * frequency_hz * t))
     parameters = ConditioningParameters()
     window = np.exp(2j * np.pi * frequency_hz * np.arange(-5, 6) / 100.0)
-    gain = np.sinc(frequency_hz / 100.0) * parameters.filter.fit(window.real[:, None])[0][0]
+    gain = np.sinc(frequency_hz / 100.0) * (parameters.filter.taps[0] @ window.real)
     expected = gain * np.sin(2 * np.pi * frequency_hz * column(observations, "t"))
     assert_allclose(column(observations, "position_base")[:, 0], expected, atol=5e-6 * frequency_hz**2)
 
@@ -212,9 +213,13 @@ BAD_SAMPLES = {
 }
 
 
+@pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
 @pytest.mark.parametrize(("samples", "message"), BAD_SAMPLES.values(), ids=BAD_SAMPLES)
-def test_impossible_samples_are_refused_and_change_nothing(samples: Array, message: str) -> None:
-    conditioner = Conditioner(Layout(("t", *POSITION, *QUATERNION, "gripper"), "none"))
+def test_impossible_samples_are_refused_and_change_nothing(
+    samples: Array, message: str, arithmetic: Arithmetic
+) -> None:
+    layout = Layout(("t", *POSITION, *QUATERNION, "gripper"), "none")
+    conditioner = Conditioner(layout, arithmetic=arithmetic)
     with pytest.raises(ValueError, match=message):
         conditioner.push(samples)
     assert conditioner.samples == 0

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from caesura_service.signals.arithmetic import best
 from caesura_service.signals.filtering import SavitzkyGolay
 
 Array = NDArray[np.float64]
@@ -16,9 +17,10 @@ FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
 
 
 def everywhere(rows: Array) -> tuple[Array, Array]:
-    fits = [FILTER.fit(rows[i : i + 11]) for i in range(len(rows) - 10)]
-    values, slopes = zip(*fits, strict=True)
-    return np.array(values), np.array(slopes)
+    fits = np.empty((len(rows) - 10, 2, rows.shape[1]))
+    for centre, both in enumerate(fits, start=5):
+        best().fit(rows, centre, FILTER.taps, rows.shape[1], both)
+    return fits[:, 0], fits[:, 1]
 
 
 def test_it_smooths_as_scipy_does() -> None:

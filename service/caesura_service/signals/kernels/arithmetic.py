@@ -1,0 +1,183 @@
+"""From samples to grid rows, from these to flange rows, and those filtered: what `reference` does."""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+
+import math
+
+from caesura_service.compiling.decorators import compiled
+from caesura_service.signals.reference import FORCE, LEFT_OPEN, TURN
+
+
+@compiled
+def take(samples, limits, picked, scales, quaternion, tolerance, taken):
+    """`reference.take`."""
+    beyond = False
+    for i in range(samples.shape[0]):
+        for c in range(samples.shape[1]):
+            beyond |= not abs(samples[i, c]) <= limits[c]
+    if beyond:
+        return False
+    for i in range(samples.shape[0]):
+        for c in range(picked.size):
+            taken[i, c] = samples[i, picked[c]] * scales[c]
+        if quaternion >= 0 and not abs(norm(taken[i, quaternion:]) - 1.0) <= tolerance:
+            return False
+    return True
+
+
+@compiled
+def is_steady(samples, latest, gap_limit_s):
+    """`reference.is_steady`."""
+    n = samples.shape[0]
+    if n == 0 or not (samples[0, 0] > latest and samples[n - 1, 0] - latest <= gap_limit_s):
+        return False
+    ascending = True
+    for i in range(1, n):
+        ascending &= samples[i - 1, 0] < samples[i, 0]
+    return ascending
+
+
+@compiled
+def make_sign_continuous(samples, at):
+    """`reference.make_sign_continuous`."""
+    for i in range(1, samples.shape[0]):
+        follow_sign(samples[i - 1, at:], samples[i, at:])
+
+
+@compiled
+def norm(quaternion):
+    """Length."""
+    return math.sqrt(quaternion[0] ** 2 + quaternion[1] ** 2 + quaternion[2] ** 2 + quaternion[3] ** 2)
+
+
+@compiled
+def follow_sign(before, quaternion):
+    """Put a quaternion on the side of the one before it."""
+    along = 0.0
+    for c in range(4):
+        along += before[c] * quaternion[c]
+    if along < 0.0:
+        for c in range(4):
+            quaternion[c] = -quaternion[c]
+
+
+@compiled
+def resample(samples, anchor, grid_hz, first, held, rows):
+    """`reference.resample`. A row is first the interpolant at its cell's left edge, then the mean."""
+    count = rows.shape[0] - 1
+    after = 0
+    for k in range(count + 1):
+        edge = anchor + (first + k - 0.5) / grid_hz
+        after = first_from(samples, after, edge)
+        interpolate(samples, max(after - 1, 0), edge, rows[k])
+    after = last = 0
+    for k in range(count):
+        left, right = anchor + (first + k - 0.5) / grid_hz, anchor + (first + k + 0.5) / grid_hz
+        start = first_from(samples, after, left)
+        after = first_from(samples, start, right)
+        average(samples, start, after, left, right, rows[k], rows[k + 1])
+        while last + 1 < samples.shape[0] and samples[last + 1, 0] <= anchor + (first + k) / grid_hz:
+            last += 1
+        for c in range(rows.shape[1] - held, rows.shape[1]):
+            rows[k, c] = samples[last, 1 + c]
+
+
+@compiled
+def first_from(samples, i, t):
+    """Where the first sample at t or later is, counting from i."""
+    while i < samples.shape[0] and samples[i, 0] < t:
+        i += 1
+    return i
+
+
+@compiled
+def interpolate(samples, i, t, row):
+    """Between samples i and i + 1."""
+    part = (t - samples[i, 0]) / (samples[i + 1, 0] - samples[i, 0])
+    for c in range(row.size):
+        row[c] = samples[i, 1 + c] + (samples[i + 1, 1 + c] - samples[i, 1 + c]) * part
+
+
+@compiled
+def average(samples, start, stop, left, right, row, following):
+    """Trapezium rule from the left edge, which `row` has, over samples to the right one: `following`."""
+    if start == stop:
+        for c in range(row.size):
+            row[c] = 0.5 * (row[c] + following[c])
+        return
+    step = samples[start, 0] - left
+    for c in range(row.size):
+        row[c] = (row[c] + samples[start, 1 + c]) * step
+    for i in range(start + 1, stop):
+        step = samples[i, 0] - samples[i - 1, 0]
+        for c in range(row.size):
+            row[c] += (samples[i - 1, 1 + c] + samples[i, 1 + c]) * step
+    step, both = right - samples[stop - 1, 0], 2.0 * (right - left)
+    for c in range(row.size):
+        row[c] = (row[c] + (samples[stop - 1, 1 + c] + following[c]) * step) / both
+
+
+@compiled
+def flange_rows(rows, before, sources, oriented, turned, flange):
+    """`reference.flange_rows`."""
+    known = before.shape[0]
+    for i in range(known):
+        for c in range(flange.shape[1]):
+            flange[i, c] = before[i, c]
+    for i in range(known, flange.shape[0]):
+        row = flange[i]
+        for c in range(row.size):
+            if sources[c] >= 0:
+                row[c] = rows[i - known, sources[c]]
+            elif sources[c] == LEFT_OPEN:
+                row[c] = float("nan")
+        if oriented:
+            normalise(row)
+            if i > 0:
+                follow_sign(flange[i - 1, TURN:], row[TURN:])
+        if turned:
+            rotate(row)
+
+
+@compiled
+def normalise(row):
+    """Bring a flange row's quaternion to unit length."""
+    length = norm(row[TURN:])
+    for c in range(TURN, TURN + 4):
+        row[c] /= length
+
+
+@compiled
+def rotate(row):
+    """Turn a flange row's force by its quaternion: v + 2w (u × v) + 2u × (u × v)."""
+    x, y, z, w = row[TURN], row[TURN + 1], row[TURN + 2], row[TURN + 3]
+    u, v, s = row[FORCE], row[FORCE + 1], row[FORCE + 2]
+    a, b, c = 2.0 * (y * s - z * v), 2.0 * (z * u - x * s), 2.0 * (x * v - y * u)
+    row[FORCE] = u + w * a + (y * c - z * b)
+    row[FORCE + 1] = v + w * b + (z * a - x * c)
+    row[FORCE + 2] = s + w * c + (x * b - y * a)
+
+
+@compiled
+def fit(rows, centre, taps, moving, both):
+    """`reference.fit`."""
+    window = taps.shape[1]
+    first = centre - window // 2
+    value, slope = both[0], both[1]
+    for c in range(value.size):
+        value[c] = rows[centre, c] if c >= moving else 0.0
+        slope[c] = 0.0
+    for k in range(window):
+        for c in range(moving):
+            value[c] += taps[0, k] * rows[first + k, c]
+            slope[c] += taps[1, k] * rows[first + k, c]
+
+
+@compiled
+def finish(x, y, z, oriented, row):
+    """`reference.finish`."""
+    row[FORCE] -= x
+    row[FORCE + 1] -= y
+    row[FORCE + 2] -= z
+    if oriented:
+        normalise(row)

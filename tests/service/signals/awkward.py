@@ -1,0 +1,56 @@
+"""Layouts of every kind, and samples with all that goes wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.signals import Layout
+from service.signals.samples import FORCE, JOINTS, POSITION, QUATERNION, TAU
+
+Array = NDArray[np.float64]
+
+
+def pose_of_joints(q: Array) -> tuple[Array, Array]:
+    angle = q[:, 0] / 2
+    zero = np.zeros(len(q))
+    return np.sin(q[:, :3]), np.stack([zero, zero, np.sin(angle), np.cos(angle)], axis=1)
+
+
+def wrench_of_joint_torques(q: Array, tau: Array) -> Array:
+    return tau[:, :6] * np.cos(q[:, :1])
+
+
+LAYOUTS = {
+    "pose, flange force, gripper": Layout(
+        ("t", *POSITION, *QUATERNION, *FORCE, "gripper"), force_frame="flange"
+    ),
+    "joints and torques": Layout(
+        ("t", *JOINTS, *TAU),
+        wrench_source="joint_torque_estimate",
+        pose_of_joints=pose_of_joints,
+        wrench_of_joint_torques=wrench_of_joint_torques,
+    ),
+    "position, joints, force in base": Layout(
+        ("t", "gripper", *FORCE, *POSITION, *JOINTS), metres_per_unit=0.001
+    ),
+}
+
+
+def awkward_samples(layout: Layout, seed: int, rate_hz: float, n: int) -> Array:
+    """Jitter, repeats, samples on cell edges, gaps, a flag or an opening, a start at rest or in motion."""
+    rng = np.random.default_rng(seed)
+    t = rng.uniform(-5, 5) + np.arange(n) / rate_hz
+    if rng.random() < 0.7:
+        t[1:] += rng.uniform(-0.6, 0.6, n - 1) / rate_hz
+    t[rng.random(n) < 0.03] -= 2 / rate_hz
+    for gap in rng.integers(1, n, size=rng.integers(0, 3)):
+        t[gap:] += rng.uniform(0.1, 0.6)
+    samples = {name: np.cumsum(rng.normal(0, 1e-3, n)) for name in layout.columns}
+    samples |= {name: rng.normal(0, rng.choice([0.1, 2.0]), n) for name in (*FORCE, *TAU)}
+    turns = rng.normal(size=4) + np.cumsum(rng.normal(0, 0.02, (n, 4)), axis=0)
+    turns *= rng.choice([-1, 1], (n, 1)) / np.linalg.norm(turns, axis=1)[:, None]
+    samples |= dict(zip(QUATERNION, turns.T, strict=True))
+    squeezed = np.repeat(rng.choice([0.0, 0.0, 1.0], 8), -(-n // 8))[:n]
+    samples["gripper"] = squeezed if rng.random() < 0.5 else 0.08 - 0.05 * squeezed
+    return np.column_stack([t, *(samples[name] for name in layout.columns[1:])])

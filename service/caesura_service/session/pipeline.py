@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import islice, pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ from caesura_service.signals import (
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+PROGRAM_EVERY = 5  # observations, while nothing happens but that the last segment goes on
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -96,6 +97,24 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, observation.force_base, holding(observation))
 
 
+class _Seen(NamedTuple):
+    """A segment as it was shown, and what it was made of."""
+
+    stretch: Stretch
+    segment: Segment
+
+
+class _Built(NamedTuple):
+    """A program, and what it was made of: of how many observations, and what had happened until then."""
+
+    observations: int
+    happened: tuple[object, ...]
+    apps: Sequence[App]
+
+
+_NEVER = _Built(0, (), ())
+
+
 class SegmentationPipeline:
     """One demonstration, from samples to task program. See `Pipeline`."""
 
@@ -109,7 +128,7 @@ class SegmentationPipeline:
         self._history = History()
         self._gaps = Gaps()
         self._grips: list[Grip] = []
-        self._program = self._growing()
+        self._program, self._built = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
         self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
         self._finished = False
@@ -148,7 +167,7 @@ class SegmentationPipeline:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
         other = copy(self)
         other._heeded = Heeded(corrections)
-        other._program = other._growing()
+        other._program, other._built = other._growing(), _NEVER
         other._begin(tared=self._tared)
         for index in range(len(self._history)):
             other._step(index)
@@ -168,6 +187,7 @@ class SegmentationPipeline:
 
     def _begin(self, *, tared: bool) -> None:
         self._settled, self._baseline = Settled(), list[Stretch]()
+        self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
         self._places = array("d")  # [s] where a segment begins whose first own observation is this one
         level = self._preset.threshold
         self._tared = tared
@@ -238,9 +258,11 @@ class SegmentationPipeline:
         found = stretches(self._online, len(self._settled), decided=self._decided)
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
+        segments = [self._segment(every, first + i) for i in range(len(fresh))]
+        self._seen = {one.start: _Seen(one, segment) for one, segment in zip(fresh, segments, strict=True)}
         parts = [
-            Part(one.start, one.end, self._segment(every, first + i), self._changepoint(one))
-            for i, one in enumerate(fresh)
+            Part(one.start, one.end, segment, self._changepoint(one))
+            for one, segment in zip(fresh, segments, strict=True)
         ]
         count = self._settling(fresh)
         self._settled.take(parts[:count], self._program.first)
@@ -271,7 +293,11 @@ class SegmentationPipeline:
         return count
 
     def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
+        """The same one as before, where nothing has changed that it is made of."""
         stretch, history = all_stretches[index], self._history
+        seen = self._seen.get(stretch.start)
+        if seen is not None and not self._finished and _are_alike(seen.stretch, stretch):
+            return seen.segment
         found = stretch.verdict
         load = weigh(all_stretches, index, history, self._bias_n)
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
@@ -316,6 +342,15 @@ class SegmentationPipeline:
         )
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
+        """The program; the last one, where the last segment but goes on and that was built not long ago."""
+        count = self._online.count
+        segments = tuple((one.start, one.segment.kind, one.segment.certainty) for one in unsettled)
+        happened = (segments, len(self._grips), self._gaps.all, self._finished)
+        if happened != self._built.happened or count >= self._built.observations + PROGRAM_EVERY:
+            self._built = _Built(count, happened, self._apps_now(unsettled))
+        return self._built.apps
+
+    def _apps_now(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first
         parts = [*self._settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]
@@ -381,3 +416,9 @@ class SegmentationPipeline:
             note=f"{source.note} {self._conditioner.tare_note}",
             frame=self._opening.force_frame,
         )
+
+
+def _are_alike(one: Stretch, other: Stretch) -> bool:
+    """Do they make the same segment? A load is weighed against its neighbours, and may change with them."""
+    ends_alike = (one.end, one.end_final) == (other.end, other.end_final)
+    return ends_alike and one.verdict == other.verdict and one.verdict.kind.contact != "transport"

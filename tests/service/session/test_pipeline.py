@@ -18,7 +18,12 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_service.program import Step, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
-from caesura_service.session.pipeline import METRES_PER_UNIT, SegmentationPipeline, make_pipeline
+from caesura_service.session.pipeline import (
+    METRES_PER_UNIT,
+    PROGRAM_EVERY,
+    SegmentationPipeline,
+    make_pipeline,
+)
 from caesura_service.session.view import View
 from caesura_service.signals.layout import SIGNALS
 from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES
@@ -240,6 +245,7 @@ def test_what_was_shown_as_final_is_never_revised(
     assert isinstance(pipeline, SegmentationPipeline)
     changepoints: list[float] = []
     segments: list[wire.Segment] = []
+    programs: dict[int, tuple[wire.App, ...]] = {}  # by how many observations they were made of
     for cut in cycle(cuts):
         pipeline.push(samples[:cut])
         samples = samples[cut:]
@@ -250,10 +256,21 @@ def test_what_was_shown_as_final_is_never_revised(
         now, divided = final_of(pipeline.view)
         assert now[: len(changepoints)] == changepoints
         assert divided[: len(segments)] == segments
-        assert pipeline.view.apps == program_of(pipeline)
+        count = pipeline.view.observations
+        programs[count] = program_of(pipeline)
+        assert any(programs.get(count - old) == pipeline.view.apps for old in range(PROGRAM_EVERY))
         changepoints, segments = now, divided
         if not len(samples):
             break
+    assert pipeline.view.apps == program_of(pipeline)
+
+
+def test_a_segment_that_is_shown_again_is_as_if_made_anew(
+    taught: Recording, monkeypatch: pytest.MonkeyPatch
+):
+    shown = [list(view.segments) for view in views(taught, "default")]
+    monkeypatch.setattr("caesura_service.session.pipeline._are_alike", lambda *_: False)
+    assert shown == [list(view.segments) for view in views(taught, "default")]
 
 
 def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
@@ -269,6 +286,7 @@ def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
             fresh.append(len(pipeline.view.segments) - min(len(pipeline._settled), pipeline._program.first))
     assert len(pipeline.view.segments) > 30  # enough for what grows to show
     assert max(fresh) < 20
+    pipeline.finish()
     assert pipeline.view.apps == program_of(pipeline)
 
 

@@ -295,15 +295,15 @@ class SegmentationPipeline:
     def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
         """The same one as before, where nothing has changed that it is made of."""
         stretch, history = all_stretches[index], self._history
-        seen = self._seen.get(stretch.start)
-        if seen is not None and not self._finished and _are_alike(seen.stretch, stretch):
+        tn, seen = self._end(stretch.end), self._seen.get(stretch.start)
+        if seen and seen.segment.tn == tn and not self._finished and _are_alike(seen.stretch, stretch):
             return seen.segment
         found = stretch.verdict
         load = weigh(all_stretches, index, history, self._bias_n)
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
         return Segment(
             t0=self._places[stretch.start],
-            tn=self._end(stretch.end),
+            tn=tn,
             kind=found.kind.name,
             motion=found.kind.motion,
             contact=found.kind.contact,

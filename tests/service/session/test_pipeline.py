@@ -265,9 +265,7 @@ def test_what_was_shown_as_final_is_never_revised(
     assert pipeline.view.apps == program_of(pipeline)
 
 
-def test_a_segment_that_is_shown_again_is_as_if_made_anew(
-    taught: Recording, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
     shown = [list(view.segments) for view in views(taught, "default")]
     monkeypatch.setattr("caesura_service.session.pipeline._are_alike", lambda *_: False)
     assert shown == [list(view.segments) for view in views(taught, "default")]

@@ -72,5 +72,8 @@ class Filter(Protocol):
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
         """Smoothed probability that a segment starts at observation `start`."""
 
+    def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
+        """The same of every observation from the first to the last."""
+
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it."""

@@ -47,8 +47,8 @@ class Stretch:
 def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     """The most probable kind; kind_log_evidence: (kinds,)."""
     values = kind_log_evidence.tolist()
-    best, *others = sorted(range(len(kinds)), key=lambda kind: -values[kind])
-    odds_against = sum(math.exp(values[kind] - values[best]) for kind in others)
+    best, *others = sorted(range(len(kinds)), key=values.__getitem__, reverse=True)
+    odds_against = sum([math.exp(values[kind] - values[best]) for kind in others])
     probability = 1.0 / (1.0 + odds_against)
     if not others:
         return Verdict(kinds[best], probability, None, 0.0)
@@ -95,8 +95,7 @@ def _interval(online: Filter, before: int, start: int, after: int) -> tuple[int,
     if start == 0:
         return 0, 0
     first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
-    around = range(first, last + 1)
-    mass = list(accumulate(online.changepoint_probability(s, about=start) for s in around))
+    mass = list(accumulate(online.changepoint_probabilities(first, last, about=start)))
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
     low, high = (bisect_left(mass, share * mass[-1]) for share in (tail, 1.0 - tail))
     low, high = min(first + low, start) - 1, max(first + min(high, len(mass) - 1), start) + 1

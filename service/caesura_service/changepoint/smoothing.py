@@ -56,19 +56,27 @@ class Smoothing:
         about: where this start was taken for certain, its neighbours as they were just before, of what had
         been seen then.
         """
-        if about in self._undecided:
-            first, around = self._undecided[about]
-            if first <= start < first + len(around):
-                return around[start - first]
+        return self.between(start, start, about)[0]
+
+    def between(self, first: int, last: int, about: int | None = None) -> list[float]:
+        """The same of every observation from the first to the last."""
         past = len(self._past)
-        return self._past[start] if start < past else float(self.window[start - past])
+        found = self._past[first : last + 1].tolist() if first < past else []
+        found += self.window[max(first - past, 0) : max(last + 1 - past, 0)].tolist()
+        if about in self._undecided:
+            begin, around = self._undecided[about]
+            for s in range(max(first, begin), min(last + 1, begin + len(around))):
+                found[s - first] = around[s - begin]
+        return found
 
     def event(self, start: int, others: Collection[int] = ()) -> float:
         """That a segment starts here or next to it: the same event, to the grid's resolution.
 
         others: neighbours that are events of their own.
         """
-        return min(1.0, sum(self.probability(s, about=start) for s in self._near(start, others)))
+        first = max(start - 1, 0)
+        near = self.between(first, min(start + 1, self.count - 1), about=start)
+        return min(1.0, sum(p for s, p in enumerate(near, start=first) if s not in others))
 
     def everything(self, starts: Collection[int]) -> Array:
         """(n,) at every observation; starts: those of all segments, which are events of their own."""
@@ -118,6 +126,10 @@ class Smoothed(ABC):
         been seen then.
         """
         return self._smoothing.probability(start, about)
+
+    def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
+        """The same of every observation from the first to the last."""
+        return self._smoothing.between(first, last, about)
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.

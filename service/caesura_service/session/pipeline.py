@@ -35,7 +35,7 @@ from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, holding
 from caesura_service.session.settled import Part, Settled
 from caesura_service.session.view import Pipeline, View
-from caesura_service.session.weighing import is_baseline, weigh
+from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import (
     WRENCH_SOURCES,
     Conditioned,
@@ -98,10 +98,12 @@ def observed(observation: Observation) -> Observed:
 
 
 class _Seen(NamedTuple):
-    """A segment as it was shown, and what it was made of."""
+    """A segment and its start as they were shown, and what they were made of."""
 
     stretch: Stretch
+    load: Load | None
     segment: Segment
+    changepoint: Changepoint
 
 
 class _Built(NamedTuple):
@@ -239,7 +241,7 @@ class SegmentationPipeline:
             observations=self._online.count,
             changepoints=self._settled.changepoints(parts),
             segments=self._settled.segments(parts),
-            posterior_starts=tuple(self._places[start] for start in self._online.starts.tolist()),
+            posterior_starts=tuple(map(self._places.__getitem__, self._online.starts.tolist())),
             posterior_probabilities=tuple(self._online.posterior.tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
@@ -258,12 +260,9 @@ class SegmentationPipeline:
         found = stretches(self._online, len(self._settled), decided=self._decided)
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
-        segments = [self._segment(every, first + i) for i in range(len(fresh))]
-        self._seen = {one.start: _Seen(one, segment) for one, segment in zip(fresh, segments, strict=True)}
-        parts = [
-            Part(one.start, one.end, segment, self._changepoint(one))
-            for one, segment in zip(fresh, segments, strict=True)
-        ]
+        seen = [self._look_at(every, first + i) for i in range(len(fresh))]
+        self._seen = {one.stretch.start: one for one in seen}
+        parts = [Part(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen]
         count = self._settling(fresh)
         self._settled.take(parts[:count], self._program.first)
         free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
@@ -292,18 +291,33 @@ class SegmentationPipeline:
                 count, weighing = i + 1, False
         return count
 
-    def _segment(self, all_stretches: list[Stretch], index: int) -> Segment:
-        """The same one as before, where nothing has changed that it is made of."""
-        stretch, history = all_stretches[index], self._history
-        tn, seen = self._end(stretch.end), self._seen.get(stretch.start)
-        if seen and seen.segment.tn == tn and not self._finished and _are_alike(seen.stretch, stretch):
-            return seen.segment
-        found = stretch.verdict
-        load = weigh(all_stretches, index, history, self._bias_n)
+    def _look_at(self, all_stretches: list[Stretch], index: int) -> _Seen:
+        """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
+        stretch = all_stretches[index]
+        load = weigh(all_stretches, index, self._history, self._bias_n)
+        seen = None if self._finished else self._seen.get(stretch.start)
+        stays = seen is not None and self._stays(seen, stretch, load)
+        segment = seen.segment if seen and stays else self._segment(stretch, load)
+        start_stays = seen is not None and _starts_alike(seen.stretch, stretch)
+        changepoint = seen.changepoint if seen and start_stays else self._changepoint(stretch)
+        return _Seen(stretch, load, segment, changepoint)
+
+    def _stays(self, seen: _Seen, stretch: Stretch, load: Load | None) -> bool:
+        """Does this make the same segment as what was seen?"""
+        before = seen.stretch
+        return (
+            (before.end, before.end_final, before.verdict)
+            == (stretch.end, stretch.end_final, stretch.verdict)
+            and seen.segment.tn == self._end(stretch.end)
+            and seen.load == load
+        )
+
+    def _segment(self, stretch: Stretch, load: Load | None) -> Segment:
+        found, history = stretch.verdict, self._history
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
         return Segment(
             t0=self._places[stretch.start],
-            tn=tn,
+            tn=self._end(stretch.end),
             kind=found.kind.name,
             motion=found.kind.motion,
             contact=found.kind.contact,
@@ -418,7 +432,7 @@ class SegmentationPipeline:
         )
 
 
-def _are_alike(one: Stretch, other: Stretch) -> bool:
-    """Do they make the same segment? A load is weighed against its neighbours, and may change with them."""
-    ends_alike = (one.end, one.end_final) == (other.end, other.end_final)
-    return ends_alike and one.verdict == other.verdict and one.verdict.kind.contact != "transport"
+def _starts_alike(one: Stretch, other: Stretch) -> bool:
+    """Is the same shown of where they begin?"""
+    known = one.start_probability, one.start_interval, one.start_final
+    return known == (other.start_probability, other.start_interval, other.start_final)

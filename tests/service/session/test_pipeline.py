@@ -266,9 +266,10 @@ def test_what_was_shown_as_final_is_never_revised(
 
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
-    shown = [list(view.segments) for view in views(taught, "default")]
-    monkeypatch.setattr("caesura_service.session.pipeline._are_alike", lambda *_: False)
-    assert shown == [list(view.segments) for view in views(taught, "default")]
+    shown = [[*view.segments, *view.changepoints] for view in views(taught, "default")]
+    monkeypatch.setattr("caesura_service.session.pipeline._starts_alike", lambda *_: False)
+    monkeypatch.setattr(SegmentationPipeline, "_stays", lambda *_: False)
+    assert shown == [[*view.segments, *view.changepoints] for view in views(taught, "default")]
 
 
 def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import msgpack  # type: ignore[import-untyped]
@@ -76,7 +77,7 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     `malformed` (names the field and its value).
     """
     check_size(payload, limit)
-    model = _model_of(encoding, expected)
+    model: type[M] = _model_of(encoding, expected)
     try:
         fields = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_ext_len=0)
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
@@ -169,6 +170,7 @@ def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
         raise ProtocolError("too_large", "message over the size limit", value=len(payload), limit=limit)
 
 
+@lru_cache(maxsize=256)
 def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
     names = [model.__name__ for model in expected]
     match = _ENCODING.fullmatch(encoding)

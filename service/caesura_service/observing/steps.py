@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from caesura_protocol.messages import Refusal
 from caesura_service.session.ports import Incoming, Output
 from caesura_service.session.standing import Standing
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """A session before and after; None where it was not there."""
 
     before: Standing | None
     after: Standing | None
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One message, command or tick.
 
     station: None where the key did not tell, or where it concerns all. refused: how many refusals it
@@ -37,6 +35,6 @@ class Step:
 
 def changes_between(before: Mapping[str, Standing], after: Mapping[str, Standing]) -> list[Change]:
     """Every session that is not what it was, by name; what stayed is left out."""
-    names = dict.fromkeys((*before, *after))
-    changes = [Change(before.get(name), after.get(name)) for name in names]
-    return [change for change in changes if change.before is not change.after]
+    names = before if before.keys() == after.keys() else dict.fromkeys((*before, *after))
+    pairs = [(before.get(name), after.get(name)) for name in names]
+    return [Change(old, new) for old, new in pairs if old is not new]

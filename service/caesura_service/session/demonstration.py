@@ -55,8 +55,12 @@ class Demonstration:
 
         def step() -> list[Output]:
             _push(self._pipeline, samples)
-            tally = self.standing.tally
-            return self._look(tally._replace(batches=tally.batches + 1))
+            view, standing = self._pipeline.view, self.standing
+            tally = standing.tally._replace(batches=standing.tally.batches + 1)
+            if not view.counts_on(standing.view):
+                return self._look(tally)
+            self.standing = standing._replace(view=view, tally=tally)
+            return []
 
         try:
             return self._guarded(step)

@@ -145,8 +145,9 @@ class SegmentationPipeline:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
         conditioned = self._conditioner.push(samples)
         if len(samples):
-            self._latest = max(self._latest, float(samples[:, 0].max()))
-            self._note_beginning(float(samples[0, 0]))
+            times = samples[:, 0].tolist()
+            self._latest = max(self._latest, *times)
+            self._note_beginning(times[0])
         self._take(conditioned)
 
     def declare_gap(self) -> None:

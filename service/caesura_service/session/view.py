@@ -36,6 +36,10 @@ class View(NamedTuple):
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
 
+    def counts_on(self, old: View) -> bool:
+        """Does it show what the old one did, but for how many samples have come?"""
+        return self._replace(samples=old.samples, repeats=old.repeats) == old
+
 
 class Pipeline(Protocol):
     """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""

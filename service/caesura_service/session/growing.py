@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
-from caesura_service.program import GRIP_SLACK_S, Grip, MomentAt, Step, holds, task_program
+from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Step, holds, task_program
 from caesura_service.session.kept import Kept, Shown
 
 
@@ -28,6 +28,8 @@ class GrowingProgram:
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
     built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
+    _seen: dict[float, Moment] = field(default_factory=dict)  # moments behind that, before the last segment
+    _seen_until: float = -np.inf  # [s] what lies before is seen from both sides: no moment changes any more
 
     def apps(
         self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
@@ -38,6 +40,7 @@ class GrowingProgram:
         grips and gaps: all that are known. Where a grip comes to light that lies before `since`, begin anew.
         """
         rest = [grip for grip in grips if grip.t > self.since]
+        self._seen_until = steps[-1].segment.t0 if steps else -np.inf
         quiet = self._quiet(steps, settled - self.first, rest, grips)
         if quiet:
             place = steps[quiet]
@@ -46,12 +49,22 @@ class GrowingProgram:
             self.built.extend(app for app in apps if not app.segments or app.segments[0] < place.index)
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
+            self._seen.clear()
         return Shown(self.built, self._program(steps[quiet:], rest, gaps, grips))
 
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
     ) -> tuple[App, ...]:
-        return task_program(steps, grips, self.moment_at, least_s=self.least_s, gaps=gaps, known=known)
+        return task_program(steps, grips, self._moment, least_s=self.least_s, gaps=gaps, known=known)
+
+    def _moment(self, t: float) -> Moment:
+        """The same ones are asked for at every look."""
+        if (seen := self._seen.get(t)) is not None:
+            return seen
+        moment = self.moment_at(t)
+        if t < self._seen_until:
+            self._seen[t] = moment
+        return moment
 
     def _quiet(
         self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], known: Sequence[Grip]

@@ -35,6 +35,7 @@ from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session import results, session
+from caesura_service.session.division import Division
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import SegmentationPipeline
 from caesura_service.session.ports import Owner, Publish
@@ -50,7 +51,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledFilter, "step"),),
-    "segments and changepoints": ((SegmentationPipeline, "_parts"),),
+    "segments and changepoints": ((Division, "look"),),
     "the program": ((SegmentationPipeline, "_apps"),),
     "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
     "counting and telling": ((Counting, "take"), (Chronicle, "take")),

@@ -27,7 +27,8 @@ from caesura_service.judge.conditioned import observe
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 from caesura_service.judge.truth import truth_file
-from caesura_service.session.pipeline import filter_of, observed
+from caesura_service.session.division import filter_of
+from caesura_service.session.pipeline import observed
 from caesura_service.signals import WRENCH_SOURCES
 
 NOTE = (

@@ -18,7 +18,8 @@ from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.recordings import batches, opening_of
-from caesura_service.session.pipeline import filter_of, layout_of, observed
+from caesura_service.session.division import filter_of
+from caesura_service.session.pipeline import layout_of, observed
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, Observation
 
 Array = NDArray[np.float64]

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import islice, pairwise
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, Changepoint, Gap, Open, Segment, WrenchReport
-from caesura_service.changepoint.filter import Filter
+from caesura_protocol.messages import App, Gap, Open, WrenchReport
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.preset import STEP_S, TARED_BIAS_N, UNTARED_BIAS_N, Preset
+from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
-from caesura_service.changepoint.segments import Stretch, Verdict, stretches
-from caesura_service.changepoint.threshold import OnlineThreshold, check_level
+from caesura_service.changepoint.threshold import check_level
 from caesura_service.program import Gaps, Grip, Step, with_force_limit
 from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
@@ -31,18 +30,17 @@ from caesura_service.session.corrections import (
     Span,
     resolved,
 )
+from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, holding
-from caesura_service.session.settled import Part, Settled
+from caesura_service.session.settled import Part
 from caesura_service.session.view import Pipeline, View
-from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import (
     WRENCH_SOURCES,
     Conditioned,
     Conditioner,
     Layout,
     Observation,
-    WrenchSource,
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -83,27 +81,9 @@ def layout_of(opening: Open) -> Layout:
     )
 
 
-def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> Filter:
-    """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
-    return preset.online(
-        contact=source.contact_models,
-        transport=source.transport_models,
-        bias_n=TARED_BIAS_N if tared else UNTARED_BIAS_N,
-    )
-
-
 def observed(observation: Observation) -> Observed:
     """What the segment models see of an observation."""
     return Observed(observation.position_base, observation.force_base, holding(observation))
-
-
-class _Seen(NamedTuple):
-    """A segment and its start as they were shown, and what they were made of."""
-
-    stretch: Stretch
-    load: Load | None
-    segment: Segment
-    changepoint: Changepoint
 
 
 class _Built(NamedTuple):
@@ -126,8 +106,8 @@ class SegmentationPipeline:
         self._source = WRENCH_SOURCES[layout.wrench_source]
         self._conditioner = Conditioner(layout)
         self._heeded = Heeded()
-        self._begin(tared=True)
         self._history = History()
+        self._begin(tared=True)
         self._gaps = Gaps()
         self._grips: list[Grip] = []
         self._program, self._built = self._growing(), _NEVER
@@ -171,9 +151,9 @@ class SegmentationPipeline:
         other = copy(self)
         other._heeded = Heeded(corrections)
         other._program, other._built = other._growing(), _NEVER
-        other._begin(tared=self._tared)
+        other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
-            other._step(index)
+            other._division.step(index)
         other._view = other._look()
         return other
 
@@ -189,13 +169,7 @@ class SegmentationPipeline:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
 
     def _begin(self, *, tared: bool) -> None:
-        self._settled, self._baseline = Settled(), list[Stretch]()
-        self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
-        self._places = array("d")  # [s] where a segment begins whose first own observation is this one
-        level = self._preset.threshold
-        self._tared = tared
-        self._online = filter_of(self._preset, self._source, tared=tared)
-        self._decided = None if level is None else OnlineThreshold(self._online, level)
+        self._division = Division(self._preset, self._source, self._history, self._heeded, tared=tared)
 
     def _take(self, conditioned: Conditioned) -> None:
         for t0, tn in conditioned.gaps:
@@ -205,160 +179,47 @@ class SegmentationPipeline:
         self._grips += grips
         if any(grip.t <= self._program.since for grip in grips):
             self._program = self._growing()
-        if conditioned.observations and not self._online.count and self._conditioner.tare is None:
+        if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
             self._begin(tared=False)
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._step(len(self._history) - 1)
+            self._division.step(len(self._history) - 1)
         if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
             self._view = self._look()
         else:
             counts = self._conditioner
             self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
 
-    def _step(self, index: int) -> None:
-        """Let the filter take an observation, with what somebody has said of it.
-
-        A segment that joins the one before begins somewhere between two observations: midway, then.
-        """
-        history, after_gap = self._history, self._history.after_gap(index)
-        joins = index and self._preset.continuous and not after_gap
-        place = 0.5 * (history.t(index - 1) + history.t(index)) if joins else history.t(index)
-        self._places.append(place)
-        said = self._heeded.start(index, place + 0.5 * STEP_S)
-        follower = self._decided or self._online
-        follower.step(history.observed(index), boundary=after_gap, changepoint=said)
-
-    @property
-    def _bias_n(self) -> float:
-        return UNTARED_BIAS_N if self._conditioner.tare is None else TARED_BIAS_N
-
     def _look(self) -> View:
-        self._unsettled = parts = self._parts()
+        division, online = self._division, self._division.online
+        self._unsettled = parts = division.look(self._program.first, finished=self._finished)
         return View(
             t=self._history.t_last,
             samples=self._conditioner.samples,
             repeats=self._conditioner.repeats,
-            observations=self._online.count,
-            changepoints=self._settled.changepoints(parts),
-            segments=self._settled.segments(parts),
-            posterior_starts=tuple(map(self._places.__getitem__, self._online.starts.tolist())),
-            posterior_probabilities=tuple(self._online.posterior.tolist()),
+            observations=online.count,
+            changepoints=division.settled.changepoints(parts),
+            segments=division.settled.segments(parts),
+            posterior_starts=tuple(map(division.places.__getitem__, online.starts.tolist())),
+            posterior_probabilities=tuple(online.posterior.tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
             gaps=self._gaps.all,
-            wrench=self._wrench(),
+            wrench=_wrench_report(
+                self._opening.wrench_source,
+                self._opening.force_frame,
+                self._conditioner.tare,
+                self._conditioner.tare_note,
+            ),
             delay_s=self._conditioner.delay_s,
-            hypotheses=self._online.starts.size,
-            capped=self._online.capped,
+            hypotheses=online.starts.size,
+            capped=online.capped,
             length_unit=self._opening.length_unit,
-        )
-
-    def _parts(self) -> list[Part]:
-        """Every stretch that has not settled, with its segment; remembers those that have."""
-        if not self._online.count:
-            return []
-        found = stretches(self._online, len(self._settled), decided=self._decided)
-        fresh = [self._as_said(stretch) for stretch in found]
-        every, first = [*self._baseline, *fresh], len(self._baseline)
-        seen = [self._look_at(every, first + i) for i in range(len(fresh))]
-        self._seen = {one.stretch.start: one for one in seen}
-        parts = [Part(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen]
-        count = self._settling(fresh)
-        self._settled.take(parts[:count], self._program.first)
-        free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
-        self._baseline = [*islice(free, 1)] or self._baseline
-        return parts[count:]
-
-    def _as_said(self, stretch: Stretch) -> Stretch:
-        """As somebody has placed and named it: given its ends, a name is the whole inference."""
-        if self._heeded.is_certain(start := stretch.start):
-            stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
-        label = self._heeded.label(start, stretch.end)
-        if label is None:
-            return stretch
-        kind = next(kind for kind in self._online.lattice.kinds if kind.name == label)
-        return replace(stretch, verdict=Verdict(kind, 1.0, None, 0.0))
-
-    def _settling(self, fresh: list[Stretch]) -> int:
-        """How many of these nothing can change any more, not even a later comparison of their load."""
-        count, weighing = 0, False
-        for i, stretch in enumerate(fresh):
-            if not stretch.end_final:
-                break
-            weighing = weighing or stretch.verdict.kind.contact == "transport"
-            compared = is_baseline(stretch, self._history, self._bias_n)
-            if stretch.start_stands and (compared or (not weighing and count == i)):
-                count, weighing = i + 1, False
-        return count
-
-    def _look_at(self, all_stretches: list[Stretch], index: int) -> _Seen:
-        """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
-        stretch = all_stretches[index]
-        load = weigh(all_stretches, index, self._history, self._bias_n)
-        seen = None if self._finished else self._seen.get(stretch.start)
-        stays = seen is not None and self._stays(seen, stretch, load)
-        segment = seen.segment if seen and stays else self._segment(stretch, load)
-        start_stays = seen is not None and _starts_alike(seen.stretch, stretch)
-        changepoint = seen.changepoint if seen and start_stays else self._changepoint(stretch)
-        return _Seen(stretch, load, segment, changepoint)
-
-    def _stays(self, seen: _Seen, stretch: Stretch, load: Load | None) -> bool:
-        """Does this make the same segment as what was seen?"""
-        before = seen.stretch
-        return (
-            (before.end, before.end_final, before.verdict)
-            == (stretch.end, stretch.end_final, stretch.verdict)
-            and seen.segment.tn == self._end(stretch.end)
-            and seen.load == load
-        )
-
-    def _segment(self, stretch: Stretch, load: Load | None) -> Segment:
-        found, history = stretch.verdict, self._history
-        begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
-        return Segment(
-            t0=self._places[stretch.start],
-            tn=self._end(stretch.end),
-            kind=found.kind.name,
-            motion=found.kind.motion,
-            contact=found.kind.contact,
-            probability=found.probability,
-            runner_up=None if found.runner_up is None else found.runner_up.name,
-            log_odds=found.log_odds,
-            certainty="final" if stretch.end_final or self._finished else "provisional",
-            position_start=history.position(begin),
-            position_end=history.position(last),
-            force_start=history.force(begin),
-            force_end=history.force(last),
-            force_held=history.press(stretch.start, stretch.end) if found.kind.contact == "contact" else None,
-            load_kg=None if load is None else load.kg,
-            load_sd_kg=None if load is None else load.sd_kg,
-            corrected=self._heeded.label(stretch.start, stretch.end) is not None,
-        )
-
-    def _joins(self, start: int) -> bool:
-        """Whether a segment with its first own observation at `start` begins where the one before it ends."""
-        return self._preset.continuous and start > 0 and start not in self._online.boundaries
-
-    def _end(self, end: int) -> float:
-        """[s] Where a segment ends that has observations up to `end`, which is not its own."""
-        missing = end == self._online.count or end in self._online.boundaries
-        return self._history.t(end - 1) if missing else self._places[end]
-
-    def _changepoint(self, stretch: Stretch) -> Changepoint:
-        final = stretch.start_final or self._finished
-        return Changepoint(
-            t=self._places[stretch.start],
-            probability=stretch.start_probability,
-            certainty="final" if final else "provisional",
-            t_low=self._places[stretch.start_interval[0]],
-            t_high=self._places[stretch.start_interval[1]],
-            corrected=self._heeded.is_certain(stretch.start),
         )
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
         """The program; the last one, where the last segment but goes on and that was built not long ago."""
-        count = self._online.count
+        count = self._division.online.count
         segments = tuple((one.start, one.segment.kind, one.segment.certainty) for one in unsettled)
         happened = (segments, len(self._grips), self._gaps.all, self._finished)
         if happened != self._built.happened or count >= self._built.observations + PROGRAM_EVERY:
@@ -367,14 +228,14 @@ class SegmentationPipeline:
 
     def _apps_now(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first
-        parts = [*self._settled.since(first), *unsettled]
+        parts = [*self._division.settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]
         starts[0] = starts[0] if first else 1.0
         steps = [
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts)
         ]
-        apps = self._program.apps(steps, len(self._settled), self._grips, self._gaps.all)
+        apps = self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
         return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
 
     def _limited(self, app: App) -> App:
@@ -383,7 +244,7 @@ class SegmentationPipeline:
 
     def _shown(self) -> Shown:
         """What there is to correct."""
-        parts = [*self._settled.since(0), *self._unsettled]
+        parts = [*self._division.settled.since(0), *self._unsettled]
         spans = [
             Span(
                 t0=part.segment.t0,
@@ -400,14 +261,14 @@ class SegmentationPipeline:
             finished=self._finished,
             marks=[self._mark(before, part) for before, part in pairwise(parts)],
             spans=spans,
-            kinds=[kind.name for kind in self._online.lattice.kinds],
+            kinds=[kind.name for kind in self._division.online.lattice.kinds],
             apps=self._view.apps,
         )
 
     def _mark(self, before: Part, part: Part) -> Mark:
         """A changepoint, with what lies between its neighbours."""
         between = range(before.start + 1, part.end)
-        shown, gaps = part.changepoint, self._online.boundaries
+        shown, gaps = part.changepoint, self._division.online.boundaries
         return Mark(
             t=shown.t,
             t_low=shown.t if shown.t_low is None else shown.t_low,
@@ -421,19 +282,21 @@ class SegmentationPipeline:
         wrench = () if self._source.contact_models else (self._source.note,)
         return (*wrench, self._gaps.note(self._began)) if self._gaps.all else wrench
 
-    def _wrench(self) -> WrenchReport:
-        source = self._source
-        return WrenchReport(
-            source=self._opening.wrench_source,
-            contact_models=source.contact_models,
-            transport_models=source.transport_models,
-            tare=self._conditioner.tare,
-            note=f"{source.note} {self._conditioner.tare_note}",
-            frame=self._opening.force_frame,
-        )
 
-
-def _starts_alike(one: Stretch, other: Stretch) -> bool:
-    """Is the same shown of where they begin?"""
-    known = one.start_probability, one.start_interval, one.start_final
-    return known == (other.start_probability, other.start_interval, other.start_final)
+@lru_cache(maxsize=1024)
+def _wrench_report(
+    source: messages.WrenchSource,
+    frame: messages.ForceFrame,
+    tare: tuple[float, float, float] | None,
+    tare_note: str,
+) -> WrenchReport:
+    """What becomes of the wrench, in words; the same one at every look."""
+    worth = WRENCH_SOURCES[source]
+    return WrenchReport(
+        source=source,
+        contact_models=worth.contact_models,
+        transport_models=worth.transport_models,
+        tare=tare,
+        note=f"{worth.note} {tare_note}",
+        frame=frame,
+    )

@@ -18,6 +18,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_service.program import Step, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
+from caesura_service.session.division import Division
 from caesura_service.session.pipeline import (
     METRES_PER_UNIT,
     PROGRAM_EVERY,
@@ -267,8 +268,8 @@ def test_what_was_shown_as_final_is_never_revised(
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
     shown = [[*view.segments, *view.changepoints] for view in views(taught, "default")]
-    monkeypatch.setattr("caesura_service.session.pipeline._starts_alike", lambda *_: False)
-    monkeypatch.setattr(SegmentationPipeline, "_stays", lambda *_: False)
+    monkeypatch.setattr("caesura_service.session.division._starts_alike", lambda *_: False)
+    monkeypatch.setattr(Division, "_stays", lambda *_: False)
     assert shown == [[*view.segments, *view.changepoints] for view in views(taught, "default")]
 
 
@@ -282,7 +283,8 @@ def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
         samples[:, 0] += 12.9 * bool(again)
         for first in range(0, len(samples), 100):
             pipeline.push(samples[first : first + 100])
-            fresh.append(len(pipeline.view.segments) - min(len(pipeline._settled), pipeline._program.first))
+            settled = min(len(pipeline._division.settled), pipeline._program.first)
+            fresh.append(len(pipeline.view.segments) - settled)
     assert len(pipeline.view.segments) > 30  # enough for what grows to show
     assert max(fresh) < 20
     pipeline.finish()

@@ -30,7 +30,8 @@ from caesura_service.judge.metrics import ROUNDING_S, Look
 from caesura_service.judge.thesis.rows import Boundary, Row
 from caesura_service.judge.truth import Truth
 from caesura_service.recordings import views
-from caesura_service.session.pipeline import filter_of, observed
+from caesura_service.session.division import filter_of
+from caesura_service.session.pipeline import observed
 from caesura_service.signals import WRENCH_SOURCES, ConditioningParameters, Observation
 
 TOLERANCE_S = 0.3

@@ -75,5 +75,8 @@ class Filter(Protocol):
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
         """The same of every observation from the first to the last."""
 
+    def stands(self, start: int) -> bool:
+        """Can nothing change any more that is said of this start and those next to it?"""
+
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it."""

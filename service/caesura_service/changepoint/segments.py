@@ -83,7 +83,7 @@ def _stretch(
         start_interval=_interval(online, before, start, after),
         start_final=number <= settled,
         end_final=number < settled,
-        start_stands=number <= settled and start + INTERVAL_REACH < online.count - online.parameters.window,
+        start_stands=number <= settled and online.stands(start),
     )
 
 

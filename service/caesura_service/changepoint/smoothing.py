@@ -69,6 +69,11 @@ class Smoothing:
                 found[s - first] = around[s - begin]
         return found
 
+    def stands(self, start: int) -> bool:
+        """Can nothing change any more that is said of a start and its neighbours?"""
+        first, around = self._undecided.get(start, (0, ()))
+        return start + INTERVAL_REACH < max(first + len(around), len(self._past))
+
     def event(self, start: int, others: Collection[int] = ()) -> float:
         """That a segment starts here or next to it: the same event, to the grid's resolution.
 
@@ -130,6 +135,10 @@ class Smoothed(ABC):
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
         """The same of every observation from the first to the last."""
         return self._smoothing.between(first, last, about)
+
+    def stands(self, start: int) -> bool:
+        """Can nothing change any more that is said of this start and those next to it?"""
+        return self._smoothing.stands(start)
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from caesura_service.signals.arithmetic import Arithmetic, best
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
-from caesura_service.signals.grid import Block, GridState, Resampler
+from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
@@ -170,6 +170,10 @@ class Conditioner:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
         samples = self.layout.take(samples, self._arithmetic)
         grid, resampled = self._resampler.advance(self._grid, samples, broken=self._broken)
+        if resampled is NOTHING:
+            self._grid = grid
+            self._samples += len(samples)
+            return Conditioned(samples=len(samples))
         state = self._state
         events: tuple[GripperEvent, ...] = ()
         for block in resampled.blocks:

@@ -119,20 +119,21 @@ class Layout:
         return taken
 
     @cached_property
-    def _conditions(self) -> tuple[Array, NDArray[np.int64], Array, int, float]:
+    def _conditions(self) -> tuple[Array, int, float]:
         """What `reference.take` holds samples against, and which columns it takes."""
-        scales = np.ones(len(self._picked))
+        plan = np.array([self._limits, np.full(len(self.columns), -1), np.ones(len(self.columns))])
+        plan[1, self._picked] = np.arange(len(self._picked))
         if "pos" in self.slices:
-            scales[1:][self.slices["pos"]] = self.metres_per_unit
+            plan[2, self._picked[1:][self.slices["pos"]]] = self.metres_per_unit
         quaternion = 1 + self.slices["quat"].start if "quat" in self.slices else -1
-        return self._limits, self._picked, scales, quaternion, QUATERNION_NORM_TOLERANCE
+        return plan, quaternion, QUATERNION_NORM_TOLERANCE
 
     @cached_property
-    def _picked(self) -> NDArray[np.int64]:
+    def _picked(self) -> NDArray[np.intp]:
         names = ["t", *(column for signal in self._used() for column in SIGNALS[signal])]
-        return np.array([self.columns.index(name) for name in names], dtype=np.int64)
+        return np.array([self.columns.index(name) for name in names], dtype=np.intp)
 
-    @cached_property
+    @property
     def _limits(self) -> Array:
         """How large a value of each column may be; nothing infinite and no nan is below any limit."""
         return np.array([LIMITS[column][0] if column in LIMITS else LARGEST for column in self.columns])

@@ -21,23 +21,17 @@ FORCE, TURN = 3, 6
 FILLED, LEFT_OPEN = -1, -2
 
 
-def take(
-    samples: Array,
-    limits: Array,
-    picked: Places,
-    scales: Array,
-    quaternion: int,
-    tolerance: float,
-    taken: Array,
-) -> bool:
-    """Pick columns of samples (n, columns) and scale them, (n, picked); whether all is as it has to be.
+def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
+    """Pick and scale columns of samples (n, columns) into (n, taken); whether all is as it has to be.
 
-    limits: (columns,) that no size may be above, nor be nan. quaternion: where one begins among what is
-    taken, -1 without; its length is 1 ± tolerance.
+    plan: (3, columns) what no size may be above, nor be nan; which column it becomes, -1 for none; its scale.
+    quaternion: the column where one begins among those taken, -1 without; its length is 1 ± tolerance.
     """
+    limits, places, scales = plan
     if np.count_nonzero(np.abs(samples) <= limits) < samples.size:
         return False
-    taken[:] = samples[:, picked] * scales
+    used = places >= 0
+    taken[:, places[used].astype(np.intp)] = samples[:, used] * scales[used]
     if quaternion < 0:
         return True
     off = np.abs(lengths(taken[:, quaternion : quaternion + 4]) - 1.0)

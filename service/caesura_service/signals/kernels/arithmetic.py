@@ -9,20 +9,19 @@ from caesura_service.signals.reference import FORCE, LEFT_OPEN, TURN
 
 
 @compiled
-def take(samples, limits, picked, scales, quaternion, tolerance, taken):
+def take(samples, plan, quaternion, tolerance, taken):
     """`reference.take`."""
     beyond = False
-    for i in range(samples.shape[0]):
-        for c in range(samples.shape[1]):
-            beyond |= not abs(samples[i, c]) <= limits[c]
-    if beyond:
-        return False
-    for i in range(samples.shape[0]):
-        for c in range(picked.size):
-            taken[i, c] = samples[i, picked[c]] * scales[c]
-        if quaternion >= 0 and not abs(norm(taken[i, quaternion:]) - 1.0) <= tolerance:
-            return False
-    return True
+    for c in range(samples.shape[1]):
+        limit, place, scale = plan[0, c], int(plan[1, c]), plan[2, c]
+        for i in range(samples.shape[0]):
+            beyond |= not abs(samples[i, c]) <= limit
+            if place >= 0:
+                taken[i, place] = samples[i, c] * scale
+    if quaternion >= 0:
+        for i in range(samples.shape[0]):
+            beyond |= not abs(norm(taken[i, quaternion:]) - 1.0) <= tolerance
+    return not beyond
 
 
 @compiled

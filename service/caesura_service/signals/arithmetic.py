@@ -19,6 +19,7 @@ class Arithmetic(NamedTuple):
     make_sign_continuous: Callable[..., None]
     resample: Callable[..., None]
     flange_rows: Callable[..., None]
+    openings: Callable[..., float]
     fit: Callable[..., None]
     finish: Callable[..., None]
 

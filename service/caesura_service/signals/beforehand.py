@@ -10,9 +10,9 @@ from caesura_service.signals.layout import SIGNALS, Layout
 
 def prepare() -> None:
     """Condition something small: what is not compiled by then is not needed."""
-    conditioner = Conditioner(Layout(("t", *SIGNALS["pos"], *SIGNALS["quat"]), wrench_source="none"))
-    samples = np.zeros((60, 8))
-    samples[:, 0], samples[:, -1] = np.arange(60) / 100.0, 1.0
+    conditioner = Conditioner(Layout(("t", *SIGNALS["pos"], *SIGNALS["quat"], "gripper"), "none"))
+    samples = np.zeros((60, 9))
+    samples[:, 0], samples[:, 7] = np.arange(60) / 100.0, 1.0
     for batch in np.split(samples, 3):
         conditioner.push(batch)
     conditioner.finish()

@@ -123,7 +123,7 @@ class Conditioner:
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
             arithmetic=self._arithmetic,
         )
-        self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper)
+        self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper, self._arithmetic)
         self.reset()
 
     @property
@@ -226,10 +226,8 @@ class Conditioner:
         gripper = state.gripper
         events: tuple[GripperEvent, ...] = ()
         if "gripper" in self.layout.slices:
-            gripper, grips = self._gripper.advance(gripper, anchor, block.first, block.rows[:, -1])
-            recent[block.first - first :, self._columns.width] = grips.width
-            recent[block.first - first :, self._columns.closed] = grips.closed
-            events = grips.events
+            gripper, (events, grips) = self._gripper.advance(gripper, anchor, block.first, block.rows)
+            recent[block.first - first :, self._columns.width :] = grips
         tare = state.tare if state.tare.tare is not None else self._tare(state.tare, first, recent)
         filtered = self._filtered(state, anchor, first, recent)
         return _State(

@@ -219,4 +219,4 @@ def _advancing(times: Array, latest: float) -> NDArray[np.bool_]:
 
 def _wanted_from(times: Array, edge: float) -> int:
     """First sample that the cell beginning at this edge needs: the last one before the edge."""
-    return max(0, int(np.searchsorted(times, edge)) - 1)
+    return max(0, int(times.searchsorted(edge)) - 1)

@@ -17,12 +17,16 @@ Rules
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
 
 Array = NDArray[np.float64]
 EventKind = Literal["grasp", "release", "close", "open"]
@@ -75,8 +79,7 @@ class GripperRows(NamedTuple):
     """What is known on each grid row, nan where nothing is."""
 
     events: tuple[GripperEvent, ...]
-    width: Array  # (n,) [m]
-    closed: Array  # (n,) 1 closed or grasped, 0 open
+    grips: Array  # (n, 2) width [m]; 1 closed or grasped, 0 open
 
 
 class GripperState(NamedTuple):
@@ -101,26 +104,26 @@ class GripperTracker:
 
     grid_hz: float
     parameters: GripperParameters = GripperParameters()
+    arithmetic: Arithmetic = REFERENCE
 
-    @property
+    @cached_property
     def window(self) -> int:
         """Rows over which fingers are judged still."""
         return max(2, round(self.parameters.still_window_s * self.grid_hz))
 
     def advance(
-        self, state: GripperState, anchor: float, first: int, values: Array
+        self, state: GripperState, anchor: float, first: int, rows: Array
     ) -> tuple[GripperState, GripperRows]:
-        """Take the gripper column (n,) of the grid rows first, first + 1, …"""
+        """Take the grid rows first, first + 1, … (n, c), the gripper last."""
         if state.signal != "undecided":
-            return self._follow(state, anchor, first, values)
-        n = _leading_zeros(values)
-        state, early = self._follow(state, anchor, first, values[:n])
-        if n == len(values):
+            return self._follow(state, anchor, first, rows)
+        n = _leading_zeros(rows[:, -1])
+        state, early = self._follow(state, anchor, first, rows[:n])
+        if n == len(rows):
             return state, early
-        state = self._decided(state, is_flag=bool(values[n] == 1.0))
-        state, late = self._follow(state, anchor, first + n, values[n:])
-        both = [np.concatenate(pair) for pair in ((early.width, late.width), (early.closed, late.closed))]
-        return state, GripperRows(early.events + late.events, *both)
+        state = self._decided(state, is_flag=bool(rows[n, -1] == 1.0))
+        state, late = self._follow(state, anchor, first + n, rows[n:])
+        return state, GripperRows(early.events + late.events, np.concatenate([early.grips, late.grips]))
 
     def restarted(self, state: GripperState) -> GripperState:
         """After a gap: what the fingers held they may still hold, but nobody has seen them rest."""
@@ -144,32 +147,39 @@ class GripperTracker:
         return state._replace(signal="flag", tail=tail, posture=posture, level=opened, latest=opened)
 
     def _follow(
-        self, state: GripperState, anchor: float, first: int, values: Array
+        self, state: GripperState, anchor: float, first: int, rows: Array
     ) -> tuple[GripperState, GripperRows]:
         """Run the state machine from change to change between still and moving."""
-        openings = self.parameters.opening_max_m * (1.0 - values) if state.signal == "flag" else values
-        recent = np.concatenate([state.tail, openings])
-        closed = self._closed(state, openings)
+        n, before = len(rows), len(state.tail)
+        recent, grips = np.empty(before + n), np.empty((n, 2))
+        if n == 0:
+            return state, GripperRows((), grips)
+        opened = self.parameters.opening_max_m if state.signal == "flag" else 0.0
+        how = opened, state.signal == "opening", self._closed_below(state)
+        spread = self.arithmetic.openings(rows, state.tail, *how, recent, grips)
         events: tuple[GripperEvent, ...] = ()
-        for i, stills in self._changes(state.still, recent, len(openings)):
-            if stills:
-                end = len(state.tail) + i + 1
-                level = float(np.median(recent[end - self.window : end]))
-                state, event = self._settled(state, anchor, first + i, level)
-                events += event
-            else:
-                state = state._replace(still=False, begun=first + i - 1)
-            closed[i:] = self._closed(state, openings[i:])
-        width = openings if state.signal == "opening" else np.full(len(openings), np.nan)
-        return self._remembered(state, recent, first, len(openings)), GripperRows(events, width, closed)
+        if not (state.still and spread <= self.parameters.still_range_m):  # as it is most of the time
+            for i, stills in self._changes(state.still, recent, n):
+                end = before + i + 1
+                if stills:
+                    level = float(np.median(recent[end - self.window : end]))
+                    state, event = self._settled(state, anchor, first + i, level)
+                    events += event
+                else:
+                    state = state._replace(still=False, begun=first + i - 1)
+                below = self._closed_below(state)
+                grips[i:, 1] = math.nan if math.isnan(below) else recent[before + i :] <= below
+        tail = recent[max(0, len(recent) - (self.window - 1)) :].copy()
+        signal, _, still, posture, level, begun, _, _ = state
+        latest, last_row = float(recent[-1]), first + n - 1
+        state = GripperState(signal, tail, still, posture, level, begun, latest, last_row)
+        return state, GripperRows(events, grips)
 
     def _changes(self, still: bool, recent: Array, n: int) -> list[tuple[int, bool]]:
         """At which of the last n rows fingers come to rest (True) or begin to move, and which of it.
 
         They are still where the window that ends at a row is full and narrow.
         """
-        if still and recent.max() - recent.min() <= self.parameters.still_range_m:
-            return []  # as most of the time
         verdicts = np.zeros(len(recent), dtype=np.bool_)
         starts = np.arange(len(recent) - self.window + 1)
         windows = recent[starts[:, None] + np.arange(self.window)]
@@ -179,12 +189,11 @@ class GripperTracker:
         changed = np.flatnonzero(verdicts[1:] != verdicts[:-1]).tolist()
         return [(i, bool(verdicts[i + 1])) for i in changed]
 
-    def _closed(self, state: GripperState, openings: Array) -> Array:
+    def _closed_below(self, state: GripperState) -> float:
+        """Up to which opening fingers are closed, on something or nothing [m]; nan where nobody knows."""
         if state.posture is None or state.signal == "undecided":
-            return np.full(len(openings), np.nan)
-        if state.posture == "open":
-            return np.zeros(len(openings))
-        return (openings <= state.level + self.parameters.travel_m).astype(np.float64)
+            return math.nan
+        return -math.inf if state.posture == "open" else state.level + self.parameters.travel_m
 
     def _settled(
         self, state: GripperState, anchor: float, row: int, level: float
@@ -215,12 +224,6 @@ class GripperTracker:
         row = settled if moment == "settled" or state.begun is None else state.begun
         width = None if state.signal == "flag" else level
         return (GripperEvent(anchor + row / self.grid_hz, kind, width),)
-
-    def _remembered(self, state: GripperState, recent: Array, first: int, n: int) -> GripperState:
-        if n == 0:
-            return state
-        tail = recent[max(0, len(recent) - (self.window - 1)) :].copy()
-        return state._replace(tail=tail, latest=float(recent[-1]), last_row=first + n - 1)
 
 
 def _leading_zeros(values: Array) -> int:

@@ -82,6 +82,30 @@ def flange_rows(
         fresh[:, FORCE : FORCE + 3] = rotated(fresh[:, turn], fresh[:, FORCE : FORCE + 3])
 
 
+def openings(
+    rows: Array,
+    before: Array,
+    opened: float,
+    measured: bool,
+    closed_below: float,
+    recent: Array,
+    grips: Array,
+) -> float:
+    """Openings (m,) [m] that came before, and after them those of grid rows (n, c); (m + n,).
+
+    The gripper's is the last column. opened: what a flag of 0 stands for, 0 where it is no flag. grips:
+    (n, 2) width, nan unless measured; whether it is at most closed_below, nan where that is. Returns how
+    far all these openings are apart.
+    """
+    values = rows[:, -1]
+    recent[: len(before)] = before
+    now = recent[len(before) :]
+    now[:] = opened * (1.0 - values) if opened else values
+    grips[:, 0] = now if measured else np.nan
+    grips[:, 1] = np.nan if np.isnan(closed_below) else now <= closed_below
+    return float(recent.max() - recent.min())
+
+
 def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> None:
     """Value and slope, (2, columns), of the polynomials through rows (n, columns) about a centre.
 

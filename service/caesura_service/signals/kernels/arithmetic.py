@@ -129,7 +129,7 @@ def flange_rows(rows, before, sources, oriented, turned, flange):
             if sources[c] >= 0:
                 row[c] = rows[i - known, sources[c]]
             elif sources[c] == LEFT_OPEN:
-                row[c] = float("nan")
+                row[c] = math.nan
         if oriented:
             normalise(row)
             if i > 0:
@@ -155,6 +155,26 @@ def rotate(row):
     row[FORCE] = u + w * a + (y * c - z * b)
     row[FORCE + 1] = v + w * b + (z * a - x * c)
     row[FORCE + 2] = s + w * c + (x * b - y * a)
+
+
+@compiled
+def openings(rows, before, opened, measured, closed_below, recent, grips):
+    """`reference.openings`."""
+    known, column = before.size, rows.shape[1] - 1
+    least, most = math.inf, -math.inf
+    for i in range(known):
+        recent[i] = before[i]
+        least, most = min(least, before[i]), max(most, before[i])
+    for i in range(rows.shape[0]):
+        value = rows[i, column]
+        now = opened * (1.0 - value) if opened else value
+        recent[known + i] = now
+        least, most = min(least, now), max(most, now)
+        grips[i, 0] = now if measured else math.nan
+        grips[i, 1] = 1.0 if now <= closed_below else 0.0
+        if math.isnan(closed_below):
+            grips[i, 1] = math.nan
+    return most - least
 
 
 @compiled

@@ -15,6 +15,7 @@ from itertools import accumulate
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.observing.steps import Change, Step
 from caesura_service.session.ports import AskReplay
+from caesura_service.session.standing import Tally
 from caesura_service.session.view import View
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
@@ -42,17 +43,21 @@ class Counted:
         if before is None or after is None:
             return
         if after.tally is not before.tally:
-            self.batches += _grown(before.tally.batches, after.tally.batches)
-            self.duplicates += _grown(before.tally.duplicates, after.tally.duplicates)
-            self.lost += _grown(before.tally.lost, after.tally.lost)
-            self.dropped += _grown(before.tally.dropped, after.tally.dropped)
+            self._add_tally(before.tally, after.tally)
         if after.view is not before.view:
             self._add_view(before.view, after.view)
 
+    def _add_tally(self, old: Tally, new: Tally) -> None:
+        self.batches += _grown(old.batches, new.batches)
+        if new[1:] != old[1:]:
+            self.duplicates += _grown(old.duplicates, new.duplicates)
+            self.lost += _grown(old.lost, new.lost)
+            self.dropped += _grown(old.dropped, new.dropped)
+
     def _add_view(self, old: View, new: View) -> None:
         self.samples += _grown(old.samples, new.samples)
-        self.observations += _grown(old.observations, new.observations)
         self.repeats += _grown(old.repeats, new.repeats)
+        self.observations += _grown(old.observations, new.observations)
         if new.gaps is not old.gaps:
             fresh = new.gaps[len(old.gaps) :]
             self.gaps += len(fresh)
@@ -119,7 +124,7 @@ class Counting:
 
 
 def _grown(before: int, after: int) -> int:
-    return max(0, after - before)
+    return after - before if after > before else 0
 
 
 def _seconds(gaps: tuple[Gap, ...]) -> float:

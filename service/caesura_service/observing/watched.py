@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Command, Heartbeat, Open, SampleBatch
+from caesura_protocol.messages import Command, Heartbeat, SampleBatch
 from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
 from caesura_service.observing.steps import Step, changes_between
 from caesura_service.session.ports import Incoming, Output, ReplayEnded
 from caesura_service.session.registry import Registry
+from caesura_service.session.session import Session
 from caesura_service.session.standing import Standing, Tally
 
 
@@ -28,38 +29,48 @@ class WatchedRegistry(Registry):
 
     def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
-        return self._watched(station, command, partial(super().command, station, command, now))
+        act = partial(super().command, station, command, now)
+        return self._watched(station, command, act, partial(self._sessions, station))
 
     def samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
-        """Take what a bridge sent."""
-        return self._watched(station, message, partial(super().samples, station, message, now))
+        """Take what a bridge sent; no other session changes by that."""
+        own = self._find(station, message.session)
+        act = partial(super().samples, station, message, now)
+        return self._watched(station, message, act, lambda: () if own is None else (own,))
 
     def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Charge a message that could not be read."""
-        return self._watched(station, None, partial(super().refuse, station, error))
+        act = partial(super().refuse, station, error)
+        return self._watched(station, None, act, partial(self._sessions, station))
 
     def dropped(self, station: str, messages: int) -> list[Output]:
         """There was no room for so many messages of a station."""
-        return self._watched(station, None, partial(super().dropped, station, messages))
+        act = partial(super().dropped, station, messages)
+        return self._watched(station, None, act, partial(self._sessions, station))
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed."""
-        return self._watched(None, None, partial(super().tick, now))
+        return self._watched(None, None, partial(super().tick, now), tuple)
 
     def _watched(
-        self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
+        self,
+        station: str | None,
+        message: Incoming | None,
+        act: Callable[[], list[Output]],
+        sessions: Callable[[], Iterable[Session]],
     ) -> list[Output]:
-        before, tally, began = self._standings(station, message), self.tally, self._watch()
+        """sessions: those that may change."""
+        before, tally, began = _standings(sessions()), self.tally, self._watch()
         said = act()
         now = self._watch()
         step = Step(
             station=station,
             message=message,
-            changes=changes_between(before, self._standings(station, message)),
+            changes=changes_between(before, _standings(sessions())),
             outputs=said,
-            refused=_refusals(self.tally) - _refusals(tally),
+            refused=0 if self.tally is tally else _refusals(self.tally) - _refusals(tally),
             refusal=self.tally.last_refusal if self.tally is not tally else None,
             took_s=now - began,
         )
@@ -67,11 +78,12 @@ class WatchedRegistry(Registry):
         self._chronicle.take(step, now)
         return said
 
-    def _standings(self, station: str | None, message: Incoming | None) -> dict[str, Standing]:
-        """Of the sessions that may change: a command any of its station, samples only their own."""
-        sessions = self.board.sessions.get(station or "", ())
-        own = None if message is None or isinstance(message, Open | Close) else message.session
-        return {session.name: session.standing for session in sessions if own in {None, session.name}}
+    def _sessions(self, station: str | None) -> tuple[Session, ...]:
+        return self.board.sessions.get(station or "", ())
+
+
+def _standings(sessions: Iterable[Session]) -> dict[str, Standing]:
+    return {session.name: session.standing for session in sessions}
 
 
 def _refusals(tally: Tally) -> int:

@@ -19,9 +19,9 @@ from caesura_service.session.corrections import Change, Correction
 class View(NamedTuple):
     """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
 
-    t: float  # [s] the last observation; -inf before the first
     samples: int
     repeats: int  # samples whose time did not advance
+    t: float  # [s] the last observation; -inf before the first
     observations: int
     changepoints: Sequence[Changepoint]
     segments: Sequence[Segment]
@@ -38,7 +38,7 @@ class View(NamedTuple):
 
     def counts_on(self, old: View) -> bool:
         """Does it show what the old one did, but for how many samples have come?"""
-        return self._replace(samples=old.samples, repeats=old.repeats) == old
+        return self[2:] == old[2:]
 
 
 class Pipeline(Protocol):

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
+
+from caesura_service.judge.pairing import best_pairs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -66,7 +67,7 @@ def match(points_s: ArrayLike, tolerances_s: ArrayLike, optional: ArrayLike, fou
     # Every weight exceeds what all that rank below it can add up to.
     closeness = distance / (tolerances + ROUNDING_S) / (2.0 * (found.size + 1))
     gain = np.where(within, np.where(optional, 1.0, found.size + 2.0) - closeness, 0.0)
-    rows, columns = linear_sum_assignment(gain, maximize=True)
+    rows, columns = best_pairs(gain)
     partner = np.full(found.size, -1, dtype=np.intp)
     kept = within[rows, columns]
     partner[rows[kept]] = columns[kept]

@@ -17,7 +17,6 @@ from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from caesura_clients.recording import Recording
 from caesura_service.changepoint.hazard import Uniform
@@ -27,6 +26,7 @@ from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.segments import verdict
 from caesura_service.judge.conditioned import observe
 from caesura_service.judge.metrics import ROUNDING_S, Look
+from caesura_service.judge.pairing import best_pairs
 from caesura_service.judge.thesis.rows import Boundary, Row
 from caesura_service.judge.truth import Truth
 from caesura_service.recordings import views
@@ -174,7 +174,7 @@ def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int
         return partners
     within = distance <= TOLERANCE_S + ROUNDING_S
     gain = np.where(within, 1.0 + len(right) - distance, 0.0)
-    for i, j in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
+    for i, j in zip(*best_pairs(gain), strict=True):
         if within[i, j]:
             partners[int(i)] = int(j)
     return partners

@@ -20,14 +20,12 @@ from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.edge.arrivals import (
-    NOBODY,
     Arrival,
     Command,
     Content,
     content_of_query,
     sender_of,
     sources_of,
-    station_of,
 )
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
@@ -84,10 +82,10 @@ class Answers(Threaded):
 
     def command(self, query: zenoh.Query) -> None:
         """Enqueue a command for the worker; under pressure look at it first."""
-        sender = sender_of(str(query.key_expr))
-        if not self._commands.allows(sender):
-            _refuse_overload(query, "too many commands a second", self._commands.rate.per_s)
-        elif sender != NOBODY and self._work.is_pressed(*sources_of(station_of(sender))):
+        source, station = sender_of(str(query.key_expr))
+        if not self._commands.allows(source):
+            _refuse_overload(query, "too many commands a second", self._commands.rates[0].per_s)
+        elif station is not None and self._work.is_pressed(*sources_of(station)):
             self._enqueue(self._admit, query)
         else:
             self._pass_on(Command(content_of_query(query), query))
@@ -96,7 +94,7 @@ class Answers(Threaded):
         if self._questions.allows("everybody"):  # a query does not say who asks
             self._enqueue(how, query)
         else:
-            _refuse_overload(query, "too many questions a second", self._questions.rate.per_s)
+            _refuse_overload(query, "too many questions a second", self._questions.rates[0].per_s)
 
     def _enqueue(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
         if not self._inbox.offer((how, query), "queries"):

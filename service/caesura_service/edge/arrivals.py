@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import lru_cache
+from typing import Literal, NamedTuple, Self
 
 import zenoh
 
@@ -11,20 +12,27 @@ from caesura_protocol.codec import decode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_service.edge.rates import SENDERS
 from caesura_service.session.ports import AskReplay, ReplayEnded
 
 NOBODY = "?"  # no name, so it is no station's
 OCTETS = "application/octet-stream"
 
 
-@dataclass(frozen=True, slots=True)
-class Content:
+class Content(NamedTuple):
     """A payload as it came; empty if it was over the size limit, which `size` tells."""
 
     key: str
     payload: bytes
     encoding: str
     size: int
+
+    @classmethod
+    def of(cls, key: str, payload: zenoh.ZBytes | None, encoding: str) -> Self:
+        """What came on a key; nothing reads as an empty payload."""
+        size = 0 if payload is None else len(payload)
+        kept = payload is not None and size <= MAX_MESSAGE_BYTES
+        return cls(key, payload.to_bytes() if payload is not None and kept else b"", encoding, size)
 
     def check_size(self) -> None:
         """Raises ProtocolError `too_large`."""
@@ -34,11 +42,11 @@ class Content:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """Something was put on a station's `samples` key."""
+class Samples(NamedTuple):
+    """Something was put on a station's `samples` key, or came in answer to a question for such."""
 
     content: Content
+    station: str | None  # None: the key names none
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +89,6 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
-    """One batch of a replay."""
-
-    content: Content
-    station: str
-
-
-@dataclass(frozen=True, slots=True)
 class Ended:
     """A replay is complete, or was not answered."""
 
@@ -116,7 +116,7 @@ class Watching:
     """From here on tokens are told of."""
 
 
-Arrival = Samples | Command | Replayed | Ended | Presence | Linked | Watching
+Arrival = Samples | Command | Ended | Presence | Linked | Watching
 
 
 def sources_of(station: str) -> tuple[str, str]:
@@ -124,17 +124,26 @@ def sources_of(station: str) -> tuple[str, str]:
     return station_key(station, "samples"), station
 
 
-def sender_of(key: str) -> str:
-    """The source that something on a station's key counts for. All that name no station are one.
+class Sender(NamedTuple):
+    """Whom something on a station's key counts for. All that name no station are one."""
 
-    >>> sender_of("caesura/v1/station/cell-1/samples"), sender_of("caesura/v1/station/../samples")
-    ('caesura/v1/station/cell-1/samples', '?')
+    source: str
+    station: str | None
+
+
+@lru_cache(SENDERS)
+def sender_of(key: str) -> Sender:
+    """Who puts on a key.
+
+    >>> sender_of("caesura/v1/station/cell-1/samples")
+    Sender(source='caesura/v1/station/cell-1/samples', station='cell-1')
+    >>> sender_of("caesura/v1/station/../samples")
+    Sender(source='?', station=None)
     """
     try:
-        parse_station_key(key)
+        return Sender(key, parse_station_key(key)[0])
     except ProtocolError:
-        return NOBODY
-    return key
+        return Sender(NOBODY, None)
 
 
 def station_of(source: str) -> str:
@@ -148,20 +157,14 @@ def station_of(source: str) -> str:
 
 def content_of(message: zenoh.Sample) -> Content:
     """What was put or replied."""
-    return _content(str(message.key_expr), message.payload, str(message.encoding))
+    return Content.of(str(message.key_expr), message.payload, str(message.encoding))
 
 
 def content_of_query(query: zenoh.Query) -> Content:
-    """What came with a query; nothing reads as an empty payload."""
-    return _content(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
+    """What came with a query."""
+    return Content.of(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
 
 
 def content_of_error(error: zenoh.ReplyError) -> Content:
     """What a query was refused with."""
-    return _content("", error.payload, str(error.encoding))
-
-
-def _content(key: str, payload: zenoh.ZBytes | None, encoding: str) -> Content:
-    size = len(payload) if payload is not None else 0
-    keep = payload is not None and size <= MAX_MESSAGE_BYTES
-    return Content(key, payload.to_bytes() if payload is not None and keep else b"", encoding, size)
+    return Content.of("", error.payload, str(error.encoding))

@@ -25,7 +25,7 @@ from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Samples, Watching, content_of, sender_of
+from caesura_service.edge.arrivals import Arrival, Content, Samples, Watching, sender_of
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, put
@@ -67,7 +67,7 @@ class Edge:
         self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
-        self._rate, self._volume = RateLimit(rates.samples), RateLimit(rates.volume)
+        self._rates = RateLimit(rates.samples, rates.volume)
         self._complaints = RateLimit(COMPLAINTS)
         self._answers = Answers(registry, self._inbox, self.status, rates=rates)
         self._stack = ExitStack()
@@ -142,18 +142,19 @@ class Edge:
         self._inbox.deliver(Watching())
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
-        sender = sender_of(str(sample.key_expr))
-        if not (self._rate.allows(sender) and self._volume.allows(sender, len(sample.payload))):
-            self._turn_away(sender)
+        key, payload = str(sample.key_expr), sample.payload
+        source, station = sender_of(key)
+        if not self._rates.allows(source, 1.0, len(payload)):
+            self._turn_away(source)
             return
-        content = content_of(sample)
-        self._inbox.offer(Samples(content), sender, len(content.payload))
+        content = Content.of(key, payload, str(sample.encoding))
+        self._inbox.offer(Samples(content, station), source, len(content.payload))
 
-    def _turn_away(self, sender: str) -> None:
+    def _turn_away(self, source: str) -> None:
         """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
-        self._inbox.turn_away(sender)
-        if self._complaints.allows(sender):
-            most = (self._rate.rate.per_s, self._volume.rate.per_s)
+        self._inbox.turn_away(source)
+        if self._complaints.allows(source):
+            most = (rate.per_s for rate in self._rates.rates)
             logger.warning(
-                "%s: more than %g messages or %g bytes a second; the rest is dropped", sender, *most
+                "%s: more than %g messages or %g bytes a second; the rest is dropped", source, *most
             )

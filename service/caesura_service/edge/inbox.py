@@ -16,7 +16,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -40,18 +40,23 @@ class QueueSettings:
             raise ValueError(f"{marks}: expected 0 ≤ relieved_at < overloaded_at ≤ 1")
 
 
-class _Load(NamedTuple):
-    items: int
-    size: int  # [bytes]
+class _Load:
+    """What waits of one source, or of all of them, and how much of that may."""
 
+    __slots__ = ("items", "most", "most_bytes", "size", "source")
 
-class _Entry(NamedTuple, Generic[T]):
-    item: T
-    source: str | None  # None: does not count
-    size: int  # [bytes]
+    def __init__(self, source: str, most: float, most_bytes: float) -> None:
+        self.source, self.most, self.most_bytes = source, most, most_bytes
+        self.items = self.size = 0  # size [bytes]
 
+    def has_room(self, size: int, room: float) -> bool:
+        """For one more of that size? room: 1, or 2 where twice as much may wait as otherwise."""
+        return self.items < room * self.most and self.size + size <= room * self.most_bytes
 
-_NOTHING = _Load(0, 0)
+    def filling(self) -> float:
+        """1 and more is full."""
+        share, share_bytes = self.items / self.most, self.size / self.most_bytes
+        return share if share > share_bytes else share_bytes
 
 
 class Inbox(Generic[T]):
@@ -66,9 +71,10 @@ class Inbox(Generic[T]):
         self.changed = threading.Event()  # what is pressed has changed
         self.news = 0  # counts changes of what is pressed, and drops
         self._settings = settings
-        self._queue: SimpleQueue[_Entry[T] | None] = SimpleQueue()
-        self._total = _NOTHING
-        self._of_source: dict[str, _Load] = {}
+        # With what it counts for, if for anything, and its size [bytes].
+        self._queue: SimpleQueue[tuple[T, _Load | None, int] | None] = SimpleQueue()
+        self._total = _Load(WHOLE, settings.capacity, settings.capacity_bytes)
+        self._of_source: dict[str, _Load] = {}  # of whom something waits
         self._drops: dict[str, int] = {}
         self._announced = announced
         self._is_told = not announced
@@ -77,11 +83,15 @@ class Inbox(Generic[T]):
     def offer(self, item: T, source: str, size: int = 0) -> bool:
         """Enqueue an item that may be dropped. False where it was, which is counted."""
         with self._lock:
-            if not self._has_room(source, size):
+            room = 1.0 if self._is_told else 2.0
+            mine = self._of_source.get(source) or self._share_of(source)
+            self._total.items = self._queue.qsize()
+            if not (self._total.has_room(size, room) and mine.has_room(size, room)):
                 self._drop(source)
                 return False
-            self._account(source, 1, size)
-            self._queue.put(_Entry(item, source, size))
+            self._of_source[source] = mine
+            self._account(mine, 1, size)
+            self._queue.put((item, mine, size))
         return True
 
     def turn_away(self, source: str) -> None:
@@ -98,7 +108,7 @@ class Inbox(Generic[T]):
 
     def deliver(self, item: T) -> None:
         """Enqueue an item that its own cause bounds, like the end of one of a few questions."""
-        self._queue.put(_Entry(item, None, 0))
+        self._queue.put((item, None, 0))
 
     def get(self, timeout_s: float) -> T | None:
         """The next item; None if there is none in time, or if somebody called `wake`."""
@@ -108,10 +118,11 @@ class Inbox(Generic[T]):
             return None
         if entry is None:
             return None
-        if entry.source is not None:
+        item, load, size = entry
+        if load is not None:
             with self._lock:
-                self._account(entry.source, -1, -entry.size)
-        return entry.item
+                self._account(load, -1, -size)
+        return item
 
     def wake(self) -> None:
         """Let a waiting `get` return, once what lies before this is taken."""
@@ -133,8 +144,8 @@ class Inbox(Generic[T]):
     def fill(self) -> float:
         """How full the queue is, or the share that is fullest: 1 and more is full."""
         with self._lock:
-            shares = [self._settings.shares * self._filling(load) for load in self._of_source.values()]
-            return max([self._filling(self._all), *shares])
+            self._total.items = self._queue.qsize()
+            return max(load.filling() for load in (self._total, *self._of_source.values()))
 
     def take_drops(self) -> Mapping[str, int]:
         """What was dropped of each source since the last call."""
@@ -144,22 +155,10 @@ class Inbox(Generic[T]):
 
     # --- under the lock ---------------------------------------------------------------------------------
 
-    @property
-    def _all(self) -> _Load:
-        return _Load(self._queue.qsize(), self._total.size)
-
-    def _filling(self, load: _Load) -> float:
-        return max(load.items / self._settings.capacity, load.size / self._settings.capacity_bytes)
-
-    def _has_room(self, source: str, size: int) -> bool:
-        room, mine = 1.0 if self._is_told else 2.0, self._of_source.get(source, _NOTHING)
-        share = room / self._settings.shares
-        loads = ((self._all, room), (mine, share))
-        return all(
-            load.items < part * self._settings.capacity
-            and load.size + size <= part * self._settings.capacity_bytes
-            for load, part in loads
-        )
+    def _share_of(self, source: str) -> _Load:
+        """Nothing so far."""
+        shares = self._settings.shares
+        return _Load(source, self.capacity / shares, self._settings.capacity_bytes / shares)
 
     def _drop(self, source: str) -> None:
         self.dropped += 1
@@ -167,19 +166,20 @@ class Inbox(Generic[T]):
         if source in self._drops or len(self._drops) < DROPPING_SOURCES:
             self._drops[source] = self._drops.get(source, 0) + 1
 
-    def _account(self, source: str, items: int, size: int) -> None:
-        mine = self._of_source.get(source, _NOTHING)
-        mine = _Load(mine.items + items, mine.size + size)
-        self._total = _Load(self._total.items + items, self._total.size + size)
-        self._of_source[source] = mine
+    def _account(self, mine: _Load, items: int, size: int) -> None:
+        """One more waits, or one less."""
+        mine.items += items
+        mine.size += size
+        self._total.size += size
         if not mine.items:
-            del self._of_source[source]
-        whole = _Load(self._queue.qsize() + max(items, 0), self._total.size)
-        self._press(WHOLE, self._filling(whole))
-        self._press(source, self._settings.shares * self._filling(mine))
+            del self._of_source[mine.source]
+        self._total.items = self._queue.qsize() + max(items, 0)  # commands too, and what is about to be put
+        self._press(self._total)
+        self._press(mine)
 
-    def _press(self, source: str, filling: float) -> None:
+    def _press(self, load: _Load) -> None:
         """Note where the mark is passed, and where what was pressed is relieved."""
+        source, filling = load.source, load.filling()
         if source in self.pressed:
             changes = filling <= self._settings.relieved_at
         else:

@@ -28,7 +28,7 @@ from caesura_service.edge.arrivals import (
     Arrival,
     Asked,
     Ended,
-    Replayed,
+    Samples,
     content_of,
     content_of_error,
     sources_of,
@@ -110,7 +110,7 @@ class Outgoing:
     def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             asked.replies += 1
-            arrival = Replayed(content_of(reply.ok), asked.ask.station)
+            arrival = Samples(content_of(reply.ok), asked.ask.station)
             asked.dropped += not self._inbox.offer(arrival, asked.ask.station, len(arrival.content.payload))
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,43 +44,56 @@ class RateSettings:
 
 
 class _Bucket(NamedTuple):
-    tokens: float
+    """What one sender had left of each rate when it last came."""
+
+    tokens: Sequence[float]
     at: float  # [s]
 
 
 class RateLimit:
-    """A token bucket for each sender; any thread may ask."""
+    """A token bucket for each sender, of one rate or several at once; any thread may ask."""
 
     def __init__(
-        self, rate: Rate, *, senders: int = SENDERS, clock: Callable[[], float] = time.monotonic
+        self, *rates: Rate, senders: int = SENDERS, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.rate = rate
+        self.rates = rates
         self._senders = senders
         self._clock = clock
         self._buckets: dict[str, _Bucket] = {}  # whoever came last stands last
+        self._full = _Bucket([rate.burst for rate in rates], float("-inf"))
         self._lock = threading.Lock()
 
-    def allows(self, sender: str, cost: float = 1.0) -> bool:
-        """Take so many tokens, if the sender has them."""
+    def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
+        """Take so many tokens of each rate, if the sender has them all."""
         with self._lock:
             now = self._clock()
             bucket = self._buckets.pop(sender, None)
-            if bucket is None and not self._has_room(now):
-                return False
-            tokens = self.rate.burst if bucket is None else self._filled(bucket, now)
-            allowed = tokens >= cost
-            self._buckets[sender] = _Bucket(tokens - cost if allowed else tokens, now)
-        return allowed
+            if bucket is None:
+                if not self._has_room(now):
+                    return False
+                bucket = self._full
+            left = self._left(bucket, now, (cost, *further))
+            self._buckets[sender] = bucket if left is None else _Bucket(left, now)
+        return left is not None
 
-    def _filled(self, bucket: _Bucket, now: float) -> float:
-        return min(self.rate.burst, bucket.tokens + (now - bucket.at) * self.rate.per_s)
+    def _left(self, bucket: _Bucket, now: float, costs: Sequence[float]) -> list[float] | None:
+        """Tokens of each rate once the costs are taken; None where that is more than there is of one."""
+        passed_s = now - bucket.at
+        left = []
+        for (per_s, burst), tokens, cost in zip(self.rates, bucket.tokens, costs, strict=True):
+            filled = tokens + passed_s * per_s
+            filled = (filled if filled < burst else burst) - cost
+            if filled < 0.0:
+                return None
+            left.append(filled)
+        return left
 
     def _has_room(self, now: float) -> bool:
-        """Room for one more sender; a bucket that is full again need not be remembered."""
+        """Room for one more sender; one whose buckets are full again need not be remembered."""
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))
-        if self._filled(self._buckets[oldest], now) < self.rate.burst:
+        if self._left(self._buckets[oldest], now, [rate.burst for rate in self.rates]) is None:
             return False
         del self._buckets[oldest]
         return True

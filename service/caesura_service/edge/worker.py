@@ -22,7 +22,6 @@ from caesura_service.edge.arrivals import (
     Ended,
     Linked,
     Presence,
-    Replayed,
     Samples,
     Watching,
     station_of,
@@ -47,7 +46,7 @@ from caesura_service.session.registry import Registry
 logger = logging.getLogger(__name__)
 
 TICK_S = 0.1  # between two looks at what is still missing
-MESSAGES = (Samples, Replayed, Ended, Command)  # what counts as one
+MESSAGES = (Samples, Ended, Command)  # what counts as one
 
 
 class Worker(Threaded):
@@ -103,9 +102,7 @@ class Worker(Threaded):
     def _take(self, arrival: Arrival) -> None:
         self.messages += isinstance(arrival, MESSAGES)
         match arrival:
-            case Samples(content):
-                self._take_samples(content, None)
-            case Replayed(content, station):
+            case Samples(content, station):
                 self._take_samples(content, station)
             case Ended(asked):
                 self._outgoing.ended()
@@ -117,9 +114,8 @@ class Worker(Threaded):
                 self._steward.receive(arrival)
 
     def _take_samples(self, content: Content, station: str | None) -> None:
-        """station: where it is known from the question; else the key tells."""
         try:
-            station = station or parse_station_key(content.key)[0]
+            station = station or parse_station_key(content.key)[0]  # which says what is wrong with it
             message = _batch(content)
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)

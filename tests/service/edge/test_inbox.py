@@ -56,7 +56,7 @@ def test_what_was_taken_out_leaves_nothing_behind():
         inbox.offer(1, source, 10)
     while inbox.get(0.0):
         pass
-    assert (inbox._of_source, inbox._total, inbox.pressed) == ({}, (0, 0), frozenset())
+    assert (inbox._of_source, inbox._total.size, inbox.fill(), inbox.pressed) == ({}, 0, 0.0, frozenset())
 
 
 def test_a_waiting_reader_can_be_woken():

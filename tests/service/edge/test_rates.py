@@ -49,6 +49,17 @@ def test_what_costs_more_than_is_left_takes_nothing():
     assert [limit.allows("a", cost) for cost in (3.0, 3.0, 2.0, 1.0)] == [True, False, True, False]
 
 
+def test_of_several_rates_each_must_have_enough_and_a_refusal_takes_of_none():
+    clock = Clock()
+    limit = RateLimit(Rate(1.0, 3.0), Rate(10.0, 10.0), clock=clock)
+    sizes = (6.0, 6.0, 4.0, 0.0, 0.0)
+    assert [limit.allows("a", 1.0, size) for size in sizes] == [True, False, True, True, False]
+    clock.now = 0.5
+    assert not limit.allows("a", 1.0, 5.0)
+    clock.now = 1.0
+    assert limit.allows("a", 1.0, 10.0)
+
+
 def test_one_sender_takes_nothing_from_another():
     limit, _ = limited(Rate(10.0, 5.0))
     while limit.allows("loud"):

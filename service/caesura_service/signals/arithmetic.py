@@ -20,7 +20,7 @@ class Arithmetic(NamedTuple):
     resample: Callable[..., None]
     flange_rows: Callable[..., None]
     openings: Callable[..., float]
-    fit: Callable[..., None]
+    fit: Callable[..., float]
     finish: Callable[..., None]
 
 

@@ -112,14 +112,14 @@ class Conditioner:
         self._arithmetic = arithmetic or best()
         self.parameters = parameters or ConditioningParameters()
         self._columns = columns_of(layout)
-        self._filter = self.parameters.filter
+        self._filter, self._every = self.parameters.filter, self.parameters.decimation
         self._taring = self.parameters.taring(layout.source)
         self._resampler = Resampler(
             self.parameters.grid_hz,
             self.parameters.gap_limit_s,
             held=int(layout.has("gripper")),
             quaternion=layout.slices.get("quat"),
-            every=self.parameters.decimation,
+            every=self._every,
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
             arithmetic=self._arithmetic,
         )
@@ -230,14 +230,9 @@ class Conditioner:
             recent[block.first - first :, self._columns.width :] = grips
         tare = state.tare if state.tare.tare is not None else self._tare(state.tare, first, recent)
         filtered = self._filtered(state, anchor, first, recent)
-        return _State(
-            tail=self._filter.tail(recent),
-            gripper=gripper,
-            tare=tare,
-            waiting=(*state.waiting, *filtered),
-            after_gap=state.after_gap and not filtered,
-            rows=state.rows + len(filtered),
-        ), events
+        waiting = (*state.waiting, *filtered)
+        after_gap, rows = state.after_gap and not filtered, state.rows + len(filtered)
+        return _State(self._filter.tail(recent), gripper, tare, waiting, after_gap, rows), events
 
     def _restarted(self, state: _State) -> _State:
         tare = self._taring.interrupted(state.tare, "samples are missing within the tare window")
@@ -256,13 +251,12 @@ class Conditioner:
     def _fit(self, rows: Array, centre: int) -> tuple[Array, float]:
         """The filtered flange row in the middle of a window, and the flange's speed [m/s]."""
         both = np.empty((2, rows.shape[1]))
-        self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
-        row, slope = both
-        return row, math.hypot(*slope[self._columns.position].tolist())
+        speed = self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
+        return both[0], speed
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
         """Filter the rows first, first + 1, … where they are on the segmentation grid."""
-        half, every = self._filter.half, self.parameters.decimation
+        half, every = self._filter.half, self._every
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
             row, speed = self._fit(recent, i)

@@ -108,7 +108,7 @@ class Layout:
         samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.
         """
         samples = np.asarray(samples, dtype=np.float64)
-        if samples.ndim != 2 or samples.shape[1] != len(self.columns):
+        if samples.shape[1:] != (len(self.columns),):
             expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
             raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
         if not samples.flags.carray:

@@ -50,7 +50,7 @@ def observation_of(
     """Tare a filtered flange row and put its parts under their names."""
     row = filtered.row.copy()
     arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
-    row.flags.writeable = False
+    row.setflags(write=False)
     width, closed = row[columns.width :].tolist()
     return Observation(
         index=filtered.number,

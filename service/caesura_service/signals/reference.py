@@ -106,14 +106,16 @@ def openings(
     return float(recent.max() - recent.min())
 
 
-def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> None:
+def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> float:
     """Value and slope, (2, columns), of the polynomials through rows (n, columns) about a centre.
 
-    taps: (2, window) weights of the rows. Columns from `moving` on are as they are at the centre.
+    taps: (2, window) weights of the rows. Columns from `moving` on are as they are at the centre. Returns the
+    flange's speed [m/s].
     """
     first, window = centre - taps.shape[1] // 2, taps.shape[1]
     both[0], both[1] = rows[centre], 0.0
     both[:, :moving] = np.add.reduce(taps[:, :, None] * rows[first : first + window, :moving], axis=1)
+    return length(both[1, :FORCE])
 
 
 def finish(x: float, y: float, z: float, oriented: bool, row: Array) -> None:

@@ -19,7 +19,8 @@ FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
 def everywhere(rows: Array) -> tuple[Array, Array]:
     fits = np.empty((len(rows) - 10, 2, rows.shape[1]))
     for centre, both in enumerate(fits, start=5):
-        best().fit(rows, centre, FILTER.taps, rows.shape[1], both)
+        speed = best().fit(rows, centre, FILTER.taps, rows.shape[1], both)
+        assert speed == pytest.approx(float(np.linalg.norm(both[1, :3])), rel=1e-12)
     return fits[:, 0], fits[:, 1]
 
 
@@ -29,14 +30,14 @@ def test_it_smooths_as_scipy_does() -> None:
 
 
 def test_its_slope_is_scipys_derivative() -> None:
-    rows = np.random.default_rng(1).normal(size=(60, 2))
+    rows = np.random.default_rng(1).normal(size=(60, 4))
     expected = savgol_filter(rows, 11, 2, deriv=1, delta=0.01, axis=0)[5:-5]
     assert_allclose(everywhere(rows)[1], expected, atol=1e-11)
 
 
 def test_a_parabola_passes_unchanged_half_a_window_late() -> None:
     t = np.arange(40) / 100.0
-    assert_allclose(everywhere((t * t)[:, None])[0][:, 0], (t * t)[5:-5], atol=1e-15)
+    assert_allclose(everywhere(np.tile(t * t, (3, 1)).T)[0][:, 0], (t * t)[5:-5], atol=1e-15)
     assert FILTER.delay_s == 0.05
 
 

@@ -190,6 +190,7 @@ def fit(rows, centre, taps, moving, both):
         for c in range(moving):
             value[c] += taps[0, k] * rows[first + k, c]
             slope[c] += taps[1, k] * rows[first + k, c]
+    return math.sqrt(slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2)
 
 
 @compiled

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import accumulate
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,11 @@ class Stretch:
     end_final: bool
     start_stands: bool = False  # nothing that is said of its start can change any more
 
+    @property
+    def stands(self) -> bool:
+        """Can nothing change any more that is said of it?"""
+        return self.start_stands and self.end_final
+
 
 def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     """The most probable kind; kind_log_evidence: (kinds,)."""
@@ -56,18 +63,29 @@ def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     return Verdict(kinds[best], probability, kinds[second], values[best] - values[second])
 
 
-def stretches(online: Filter, first: int = 0, *, decided: OnlineThreshold | None = None) -> list[Stretch]:
-    """The best segmentation so far, from the final segment number `first` on; or else what was `decided`."""
+def stretches(
+    online: Filter,
+    first: int = 0,
+    *,
+    decided: OnlineThreshold | None = None,
+    known: Mapping[int, Stretch] = MappingProxyType({}),
+) -> list[Stretch]:
+    """The best segmentation so far, from the final segment number `first` on; or else what was `decided`.
+
+    known: those of an earlier look, by their start; what nothing can change any more is taken from there.
+    """
     final, growing = (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
     settled, path = len(final), [*final[first:], *growing]
     before = final[first - 1].start if first else -1
     starts = [before, *(ended.start for ended in path), online.count]
-    return [
-        _stretch(
-            online, ended.kind_log_evidence, (starts[i], starts[i + 1], starts[i + 2]), first + i, settled
-        )
-        for i, ended in enumerate(path)
-    ]
+    found: list[Stretch] = []
+    for i, ended in enumerate(path):
+        stretch = known.get(ended.start)
+        if stretch is None or not stretch.stands:
+            around = starts[i], starts[i + 1], starts[i + 2]
+            stretch = _stretch(online, ended.kind_log_evidence, around, first + i, settled)
+        found.append(stretch)
+    return found
 
 
 def _stretch(

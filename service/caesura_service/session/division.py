@@ -78,7 +78,8 @@ class Division:
         self._finished = finished
         if not self.online.count:
             return []
-        found = stretches(self.online, len(self.settled), decided=self._decided)
+        known = {start: seen.stretch for start, seen in self._seen.items()}
+        found = stretches(self.online, len(self.settled), decided=self._decided, known=known)
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
         seen = [self._look_at(every, first + i) for i in range(len(fresh))]

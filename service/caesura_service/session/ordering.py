@@ -61,6 +61,8 @@ class Ordering(Generic[T]):
 
     def hole(self) -> tuple[int, int] | None:
         """First and last batch of the stretch that is missing next; None while nothing is."""
+        if self.newest < self.next_seq:
+            return None
         last = min(self._held) - 1 if self._held else self.newest
         return (self.next_seq, last) if self.next_seq <= last else None
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, Layout, Observation
+from caesura_service.signals import Conditioned, Conditioner, Layout, Observation, arithmetic
 from caesura_service.signals.arithmetic import REFERENCE, best
 from caesura_service.signals.beforehand import prepare
 from service.signals.awkward import LAYOUTS, awkward_samples
@@ -56,3 +56,8 @@ def test_whatever_an_array_is_like_all_is_compiled_beforehand(layout: Layout) ->
     results = [bits(together(Conditioner(layout), [array])) for array in alike]
     assert results == results[:1] * len(alike)
     assert [len(kernel.signatures) for kernel in best()] == [1] * len(best())
+
+
+def test_without_a_compiler_the_reference_stands_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arithmetic, "has_kernels", lambda: False)
+    assert arithmetic.best.__wrapped__() == REFERENCE

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from caesura_service.signals import Conditioner, Layout
+from caesura_service.signals.arithmetic import REFERENCE, Arithmetic, best
 from service.signals.awkward import LAYOUTS, awkward_samples
 from service.signals.samples import bits, together
 
@@ -38,12 +39,16 @@ def test_any_cuts_give_the_same_bits(layout: Layout, seed: int, rate_hz: float, 
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+@pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
 @pytest.mark.parametrize(("seed", "rate_hz"), [(1, 100.0), (2, 200.0), (3, 1000.0)])
-def test_sample_by_sample_gives_the_same_bits(layout: Layout, seed: int, rate_hz: float) -> None:
+def test_sample_by_sample_gives_the_same_bits(
+    layout: Layout, seed: int, rate_hz: float, arithmetic: Arithmetic
+) -> None:
     samples = awkward_samples(layout, seed, rate_hz, n=700)
-    whole = together(Conditioner(layout), [samples])
+    whole = together(Conditioner(layout, arithmetic=arithmetic), [samples])
     assert len(whole.observations) > 3
-    assert bits(together(Conditioner(layout), np.split(samples, len(samples)))) == bits(whole)
+    one_by_one = together(Conditioner(layout, arithmetic=arithmetic), np.split(samples, len(samples)))
+    assert bits(one_by_one) == bits(whole)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)

@@ -163,7 +163,7 @@ class Resampler:
     ) -> tuple[GridState, Block]:
         """Turn the cells from `first` on that samples without a hole complete into rows."""
         unfinished = self._row_open_at(anchor, float(samples[-1, 0]))
-        self._check_waiting(samples[:, 0], self._edge(anchor, max(first, unfinished)))
+        self._check_waiting(samples, anchor, max(first, unfinished))
         next_row = max(first, unfinished - (unfinished - self.phase) % self.every)
         rows = self._rows(anchor, first, next_row, samples)
         return self._state(anchor, next_row, samples), Block(first, rows, restarts)
@@ -182,10 +182,11 @@ class Resampler:
             self.arithmetic.resample(samples, anchor, self.grid_hz, first, self.held, rows)
         return rows[:-1]
 
-    def _check_waiting(self, times: Array, edge: float) -> None:
-        if len(times) <= MAX_WAITING_SAMPLES:
+    def _check_waiting(self, samples: Array, anchor: float, row: int) -> None:
+        """That not too many are within the cells from this row on."""
+        if len(samples) <= MAX_WAITING_SAMPLES:
             return
-        waiting = len(times) - _wanted_from(times, edge)
+        waiting = len(samples) - _wanted_from(samples[:, 0], self._edge(anchor, row))
         if waiting > MAX_WAITING_SAMPLES:
             raise ValueError(
                 f"{waiting} samples within {1 / self.grid_hz:g} s, expected at most {MAX_WAITING_SAMPLES}"

@@ -27,6 +27,7 @@ from caesura_service.observing.health import alive, web_of
 from caesura_service.observing.metrics import Observed
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.ports import Owner, PipelineFactory
+from caesura_service.session.spool import SPOOL
 
 logger = logging.getLogger(__name__)
 
@@ -81,6 +82,7 @@ class Service:
             stack.enter_context(_switching_often())
             if self._file is not None:
                 stack.enter_context(self._file)
+                stack.enter_context(SPOOL.within(self._file.path.parent))
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
         self.ready = True

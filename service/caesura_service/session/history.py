@@ -1,9 +1,11 @@
-"""What a session's observations were, kept compactly: one row of numbers each."""
+"""What a session's observations were, kept compactly: one row of numbers each, the old ones in a file."""
 
 from __future__ import annotations
 
 import math
+import struct
 from bisect import bisect_left
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,14 +13,19 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.models import Observed
 from caesura_service.program import Moment
+from caesura_service.session.spool import Log
 from caesura_service.signals import Observation
 
 Array = NDArray[np.float64]
+Row = tuple[float, ...]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
-_SUM, _SUM2, _HOLDING, _AFTER_GAP, _COLUMNS = 7, 8, 9, 10, 11
-_PARTS = {"orientation": 4, "joints": 7, "gripper_width": 1}  # of a pose, which only some sessions have
-PRESS_SHARE, PRESS_LOOKS = 0.7, 600
+_SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
+_ORIENTATION, _JOINTS, _COLUMNS = slice(12, 16), slice(16, 23), 23  # nan where unknown, as the gripper
+_ROW = struct.Struct(f"{_COLUMNS}d")
+_NO_ORIENTATION, _NO_JOINTS = (np.nan,) * 4, (np.nan,) * 7
+ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
@@ -26,9 +33,10 @@ class History:
     """Rows of observations, with running sums of the vertical force so that any mean costs the same."""
 
     def __init__(self) -> None:
-        self._rows = np.empty((256, _COLUMNS))
-        self._parts: dict[str, Array] = {}  # those of _PARTS that there are
-        self._count = 0
+        self._log, self._count = Log(), 0  # observations
+        self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
+        self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))
+        self._forces = lru_cache(PRESSES_AT_HAND)(partial(_read_forces, self._log))
 
     def __len__(self) -> int:
         return self._count
@@ -36,52 +44,51 @@ class History:
     @property
     def t_last(self) -> float:
         """[s] the last observation; −inf before the first."""
-        return float(self._rows[self._count - 1, _T]) if self._count else -np.inf
+        return self.t(self._count - 1) if self._count else -np.inf
 
     def append(self, observation: Observation) -> None:
         """Keep one more observation."""
-        if self._count == len(self._rows):
-            self._rows = _grown(self._rows)
-            self._parts = {name: _grown(rows) for name, rows in self._parts.items()}
-        row = self._rows[self._count]
-        row[_T] = observation.t
-        row[_POSITION], row[_FORCE] = observation.position_base, observation.force_base
-        row[_HOLDING], row[_AFTER_GAP] = holding(observation), observation.after_gap
-        before, before2 = self._sums(self._count)
-        fz = float(observation.force_base[2])
-        row[_SUM], row[_SUM2] = before + fz, before2 + fz * fz
-        self._append_parts(observation)
+        force = observation.force_base.tolist()
+        self._sum += force[2]
+        self._sum2 += force[2] * force[2]
+        orientation, joints, width = observation.orientation, observation.joints, observation.gripper_width
+        self._log.append(
+            _ROW.pack(
+                observation.t,
+                *observation.position_base.tolist(),
+                *force,
+                self._sum,
+                self._sum2,
+                holding(observation),
+                observation.after_gap,
+                np.nan if width is None else width,
+                *(_NO_ORIENTATION if orientation is None else orientation),
+                *(_NO_JOINTS if joints is None else joints),
+            )
+        )
         self._count += 1
-
-    def _append_parts(self, observation: Observation) -> None:
-        for name, width in _PARTS.items():
-            part = getattr(observation, name)
-            if part is not None and name not in self._parts:
-                self._parts[name] = np.full((len(self._rows), width), np.nan)
-            if name in self._parts:
-                self._parts[name][self._count] = np.nan if part is None else part
 
     def observed(self, index: int) -> Observed:
         """What the segment models see of an observation."""
-        row = self._rows[index]
-        return Observed(row[_POSITION].copy(), row[_FORCE].copy(), float(row[_HOLDING]))
+        row = self._row(index)
+        return Observed(np.array(row[_POSITION]), np.array(row[_FORCE]), row[_HOLDING])
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
-        return bool(self._rows[index, _AFTER_GAP])
+        return bool(self._row(index)[_AFTER_GAP])
 
     def t(self, index: int) -> float:
         """[s] time of an observation."""
-        return float(self._rows[index, _T])
+        return self._row(index)[_T]
 
     def position(self, index: int) -> tuple[float, float, float]:
         """[m] flange position."""
-        x, y, z = self._rows[index, _POSITION].tolist()
+        x, y, z = self._row(index)[_POSITION]
         return x, y, z
 
     def force(self, index: int) -> tuple[float, float, float]:
         """[N] tared force on the robot."""
-        x, y, z = self._rows[index, _FORCE].tolist()
+        x, y, z = self._row(index)[_FORCE]
         return x, y, z
 
     def press(self, start: int, end: int) -> tuple[float, float, float]:
@@ -90,8 +97,7 @@ class History:
         Strong is PRESS_SHARE of what a tenth of the time exceeds: touching and letting go are left out. At
         most PRESS_LOOKS observations are looked at, evenly spread.
         """
-        stride = -(-(end - start) // PRESS_LOOKS)
-        forces = self._rows[start:end:stride, _FORCE]
+        forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
         strong = np.sort(forces[sizes >= PRESS_SHARE * _upper_decile(sizes)], axis=0)
         x, y, z = (0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])).tolist()
@@ -106,35 +112,51 @@ class History:
 
     def _sums(self, end: int) -> tuple[float, float]:
         """Of the vertical force [N] and its square [N²] before an observation."""
-        if not end:
-            return 0.0, 0.0
-        total, total2 = self._rows[end - 1, _SUM : _SUM2 + 1].tolist()
+        total, total2 = self._row(end - 1)[_SUMS] if end else (0.0, 0.0)
         return total, total2
 
     def moment(self, t: float) -> Moment:
         """The pose at the observation nearest to a time [s]."""
         if not self._count:
             raise IndexError("no observation yet")
-        times, last = self._rows[: self._count, _T], self._count - 1
-        after = min(max(bisect_left(times, t), 1), last)
-        index = after - 1 if after and t - times[after - 1] <= times[after] - t else after
+        after = min(max(self._first_from(t), 1), self._count - 1)
+        index = after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
         return self.moment_at(index)
+
+    def _first_from(self, t: float) -> int:
+        """The first observation that is not before a time [s]; mostly it is one of the last ones."""
+        end, reach = self._count, 1
+        while reach <= self._count and self.t(self._count - reach) >= t:
+            end, reach = self._count - reach, 2 * reach
+        return bisect_left(range(end), t, max(self._count - reach, 0), key=self.t)
 
     def moment_at(self, index: int) -> Moment:
         """The pose at an observation."""
-        width = self._part("gripper_width", index)
+        row = self._row(index)
         return Moment(
             position=self.position(index),
-            orientation=self._part("orientation", index),
-            joints=self._part("joints", index),
-            gripper_width=None if width is None else width[0],
+            orientation=_known(row[_ORIENTATION]),
+            joints=_known(row[_JOINTS]),
+            gripper_width=None if math.isnan(row[_GRIPPER]) else row[_GRIPPER],
             force=self.force(index),
         )
 
-    def _part(self, name: str, index: int) -> Any:
-        rows = self._parts.get(name)
-        part = None if rows is None else tuple(rows[index].tolist())
-        return None if part is None or math.isnan(part[0]) else part
+
+def _known(part: Row) -> Any:
+    """Of a pose; None where it was not."""
+    return None if math.isnan(part[0]) else part
+
+
+def _read(log: Log, index: int) -> Row:
+    return _ROW.unpack(log.read(index * _ROW.size, (index + 1) * _ROW.size))
+
+
+def _read_forces(log: Log, looks: range) -> Array:
+    """(n, 3) [N] one after the other, or every so many."""
+    if looks.step > 1:
+        return np.array([_read(log, index)[_FORCE] for index in looks])
+    rows = np.frombuffer(log.read(looks.start * _ROW.size, looks.stop * _ROW.size))
+    return rows.reshape(-1, _COLUMNS)[:, _FORCE].copy()
 
 
 def _upper_decile(values: Array) -> float:
@@ -143,13 +165,6 @@ def _upper_decile(values: Array) -> float:
     below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
     low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
     return float(low + share * (high - low))
-
-
-def _grown(rows: Array) -> Array:
-    """An eighth more. Not twice as many: large arrays are of huge pages, which exist whole once touched."""
-    grown = np.empty((len(rows) + max(len(rows) // 8, 256), rows.shape[1]))
-    grown[: len(rows)] = rows
-    return grown
 
 
 def holding(observation: Observation) -> float:

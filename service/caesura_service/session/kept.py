@@ -1,37 +1,46 @@
 """Messages that nothing can change any more, kept as the codec's own bytes and read when somebody asks.
 
-What is kept only grows, so another thread may read what a view shows of it.
+What is kept only grows, so another thread may read what a view shows of it. The old ones are in a file.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from typing import Generic, TypeVar, overload
 
 from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.messages import Message
+from caesura_service.session.spool import Log
 
 M = TypeVar("M", bound=Message)
 
 
 class Kept(Generic[M]):
-    """Messages of one type, in order, in a fifth of the memory."""
+    """Messages of one type, in order."""
 
     def __init__(self, model: type[M]) -> None:
         self._model = model
-        self._packed: list[bytes] = []
+        self._log, self._ends = Log(), array("q", [0])  # [bytes] where each begins, and the last one ends
 
     def __len__(self) -> int:
-        return len(self._packed)
+        return len(self._ends) - 1
 
     def extend(self, messages: Iterable[M]) -> None:
         """Keep these too."""
-        self._packed += [encode(message).payload for message in messages]
+        for message in messages:
+            self._log.append(encode(message).payload)
+            self._ends.append(len(self._log))
 
     def read(self, start: int, stop: int) -> tuple[M, ...]:
         """Those from start to stop, which is not included."""
-        encoding = encoding_of(self._model)
-        return tuple(decode(packed, encoding, self._model) for packed in self._packed[start:stop])
+        if start >= stop:
+            return ()
+        encoding, ends = encoding_of(self._model), self._ends[start : stop + 1]
+        packed = self._log.read(ends[0], ends[-1])
+        spans = pairwise(end - ends[0] for end in ends)
+        return tuple(decode(packed[first:last], encoding, self._model) for first, last in spans)
 
 
 class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list

@@ -1,0 +1,138 @@
+"""Bytes that only grow: the last ones in memory, what came before them in a file, in blocks of equal size.
+
+One file a process, without a name, so that it is gone with the process however that ends. A block's room is
+used again once nobody refers to it. What cannot be written stays in memory, and is tried again a block later.
+What is there may be read by any thread while another one appends.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+logger = logging.getLogger(__name__)
+
+BLOCK = 1 << 15  # [bytes]
+
+
+class Spool:
+    """A file of blocks, made when the first one is put into it."""
+
+    def __init__(self, directory: Path | None = None, *, block: int = BLOCK) -> None:
+        """directory: in place of the system's for temporary files. block: [bytes]."""
+        self.directory, self.block = directory, block
+        self._file: _File | None = None
+
+    def put(self, data: bytes) -> Block:
+        """A whole block into the file. Raises OSError where it cannot be written."""
+        if self._file is None or self._file.process != os.getpid():
+            self._file = _File(tempfile.TemporaryFile(buffering=0, dir=self.directory), self.block)  # noqa: SIM115
+        return self._file.put(data)
+
+    @property
+    def size(self) -> int:
+        """[bytes] of the file."""
+        return 0 if self._file is None else os.fstat(self._file.number).st_size
+
+    @contextmanager
+    def within(self, directory: Path | None) -> Iterator[None]:
+        """While the context lasts a new file is made there."""
+        before, self.directory = self.directory, directory
+        try:
+            yield
+        finally:
+            self.directory = before
+
+
+class Block:
+    """A part of a file; its room is free again with the last reference to it."""
+
+    __slots__ = ("_file", "_place")
+
+    def __init__(self, file: _File, place: int) -> None:
+        self._file, self._place = file, place
+
+    def __del__(self) -> None:
+        self._file.free.append(self._place)
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Bytes start to stop of it, the stop not included."""
+        return os.pread(self._file.number, stop - start, self._place + start)
+
+
+class _File:
+    """Without a lock: a list gives an item to one thread only, and so does a count a number."""
+
+    def __init__(self, file: BinaryIO, block: int) -> None:
+        self._file = file  # closed after its last block
+        self.number, self.process = file.fileno(), os.getpid()
+        self.free: list[int] = []
+        self._beyond = itertools.count(0, block)
+
+    def __del__(self) -> None:
+        self._file.close()
+
+    def put(self, data: bytes) -> Block:
+        try:
+            place = self.free.pop()
+        except IndexError:
+            place = next(self._beyond)
+        block = Block(self, place)
+        if (written := os.pwrite(self.number, data, place)) < len(data):
+            raise OSError(f"the disk is full: {written} of {len(data)} bytes were written")
+        return block
+
+
+SPOOL = Spool()
+
+
+class Log:
+    """Bytes that only grow; at most two blocks of them in memory."""
+
+    def __init__(self, spool: Spool = SPOOL) -> None:
+        self._spool = spool
+        self._blocks: list[Block] = []
+        self._tail = 0, bytearray()  # the place of its first byte, and all that is in no block
+        self._full = 2 * spool.block  # at which one is written
+
+    def __len__(self) -> int:
+        first, tail = self._tail
+        return first + len(tail)
+
+    def append(self, data: bytes) -> None:
+        """Keep these too."""
+        tail = self._tail[1]
+        tail += data
+        if len(tail) >= self._full:
+            self._write()
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Bytes start to stop, the stop not included."""
+        first, tail = self._tail  # as one: a block is listed before it leaves the tail
+        if start >= first:
+            return bytes(tail[start - first : stop - first])
+        size, until = self._spool.block, min(stop, first)
+        parts = [
+            self._blocks[number].read(max(start - number * size, 0), min(until - number * size, size))
+            for number in range(start // size, -(-until // size))
+        ]
+        return b"".join([*parts, tail[: stop - until]])
+
+    def _write(self) -> None:
+        """All but the last block."""
+        (first, tail), size = self._tail, self._spool.block
+        whole = (len(tail) // size - 1) * size
+        try:
+            self._blocks += [self._spool.put(bytes(tail[at : at + size])) for at in range(0, whole, size)]
+        except OSError as error:
+            if self._full == 2 * size:
+                logger.warning("what sessions keep stays in memory, no file takes it: %s", error)
+            self._full = len(tail) + size
+        else:
+            self._tail, self._full = (first + whole, tail[whole:]), 2 * size

@@ -4,7 +4,8 @@ A real zenoh over loopback: another process puts the batches of many 1 kHz robot
 the results; here is an Edge before a registry that answers every batch with what a session says on average
 (results of three kinds every fifth batch) and keeps the interpreter busy for as long as the work takes, see
 `batch_cost.py`. That time is not counted; reading the messages and writing them is.
-Usage: python tests/bench/edge_cost.py [--stations N] [--seconds S] [--work US] [--json DIR]
+Usage: python tests/bench/edge_cost.py [--behind] [--stations N] [--seconds S] [--work US] [--json DIR]
+--behind: the edge is client of a router in another process, like each of several instances.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from caesura_protocol.messages import Changepoints, Heartbeat, Posterior, Sample
 from caesura_service.app import SWITCH_INTERVAL_S
 from caesura_service.edge import Edge, NetworkSettings
 from caesura_service.edge.inbox import QueueSettings
+from caesura_service.edge.network import join
 from caesura_service.journal import MemoryJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
@@ -93,13 +95,17 @@ def main() -> None:
     parser.add_argument("--stations", type=int, default=24)
     parser.add_argument("--seconds", type=float, default=9.0)
     parser.add_argument("--work", type=float, default=300.0, help="µs")
+    parser.add_argument("--behind", action="store_true")
     asked = parser.parse_args()
+    context = multiprocessing.get_context("spawn")
+    heard: Any = context.Queue()
+    network = NetworkSettings("tcp/127.0.0.1:0")
+    if asked.behind:
+        context.Process(target=router, args=(heard,), daemon=True).start()
+        network = NetworkSettings(connect=heard.get())
     registry = Answering(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    edge = Edge(registry, OWNER, NetworkSettings("tcp/127.0.0.1:0"), version="bench", queue=QueueSettings())
-    context = multiprocessing.get_context("spawn")
-    with edge:
-        heard: Any = context.Queue()
+    with Edge(registry, OWNER, network, version="bench", queue=QueueSettings()) as edge:
         names = [f"cell-{number}" for number in range(asked.stations)]
         others = context.Process(
             target=robots, args=(edge.endpoint, names, asked.seconds, heard), daemon=True
@@ -137,6 +143,13 @@ def kind_of(name: str) -> str:
     if name.startswith(CALLBACKS):
         return "network, in (with callbacks)"
     return "network, out" if name.startswith(SENDERS) else name
+
+
+def router(told: Any) -> None:
+    """Between the edge and the robots, until killed."""
+    _, endpoint = join(NetworkSettings("tcp/127.0.0.1:0"), threading.Event())
+    told.put(endpoint)
+    threading.Event().wait()
 
 
 def robots(endpoint: str, names: list[str], seconds: float, heard: Any) -> None:

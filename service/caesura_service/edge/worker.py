@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
+from typing import TypeVarTuple
 
 import zenoh
 
@@ -44,8 +45,10 @@ from caesura_service.session.ports import (
 from caesura_service.session.registry import Registry
 
 logger = logging.getLogger(__name__)
+Given = TypeVarTuple("Given")
 
 TICK_S = 0.1  # between two looks at what is still missing
+AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
 MESSAGES = (Samples, Ended, Command)  # what counts as one
 
 
@@ -73,16 +76,26 @@ class Worker(Threaded):
         due = self._clock() + TICK_S
         while not self._stopped.is_set():
             patience_s = 0.0 if self._registry.is_busy else self._steward.patience_s()
-            arrival = self._inbox.get(min(TICK_S, patience_s))
-            if arrival is not None:
-                self._guarded(lambda taken=arrival: self._take(taken))  # type: ignore[misc]
+            self._take_some(AT_ONCE if patience_s else 1, min(TICK_S, patience_s))
             if self._inbox.news != self._news:
                 self._guarded(self._tell_of_overload)
-            self._guarded(lambda: self.say(self._steward.step()))
-            self._guarded(lambda: self.say(self._registry.step()))
+            self._guarded(self._let, self._steward.step)
+            self._guarded(self._let, self._registry.step)
             if (now := self._clock()) >= due:
                 due = now + TICK_S
-                self._guarded(lambda: self.say(self._registry.tick(self._clock())))
+                self._guarded(self._let, self._registry.tick, now)
+
+    def _take_some(self, most: int, patience_s: float) -> None:
+        """Wait for an arrival; take it, and what else is there."""
+        for _ in range(most):
+            if (arrival := self._inbox.get(patience_s)) is None:
+                return
+            self._guarded(self._take, arrival)
+            if not len(self._inbox):
+                return
+
+    def _let(self, step: Callable[[*Given], Iterable[Output]], *given: *Given) -> None:
+        self.say(step(*given))
 
     def _tell_of_overload(self) -> None:
         """Charge what was dropped to its sessions, and let those say so that are pressed, or no longer."""
@@ -93,9 +106,9 @@ class Worker(Threaded):
         for source in before ^ self._pressed:
             self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
 
-    def _guarded(self, step: Callable[[], None]) -> None:
+    def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
-            step()
+            step(*given)
         except Exception:
             logger.exception("an arrival was lost to an error of ours")
 

@@ -87,15 +87,15 @@ def holds(service: Service, *stations: str) -> bool:
 
 def test_alone_everybody_is_served_though_nobody_knows_of_a_bridge(floor, peer):
     with floor.serving("east"):
-        assert peer.command(opening(), EASTS[0]).state == "open"
-        assert peer.command(opening(), WESTS[0]).state == "open"
+        assert opens(peer, EASTS[0]).state == "open"
+        assert opens(peer, WESTS[0]).state == "open"
 
 
 def test_a_second_instance_takes_its_share_and_gives_it_back_when_it_leaves(floor, peer):
     stations = (EASTS[0], WESTS[0])
     with floor.serving("east") as east:
         for station in stations:
-            peer.command(opening(), station)
+            opens(peer, station)
             for made in batches(5):
                 peer.send(made, station)
         eventually(lambda: all(peer.snapshot(station=each).status.batches == 5 for each in stations))

@@ -36,6 +36,11 @@ class Row(NamedTuple):
     closes: bool
 
     @property
+    def key(self) -> tuple[str, str]:
+        """Station and session."""
+        return self.station, self.session
+
+    @property
     def size(self) -> int:
         """What it takes [bytes]."""
         return len(self.payload) + ROW_BYTES

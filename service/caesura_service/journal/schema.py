@@ -10,6 +10,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
@@ -64,12 +65,13 @@ CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encodi
 INSERT_SESSION = """
 INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
 ON CONFLICT (station, session) DO NOTHING"""
-INSERT_RECORD = """
-INSERT INTO records (session_id, epoch, seq, at, encoding, payload)
-VALUES ((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)
-ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
 UPDATE_SESSION = """
-UPDATE sessions SET size = size + ?, touched = ?, closed = max(closed, ?) WHERE station = ? AND session = ?"""
+UPDATE sessions SET touched = ?, closed = max(closed, ?) WHERE station = ? AND session = ?"""
+SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
+UPDATE_SIZES = """
+UPDATE sessions SET size = size + more
+FROM (SELECT session_id, sum(length(payload) + ?) AS more FROM records WHERE place > ? GROUP BY session_id)
+WHERE id = session_id"""
 SELECT_PAGE = """
 SELECT place, at, encoding, payload FROM records
 WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
@@ -96,6 +98,16 @@ FROM sessions AS known WHERE :station IS NULL OR station = :station ORDER BY id"
 SELECT_EPOCH = "SELECT coalesce(max(epoch), -1) FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch) VALUES (?, ?)"
 DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
+
+
+@cache
+def insert_records(count: int) -> str:
+    """So many at once: at every statement a thread waits for the interpreter that others work with."""
+    row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)"
+    return f"""
+INSERT INTO records (session_id, epoch, seq, at, encoding, payload) VALUES {", ".join([row] * count)}
+ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
+
 
 # What SQLite calls it → what it means, and what to do.
 REMEDIES: Mapping[str, str] = {

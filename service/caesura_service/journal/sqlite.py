@@ -16,9 +16,9 @@ from __future__ import annotations
 import logging
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,16 +29,18 @@ from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.damage import damage_of, set_aside
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import GB, JournalSettings, Kept, overdue, sizes_of
-from caesura_service.journal.rows import Row, copies_in, epoch_in, outcome_of, record_of, row_of
+from caesura_service.journal.rows import ROW_BYTES, Row, copies_in, epoch_in, outcome_of, record_of, row_of
 from caesura_service.journal.schema import (
     DELETE_SESSION,
     INSERT_EPOCH,
     INSERT_OUTCOME,
-    INSERT_RECORD,
     INSERT_SESSION,
+    SELECT_LAST,
     SELECT_OUTCOME,
     SELECT_PAGE,
     UPDATE_SESSION,
+    UPDATE_SIZES,
+    insert_records,
     locked,
     opened,
     transaction,
@@ -49,6 +51,7 @@ logger = logging.getLogger(__name__)
 
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
+_AT_ONCE = (64, 8, 1)  # records that one statement writes
 
 
 class SqliteJournal:
@@ -265,16 +268,17 @@ class SqliteJournal:
                     self._waiting_bytes -= row.size
                 raise
 
-    def _write(self, rows: Iterable[Row]) -> None:
-        execute = self._database.execute
-        known: set[Key] = set()
-        for row in rows:
-            key = (row.station, row.session)
-            if key not in known:
-                execute(INSERT_SESSION, (*key, row.at, row.at))
-                known.add(key)
-            written = execute(INSERT_RECORD, row[:-1]).rowcount
-            execute(UPDATE_SESSION, (written * row.size, row.at, row.closes, *key))
+    def _write(self, rows: Sequence[Row]) -> None:
+        """What is there already is not written again, and counts once."""
+        first, last = {row.key: row for row in reversed(rows)}, {row.key: row for row in rows}
+        closed = {row.key for row in rows if row.closes}
+        execute, executemany = self._database.execute, self._database.executemany
+        executemany(INSERT_SESSION, [(*key, first[key].at, row.at) for key, row in last.items()])
+        (before,) = execute(SELECT_LAST).fetchone()
+        for some in _in_parts(rows):
+            execute(insert_records(len(some)), [*chain.from_iterable(row[:-1] for row in some)])
+        execute(UPDATE_SIZES, (ROW_BYTES, before))
+        executemany(UPDATE_SESSION, [(row.at, key in closed, *key) for key, row in last.items()])
 
     def _fail(self, error: JournalError) -> None:
         if self._trouble is None:
@@ -326,3 +330,12 @@ class SqliteJournal:
             for _, at, encoding, payload in page:
                 yield record_of(station, session, at, encoding, payload)
             place = page[-1][0]
+
+
+def _in_parts(rows: Sequence[Row]) -> Iterator[Sequence[Row]]:
+    """As few as there are statements for."""
+    first = 0
+    for size in _AT_ONCE:
+        while len(rows) - first >= size:
+            yield rows[first : first + size]
+            first += size

@@ -1,12 +1,12 @@
 """One session for an hour: does memory stay flat, and does a step cost at the end what it did at first?
 
 An hour of samples goes through registry, journal on disk and the real models as fast as they go, and what is
-said is encoded as it would be for the wire; once while a person works, once while the robot stands still.
-Each runs in a process of its own. A step is one batch, and its time is that of the thread that takes it, so
-that other work on the machine does not count. The last minute is compared with the second: the first warms
-up.
+said is encoded as it would be for the wire; once while a person works, once so with every column that a
+session may have, once while the robot stands still. Each runs in a process of its own. A step is one batch,
+and its time is that of the thread that takes it, so that other work on the machine does not count. The last
+minute is compared with the second: the first warms up.
 
-Usage: python tests/bench/hour.py [--minutes 60] [--only varied|still]
+Usage: python tests/bench/hour.py [--minutes 60] [--only varied|complete|still]
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ from caesura_service.session.registry import Registry
 RATE_HZ = 200.0
 BATCH = 20
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+EVERY_COLUMN = (*COLUMNS, "qx", "qy", "qz", "qw", *(f"q{i}" for i in range(1, 8)), "gripper")
+OPEN_M, CLOSED_M = 0.08, 0.03
 STATION, SESSION = "cell-1", "hour"
 MINUTE_S = 60.0
 WARM_UP_S = 5.0
@@ -61,9 +63,9 @@ def main() -> None:
     """Measure both, and print a row for every tenth minute."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--minutes", type=int, default=60)
-    parser.add_argument("--only", choices=sorted(WORK))
+    parser.add_argument("--only", choices=sorted(HOURS))
     options = parser.parse_args()
-    for name in [options.only] if options.only else sorted(WORK, reverse=True):
+    for name in [options.only] if options.only else sorted(HOURS, reverse=True):
         with multiprocessing.get_context("spawn").Pool(1) as pool:
             show(name, pool.apply(measure, (name, options.minutes)))
 
@@ -110,19 +112,24 @@ def measure(name: str, minutes: int) -> list[Minute]:
             journal=journal,
             limits=Limits(),
         )
-        opening = Open(session=SESSION, columns=COLUMNS)
-        registry.command(STATION, opening, 0.0)
-        work = batches(WORK[name](np.random.default_rng(0)))
-        one_minute(registry, work, seconds=0.0 if minutes else WARM_UP_S)
-        return [one_minute(registry, work) for _ in range(minutes)]
+        work, columns = HOURS[name]
+        registry.command(STATION, Open(session=SESSION, columns=columns), 0.0)
+        coming = batches(work(np.random.default_rng(0)))
+        one_minute(registry, coming, columns, seconds=0.0 if minutes else WARM_UP_S)
+        return [one_minute(registry, coming, columns) for _ in range(minutes)]
 
 
-def one_minute(registry: Registry, work: Iterator[tuple[int, Array]], seconds: float = MINUTE_S) -> Minute:
+def one_minute(
+    registry: Registry,
+    coming: Iterator[tuple[int, Array]],
+    columns: tuple[str, ...],
+    seconds: float = MINUTE_S,
+) -> Minute:
     """Take the batches of a minute."""
     spent = [0.0] * (not seconds)
     for _ in range(round(seconds * RATE_HZ / BATCH)):
-        seq, rows = next(work)
-        batch = pack_samples(rows, COLUMNS, session=SESSION, epoch=0, seq=seq)
+        seq, rows = next(coming)
+        batch = pack_samples(rows, columns, session=SESSION, epoch=0, seq=seq)
         before = time.thread_time()
         for said in registry.samples(STATION, batch, float(rows[-1, 0])):
             if isinstance(said, Publish):
@@ -144,8 +151,8 @@ def resident_mb() -> float:
 
 
 def batches(strokes: Iterator[Array]) -> Iterator[tuple[int, Array]]:
-    """Numbered batches (BATCH, columns) of a stream of rows (n, 6): position, force."""
-    seq, rest = 0, np.empty((0, 6))
+    """Numbered batches (BATCH, columns) of a stream of rows without their time."""
+    seq, rest = 0, next(strokes)
     for stroke in strokes:
         rest = np.concatenate([rest, stroke])
         while len(rest) >= BATCH:
@@ -175,6 +182,20 @@ def still(rng: np.random.Generator) -> Iterator[Array]:
         yield noisy(rng, rows, np.zeros_like(rows), tremor_m=2e-5)
 
 
+def complete(rng: np.random.Generator) -> Iterator[Array]:
+    """`varied` with an orientation, joints, and a gripper that closes on something and opens again."""
+    t, width = 0.0, OPEN_M
+    for rows in varied(rng):
+        times = t + np.arange(len(rows)) / RATE_HZ
+        t = float(times[-1]) + 1.0 / RATE_HZ
+        angle = 0.5 * np.sin(0.3 * times)
+        zero = np.zeros_like(angle)
+        orientation = [np.cos(angle), np.sin(angle), zero, zero]
+        joints = [np.sin(0.1 * (i + 1) * times) for i in range(7)]
+        width = rng.choice([width, OPEN_M, CLOSED_M])
+        yield np.column_stack([rows, *orientation, *joints, np.full(len(rows), width)])
+
+
 def noisy(rng: np.random.Generator, position: Array, force: Array, *, tremor_m: float) -> Array:
     """(n, 6)."""
     return np.column_stack(
@@ -186,6 +207,7 @@ def noisy(rng: np.random.Generator, position: Array, force: Array, *, tremor_m: 
 
 
 WORK: dict[str, Callable[[np.random.Generator], Iterator[Array]]] = {"varied": varied, "still": still}
+HOURS = {name: (work, COLUMNS) for name, work in WORK.items()} | {"complete": (complete, EVERY_COLUMN)}
 
 
 if __name__ == "__main__":

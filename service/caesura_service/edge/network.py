@@ -45,7 +45,7 @@ SETTINGS: Mapping[str, Any] = {
 # A link whose peer hangs is closed once its lease ends, and that holds one of zenoh's threads for 10 s
 # (SO_LINGER; zenoh issues 1101, 2718). It has two that read: three frozen dashboards kept everybody waiting.
 # Those that read also wait for what there is to read: else another one does, and wakes them for each message.
-RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx))"
+RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx), app: (handover: rx))"
 # One attempt to connect. Waiting inside the library hears no signal and no deadline.
 ATTEMPT_MS = 500
 _FREE_PORT = ":0"

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -25,7 +26,7 @@ from caesura_clients.diagnosis import why_not
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority
-from caesura_protocol.codec import Encoded, decode_error
+from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
 SETTINGS: Mapping[str, Any] = {
@@ -39,6 +40,10 @@ SETTINGS: Mapping[str, Any] = {
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
+
+# Keys and encodings in use, read once: of a thousand sessions, and of every type of message.
+expression_of = lru_cache(4096)(zenoh.KeyExpr)
+encoding_of = lru_cache(len(MESSAGE_TYPES))(zenoh.Encoding)
 
 _QUOTED_REASON = re.compile(r'msg: "((?:[^"\\]|\\.)*)')
 
@@ -88,9 +93,9 @@ class ZenohTransport:
         """Publish, without ever blocking."""
         with _translated(self.endpoint):
             self._session.put(
-                key,
+                expression_of(key),
                 content.payload,
-                encoding=content.encoding,
+                encoding=encoding_of(content.encoding),
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_PRIORITIES[priority],
             )

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from functools import lru_cache
 
 import zenoh
 
-from caesura_protocol.codec import MESSAGE_TYPES, encode_error
+from caesura_clients.transport import encoding_of, expression_of
+from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
@@ -43,10 +43,6 @@ logger = logging.getLogger(__name__)
 # Questions under way at once. Their answers fit into the inbox together; those of every station after an
 # outage would not, and would be asked for again and again.
 QUESTIONS = 8
-
-EXPRESSIONS = 4096  # keys that are kept read, of a thousand sessions
-_expression = lru_cache(EXPRESSIONS)(zenoh.KeyExpr)
-_encoding = lru_cache(len(MESSAGE_TYPES))(zenoh.Encoding)
 
 STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
@@ -129,9 +125,9 @@ def put(network: zenoh.Session, key: str, message: Message) -> None:
     low = isinstance(message, Posterior)
     for encoded in in_pieces(message):
         network.put(
-            _expression(key),
+            expression_of(key),
             encoded.payload,
-            encoding=_encoding(encoded.encoding),
+            encoding=encoding_of(encoded.encoding),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
         )

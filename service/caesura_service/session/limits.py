@@ -25,7 +25,7 @@ class Limits:
 
     # Publishing
     status_interval_s: float = 1.0  # session time between two statuses without an occasion
-    apps_per_s: float = 200.0  # put a second of session time: a long program is put less often
+    apps_per_s: float = 100.0  # put a second of session time: a long program is put less often
     hush_s: float = 1.0  # real time between two statuses about what was refused or given up
 
     # Registry

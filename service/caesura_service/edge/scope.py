@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from collections.abc import Callable, Set
-from functools import partial
 from typing import Any
 
 import zenoh
 
 from caesura_protocol.keys import station_key
+from caesura_service.interpreter import staying
 
 ALL = "*"
-_STAYING: set[int] = set()  # threads of the network
 
 
 class Scope:
@@ -62,15 +60,4 @@ class Scope:
 
 def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
     """In the network's own thread, which keeps the order."""
-    return zenoh.handlers.Callback(partial(_staying, callback), indirect=False)
-
-
-def _staying(callback: Callable[[Any], None], given: Any) -> None:
-    """Keep the state that the interpreter has of this thread, which is never released; zenoh has a few.
-
-    Made anew for every call, its stack is mapped and unmapped, which costs more than most callbacks do.
-    """
-    if (thread := threading.get_ident()) not in _STAYING:
-        _STAYING.add(thread)
-        ctypes.pythonapi.PyGILState_Ensure()
-    callback(given)
+    return zenoh.handlers.Callback(staying(callback), indirect=False)

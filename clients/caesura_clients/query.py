@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -15,6 +16,12 @@ from caesura_protocol.messages import MAX_WHOLE_BYTES, Message, Program, Service
 from caesura_protocol.pieces import Joining
 
 M = TypeVar("M", bound=Message)
+
+ASKED = 3  # times at most
+
+
+class PiecesLostError(ProtocolError):
+    """A long answer came, but not all of it."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +38,8 @@ class SessionInfo:
 
 def snapshots(transport: Transport, station: str = "*", session: str = "*") -> list[Snapshot]:
     """Everything about every session that matches, one of the highest epoch each; none is no error."""
-    answers = transport.query(session_key(station, session, "snapshot"))
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in decoded(answers, Snapshot):
+    for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -63,7 +69,7 @@ def program(transport: Transport, station: str) -> Program:
 
 def current_sessions(transport: Transport) -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = decoded(transport.query(station_key("*", "program")), Program)
+    programs = _asked(transport, station_key("*", "program"), Program)
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 
@@ -98,14 +104,14 @@ def services(transport: Transport) -> list[str]:
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
     """How every instance is doing. Raises Unreachable where there is none."""
-    found = decoded(transport.query(service_key("*", "status")), ServiceStatus)
+    found = _asked(transport, service_key("*", "status"), ServiceStatus)
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:
-    found = decoded(transport.query(station_key(station, "program")), Program)
+    found = _asked(transport, station_key(station, "program"), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
 
@@ -119,6 +125,14 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
+def _asked(transport: Transport, key: str, model: type[M]) -> list[M]:
+    """Who answers, with what. Asked again where pieces of the answer were lost: nobody waits to send them."""
+    for _ in range(ASKED - 1):
+        with suppress(PiecesLostError):
+            return decoded(transport.query(key), model)
+    return decoded(transport.query(key), model)
+
+
 def decoded(answers: Answers, model: type[M]) -> list[M]:
     """The answers; a refusal, or that pieces of an answer were lost, is raised only where nobody answered."""
     joining = Joining()
@@ -127,7 +141,7 @@ def decoded(answers: Answers, model: type[M]) -> list[M]:
     if answers.refusals and not whole:
         raise answers.refusals[0]
     if joining.unfinished and not whole:
-        raise ProtocolError("overloaded", "pieces of the answer were lost on the way: ask again")
+        raise PiecesLostError("overloaded", "pieces of the answer were lost on the way: ask again")
     return [decode(*reply, model, limit=MAX_WHOLE_BYTES) for reply in whole]
 
 

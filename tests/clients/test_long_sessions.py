@@ -13,7 +13,7 @@ from caesura_clients import Caesura, connect
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.inbox import Delivery
 from caesura_clients.network import Answers
-from caesura_clients.query import decoded
+from caesura_clients.query import ASKED, decoded, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -98,11 +98,45 @@ def no_pipeline(opening: Open, default_preset: str) -> None:
     return pipeline
 
 
-def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
+def long_snapshot() -> Snapshot:
     short = example(Snapshot)
     segments = short.segments.model_copy(update={"segments": 9000 * short.segments.segments})
-    long = short.model_copy(update={"segments": segments})
-    parts = [Delivery(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(long)]
+    return short.model_copy(update={"segments": segments})
+
+
+def pieces_of(snapshot: Snapshot) -> list[Delivery]:
+    return [Delivery(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(snapshot)]
+
+
+def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
+    parts = pieces_of(long := long_snapshot())
     assert decoded(Answers(tuple(parts), ()), Snapshot) == [long]
     with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
         decoded(Answers(tuple(parts[1:]), ()), Snapshot)
+
+
+class Lossy:
+    """A transport on whose way a piece is lost, the first so many times."""
+
+    endpoint = "nowhere"
+
+    def __init__(self, parts: list[Delivery], losses: int) -> None:
+        self.parts, self.losses, self.asked = parts, losses, 0
+
+    def query(self, key: str) -> Answers:
+        self.asked += 1
+        return Answers(tuple(self.parts[self.asked <= self.losses :]), ())
+
+
+@pytest.mark.parametrize("losses", [0, 1, ASKED - 1])
+def test_an_answer_that_lost_a_piece_is_asked_for_again(losses: int):
+    lossy = Lossy(pieces_of(long := long_snapshot()), losses)
+    assert snapshots(lossy, "cell-1", "s1") == [long]
+    assert lossy.asked == losses + 1
+
+
+def test_an_answer_that_always_loses_a_piece_is_an_error():
+    lossy = Lossy(pieces_of(long_snapshot()), ASKED)
+    with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
+        snapshots(lossy, "cell-1", "s1")
+    assert lossy.asked == ASKED

@@ -117,11 +117,12 @@ class Division:
         """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
         stretch = all_stretches[index]
         load = weigh(all_stretches, index, self._history, self._bias_n)
-        seen = None if self._finished else self._seen.get(stretch.start)
-        stays = seen is not None and self._stays(seen, stretch, load)
-        segment = seen.segment if seen and stays else self._segment(stretch, load)
-        start_stays = seen is not None and _starts_alike(seen.stretch, stretch)
-        changepoint = seen.changepoint if seen and start_stays else self._changepoint(stretch)
+        seen = self._seen.get(stretch.start)
+        if seen is None or self._finished:
+            return _Seen(stretch, load, self._segment(stretch, load), self._changepoint(stretch))
+        stays, start_stays = self._stays(seen, stretch, load), _starts_alike(seen.stretch, stretch)
+        segment = seen.segment if stays else self._segment(stretch, load)
+        changepoint = seen.changepoint if start_stays else self._changepoint(stretch)
         return _Seen(stretch, load, segment, changepoint)
 
     def _stays(self, seen: _Seen, stretch: Stretch, load: Load | None) -> bool:

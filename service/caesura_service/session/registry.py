@@ -170,9 +170,8 @@ class Registry:
             return []  # the bridge still has it
         try:
             session = self._session(station, message.session)
-            said = self._minded(session, session.receive(message, now))
-        except JournalError as error:
-            return self._charge(station, message.session, ProtocolError("overloaded", str(error)))
+            with _recording():
+                said = self._minded(session, session.receive(message, now))
         except ProtocolError as error:
             return self._charge(station, message.session, error)
         for output in said:

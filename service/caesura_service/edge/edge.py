@@ -1,8 +1,9 @@
 """The service on the network: what it listens to, what it answers, and how it leaves.
 
 Every callback of the network only enqueues: one that works would stop all reception. They run directly in
-the network's thread, which keeps the order between what a bridge puts and what it asks: in a thread for
-each declaration a close overtook the batches before it in one of six runs, and was refused and repeated.
+the network's thread, which keeps the order between what a bridge puts, and is gathered before each of its
+commands, and what it asks: in a thread for each declaration a close overtook the batches before it in one of
+six runs, and was refused and repeated.
 
 In the beginning sessions are taken, then declared, then told of by our token, so that others let go only of
 what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang
@@ -26,6 +27,7 @@ from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
 from caesura_service.edge.arrivals import Arrival, Content, Samples, Watching, sender_of
+from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, put
@@ -70,6 +72,7 @@ class Edge:
         self._rates = RateLimit(rates.samples, rates.volume)
         self._complaints = RateLimit(COMPLAINTS)
         self._answers = Answers(registry, self._inbox, self.status, rates=rates)
+        self._gathering = Gathering(self._take_samples)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -79,8 +82,8 @@ class Edge:
             stack.enter_context(self._answers)
             scope = Scope(
                 network,
-                samples=self._take_samples,
-                control=self._answers.command,
+                samples=self._gathering,
+                control=self._take_command,
                 program=self._answers.program,
             )
             steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
@@ -91,6 +94,7 @@ class Edge:
             self._declare(stack, network)
             self._worker.say(self._registry.restate(None))
             stack.enter_context(self._worker)
+            stack.enter_context(self._gathering)
             stack.callback(scope.close)
             self._appear(stack, network)
             self._stack = stack.pop_all()
@@ -140,6 +144,10 @@ class Edge:
         client = self._settings.connect is not None
         stack.enter_context(watching(network, self._inbox.insist, client=client))
         self._inbox.deliver(Watching())
+
+    def _take_command(self, query: zenoh.Query) -> None:
+        self._gathering.gather()  # what was put before it comes before it
+        self._answers.command(query)
 
     def _take_samples(self, sample: zenoh.Sample) -> None:
         key, payload = str(sample.key_expr), sample.payload

@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 
 from caesura_protocol.keys import station_key
-from caesura_service.interpreter import staying
+from caesura_service.edge.gathering import Gathering
 
 ALL = "*"
 
@@ -21,7 +21,7 @@ class Scope:
         self,
         network: zenoh.Session,
         *,
-        samples: Callable[[zenoh.Sample], None],
+        samples: Gathering,
         control: Callable[[zenoh.Query], None],
         program: Callable[[zenoh.Query], None],
     ) -> None:
@@ -47,17 +47,18 @@ class Scope:
 
     def _declare(self, station: str) -> tuple[Any, ...]:
         network = self._network
+        self._samples.declare(network, station_key(station, "samples"))
         return (
-            network.declare_subscriber(station_key(station, "samples"), direct(self._samples)),
             network.declare_queryable(station_key(station, "control"), direct(self._control)),
             network.declare_queryable(station_key(station, "program"), direct(self._program)),
         )
 
     def _undeclare(self, station: str) -> None:
+        self._samples.undeclare(station_key(station, "samples"))
         for entity in self._declared.pop(station):
             entity.undeclare()
 
 
 def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
     """In the network's own thread, which keeps the order."""
-    return zenoh.handlers.Callback(staying(callback), indirect=False)
+    return zenoh.handlers.Callback(callback, indirect=False)

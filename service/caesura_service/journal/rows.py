@@ -33,7 +33,6 @@ class Row(NamedTuple):
     at: float
     encoding: str
     payload: bytes
-    closes: bool
 
     @property
     def key(self) -> tuple[str, str]:
@@ -51,8 +50,7 @@ def row_of(record: Record) -> Row:
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
-    closes = isinstance(message, Close)
-    return Row(record.station, record.session, epoch, seq, record.at, encoding, payload, closes)
+    return Row(record.station, record.session, epoch, seq, record.at, encoding, payload)
 
 
 def record_of(station: str, session: str, at: float, encoding: str, payload: bytes) -> Record:

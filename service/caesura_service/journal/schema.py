@@ -14,13 +14,13 @@ from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
-from caesura_protocol.messages import Edit
+from caesura_protocol.messages import Close, Edit
 from caesura_service.journal.journal import JournalBusyError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 3
 LOCK_SUFFIX = ".lock"
-EDIT = encoding_of(Edit)
+CLOSE, EDIT = encoding_of(Close), encoding_of(Edit)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -62,15 +62,16 @@ CREATE TABLE IF NOT EXISTS stations (
 SCHEMA_3 = f"""
 CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
 
-INSERT_SESSION = """
-INSERT INTO sessions (station, session, opened, touched) VALUES (?, ?, ?, ?)
-ON CONFLICT (station, session) DO NOTHING"""
-UPDATE_SESSION = """
-UPDATE sessions SET touched = ?, closed = max(closed, ?) WHERE station = ? AND session = ?"""
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
-UPDATE_SIZES = """
-UPDATE sessions SET size = size + more
-FROM (SELECT session_id, sum(length(payload) + ?) AS more FROM records WHERE place > ? GROUP BY session_id)
+# `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone
+# through from its beginning: what is new is found by its place.
+UPDATE_SESSIONS = f"""
+UPDATE sessions SET size = size + more, touched = last, closed = max(closed, closes > 0)
+FROM (
+    SELECT session_id, max(place), at AS last,
+        sum(length(payload) + ?) AS more, sum(encoding = '{CLOSE}') AS closes
+    FROM records NOT INDEXED WHERE place > ? GROUP BY session_id
+)
 WHERE id = session_id"""
 SELECT_PAGE = """
 SELECT place, at, encoding, payload FROM records
@@ -101,8 +102,16 @@ DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
 
 
 @cache
-def insert_records(count: int) -> str:
+def insert_sessions(count: int) -> str:
     """So many at once: at every statement a thread waits for the interpreter that others work with."""
+    return f"""
+INSERT INTO sessions (station, session, opened, touched) VALUES {", ".join(["(?, ?, ?, ?)"] * count)}
+ON CONFLICT (station, session) DO NOTHING"""
+
+
+@cache
+def insert_records(count: int) -> str:
+    """So many at once."""
     row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)"
     return f"""
 INSERT INTO records (session_id, epoch, seq, at, encoding, payload) VALUES {", ".join([row] * count)}

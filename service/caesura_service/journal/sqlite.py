@@ -21,7 +21,7 @@ from contextlib import ExitStack, closing, suppress
 from itertools import chain, islice
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -34,13 +34,12 @@ from caesura_service.journal.schema import (
     DELETE_SESSION,
     INSERT_EPOCH,
     INSERT_OUTCOME,
-    INSERT_SESSION,
     SELECT_LAST,
     SELECT_OUTCOME,
     SELECT_PAGE,
-    UPDATE_SESSION,
-    UPDATE_SIZES,
+    UPDATE_SESSIONS,
     insert_records,
+    insert_sessions,
     locked,
     opened,
     transaction,
@@ -48,10 +47,11 @@ from caesura_service.journal.schema import (
 )
 
 logger = logging.getLogger(__name__)
+T = TypeVar("T")
 
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
-_AT_ONCE = (64, 8, 1)  # records that one statement writes
+_AT_ONCE = 64  # rows that one statement writes
 
 
 class SqliteJournal:
@@ -270,15 +270,16 @@ class SqliteJournal:
 
     def _write(self, rows: Sequence[Row]) -> None:
         """What is there already is not written again, and counts once."""
-        first, last = {row.key: row for row in reversed(rows)}, {row.key: row for row in rows}
-        closed = {row.key for row in rows if row.closes}
-        execute, executemany = self._database.execute, self._database.executemany
-        executemany(INSERT_SESSION, [(*key, first[key].at, row.at) for key, row in last.items()])
+        execute = self._database.execute
+        opened: dict[Key, tuple[str, str, float, float]] = {}
+        for row in rows:
+            opened.setdefault(row.key, (*row.key, row.at, row.at))
+        for sessions in _parts([*opened.values()]):
+            execute(insert_sessions(len(sessions)), [*chain.from_iterable(sessions)])
         (before,) = execute(SELECT_LAST).fetchone()
-        for some in _in_parts(rows):
-            execute(insert_records(len(some)), [*chain.from_iterable(row[:-1] for row in some)])
-        execute(UPDATE_SIZES, (ROW_BYTES, before))
-        executemany(UPDATE_SESSION, [(row.at, key in closed, *key) for key, row in last.items()])
+        for some in _parts(rows):
+            execute(insert_records(len(some)), [*chain.from_iterable(some)])
+        execute(UPDATE_SESSIONS, (ROW_BYTES, before))
 
     def _fail(self, error: JournalError) -> None:
         if self._trouble is None:
@@ -332,10 +333,6 @@ class SqliteJournal:
             place = page[-1][0]
 
 
-def _in_parts(rows: Sequence[Row]) -> Iterator[Sequence[Row]]:
-    """As few as there are statements for."""
-    first = 0
-    for size in _AT_ONCE:
-        while len(rows) - first >= size:
-            yield rows[first : first + size]
-            first += size
+def _parts(rows: Sequence[T]) -> Iterator[Sequence[T]]:
+    """Of at most so many as one statement writes."""
+    return (rows[first : first + _AT_ONCE] for first in range(0, len(rows), _AT_ONCE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 import threading
 from pathlib import Path
@@ -74,6 +75,17 @@ def grow_again(journal: SqliteJournal) -> None:
     journal._database.execute("PRAGMA max_page_count = 1000000")
 
 
+def steps_of_a_commit(journal: SqliteJournal, seqs: range) -> int:
+    """Of SQLite's virtual machine, in tens."""
+    steps = itertools.count()
+    for seq in seqs:
+        journal.append(record(seq))
+    journal._database.set_progress_handler(lambda: next(steps) < 0, 10)
+    journal.commit()
+    journal._database.set_progress_handler(None, 10)
+    return next(steps)
+
+
 class Refusal(NamedTuple):
     seq: int
     reason: str
@@ -136,6 +148,15 @@ def test_a_batch_that_is_written_twice_is_there_once(path):
         size = on_disk(path, "SELECT size FROM sessions")
         journal.append(record(0), now=True)
         assert on_disk(path, "SELECT size FROM sessions") == size
+
+
+def test_a_commit_costs_the_same_however_much_there_is(path):
+    with SqliteJournal(path, NEVER) as journal:
+        first = [steps_of_a_commit(journal, seqs) for seqs in (range(0, 64), range(64, 128))]
+        for seq in range(128, 1024):
+            journal.append(record(seq))
+        journal.commit()
+        assert steps_of_a_commit(journal, range(1024, 1088)) < 1.2 * max(first)
 
 
 def test_payloads_are_the_codecs_bytes(path):

@@ -11,6 +11,7 @@ A station, session or instance name is `[a-z0-9][a-z0-9_-]{0,63}`.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Literal, NamedTuple, TypeVar, get_args
 
 from caesura_protocol.errors import ProtocolError
@@ -20,6 +21,7 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
 _COUNT = re.compile(r"[0-9]{1,15}")
+_AT_HAND = 4096  # keys, which are asked for again with every message
 
 StationPart = Literal["samples", "replay", "alive", "control", "program"]
 SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapshot"]
@@ -37,6 +39,7 @@ def _name_or_wildcard(name: str, what: str) -> str:
     return name if name == "*" else check_name(name, what)
 
 
+@lru_cache(_AT_HAND)
 def station_key(station: str, part: StationPart) -> str:
     """`caesura/v1/station/{station}/{part}`; station may be `*`."""
     return f"{ROOT}/station/{_name_or_wildcard(station, 'station')}/{part}"
@@ -48,6 +51,7 @@ def parse_station_key(key: str) -> tuple[str, StationPart]:
     return check_name(station, "station"), _part(part, get_args(StationPart))
 
 
+@lru_cache(_AT_HAND)
 def session_key(station: str, session: str, part: SessionPart) -> str:
     """`caesura/v1/session/{station}/{session}/{part}`; station and session may be `*`."""
     station, session = _name_or_wildcard(station, "station"), _name_or_wildcard(session, "session")

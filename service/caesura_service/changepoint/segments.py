@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from types import MappingProxyType
 
@@ -83,24 +83,32 @@ def stretches(
         stretch = known.get(ended.start)
         if stretch is None or not stretch.stands:
             around = starts[i], starts[i + 1], starts[i + 2]
-            stretch = _stretch(online, ended.kind_log_evidence, around, first + i, settled)
+            stretch = _stretch(online, ended.kind_log_evidence, around, first + i, settled, stretch)
         found.append(stretch)
     return found
 
 
 def _stretch(
-    online: Filter, kinds: Array, starts: tuple[int, int, int], number: int, settled: int
+    online: Filter,
+    kinds: Array,
+    starts: tuple[int, int, int],
+    number: int,
+    settled: int,
+    known: Stretch | None,
 ) -> Stretch:
-    """starts: of the segment before, of this one, and of the one after."""
+    """starts: of the segment before, of this one, and of the one after; known: what it was before."""
     before, start, after = starts
+    found, is_over = verdict(online.lattice.kinds, kinds), number < settled
+    if known is not None and known.start_stands and min(known.end, after) > start + INTERVAL_REACH:
+        return replace(known, end=after, verdict=found, end_final=is_over)
     return Stretch(
         start=start,
         end=after,
-        verdict=verdict(online.lattice.kinds, kinds),
+        verdict=found,
         start_probability=online.event_probability(start, others=(before, after)),
         start_interval=_interval(online, before, start, after),
         start_final=number <= settled,
-        end_final=number < settled,
+        end_final=is_over,
         start_stands=number <= settled and online.stands(start),
     )
 

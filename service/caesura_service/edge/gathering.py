@@ -31,7 +31,7 @@ class Gathering(Threaded):
     def __init__(self, take: Callable[[zenoh.Sample], None]) -> None:
         """take: only enqueues; called in more threads than one, never at once."""
         self._take = take
-        self._declared: dict[str, tuple[zenoh.Subscriber[Any], zenoh.handlers.Handler[zenoh.Sample]]] = {}
+        self._declared: dict[str, tuple[Any, zenoh.handlers.Handler[zenoh.Sample]]] = {}
         self._turn = threading.Lock()
         super().__init__("caesura-gathering", lambda: None)
 

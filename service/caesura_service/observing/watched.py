@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,10 +11,9 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, SampleBatch
 from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
-from caesura_service.observing.steps import Step, changes_between
+from caesura_service.observing.steps import Change, Step, changes_between
 from caesura_service.session.ports import Incoming, Output, ReplayEnded
 from caesura_service.session.registry import Registry
-from caesura_service.session.session import Session
 from caesura_service.session.standing import Standing, Tally
 
 
@@ -29,61 +28,62 @@ class WatchedRegistry(Registry):
 
     def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
-        act = partial(super().command, station, command, now)
-        return self._watched(station, command, act, partial(self._sessions, station))
+        return self._watched(station, command, partial(super().command, station, command, now))
 
     def samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """Take what a bridge sent; no other session changes by that."""
-        own = self._find(station, message.session)
-        act = partial(super().samples, station, message, now)
-        return self._watched(station, message, act, lambda: () if own is None else (own,))
+        session = self._find(station, message.session)
+        if session is None:
+            return self._watched(station, message, partial(super().samples, station, message, now))
+        before, tally, began = session.standing, self.tally, self._watch()
+        said = super().samples(station, message, now)
+        after = session.standing
+        changes = (Change(before, after),) if after is not before else ()
+        self._tell(station, message, changes, said, tally, began)
+        return said
 
     def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Charge a message that could not be read."""
-        act = partial(super().refuse, station, error)
-        return self._watched(station, None, act, partial(self._sessions, station))
+        return self._watched(station, None, partial(super().refuse, station, error))
 
     def dropped(self, station: str, messages: int) -> list[Output]:
         """There was no room for so many messages of a station."""
-        act = partial(super().dropped, station, messages)
-        return self._watched(station, None, act, partial(self._sessions, station))
+        return self._watched(station, None, partial(super().dropped, station, messages))
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed."""
-        return self._watched(None, None, partial(super().tick, now), tuple)
+        return self._watched(None, None, partial(super().tick, now))
 
     def _watched(
+        self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
+    ) -> list[Output]:
+        before, tally, began = self._standings(station), self.tally, self._watch()
+        said = act()
+        self._tell(station, message, changes_between(before, self._standings(station)), said, tally, began)
+        return said
+
+    def _tell(
         self,
         station: str | None,
         message: Incoming | None,
-        act: Callable[[], list[Output]],
-        sessions: Callable[[], Iterable[Session]],
-    ) -> list[Output]:
-        """sessions: those that may change."""
-        before, tally, began = _standings(sessions()), self.tally, self._watch()
-        said = act()
-        now = self._watch()
-        step = Step(
-            station=station,
-            message=message,
-            changes=changes_between(before, _standings(sessions())),
-            outputs=said,
-            refused=0 if self.tally is tally else _refusals(self.tally) - _refusals(tally),
-            refusal=self.tally.last_refusal if self.tally is not tally else None,
-            took_s=now - began,
-        )
+        changes: Sequence[Change],
+        said: list[Output],
+        tally: Tally,
+        began: float,
+    ) -> None:
+        """Count and tell what was done. tally: as it was when that began [s]."""
+        now, same = self._watch(), self.tally is tally
+        refused = 0 if same else _refusals(self.tally) - _refusals(tally)
+        refusal = None if same else self.tally.last_refusal
+        step = Step(station, message, changes, said, refused, refusal, now - began)
         self.counting.take(step, self.board.sessions, now)
         self._chronicle.take(step, now)
-        return said
 
-    def _sessions(self, station: str | None) -> tuple[Session, ...]:
-        return self.board.sessions.get(station or "", ())
-
-
-def _standings(sessions: Iterable[Session]) -> dict[str, Standing]:
-    return {session.name: session.standing for session in sessions}
+    def _standings(self, station: str | None) -> dict[str, Standing]:
+        sessions = self.board.sessions.get(station or "", ())
+        return {session.name: session.standing for session in sessions}
 
 
 def _refusals(tally: Tally) -> int:

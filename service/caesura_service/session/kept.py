@@ -62,6 +62,9 @@ class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         if isinstance(index, int):
             at = range(len(self))[index]
             return self._between(at, at + 1)[0]
+        kept = self._stop - self._start
+        if index.start is not None and index.start >= kept and index.stop is index.step is None:
+            return self._rest[index.start - kept :]  # as nearly always: nobody asks for what is kept
         start, stop, step = index.indices(len(self))
         return self._between(start, stop) if step == 1 else self._between(0, len(self))[index]
 

@@ -2,8 +2,9 @@
 
 The number of stations grows step by step, until the 99th percentile of the time from putting the batch that
 completes an observation to receiving its result passes 50 ms, or anything is lost. Robots and reader are two
-processes beside the service, on the same cores. Prints the stations held, and at each step latencies, the
-service's processor time and memory a station. Robots are switched on when somebody does: their observations
+processes beside the service, on the same cores, and do no more than put and receive. Prints the stations
+held, and at each step latencies, the service's processor time and memory a station, and the machine's pace.
+Robots are switched on when somebody does: their observations
 are due at times spread evenly over a tenth of a second; in lockstep all of them are due at once.
 Usage: python tests/bench/service_load.py [--stations 8 16 …] [--instances N] [--lockstep] [--json DIR]
 """
@@ -16,13 +17,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from machine import machine, options, tell
+import zenoh
+from machine import machine, options, pace_ms, tell
 
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.query import snapshots
@@ -33,6 +35,7 @@ from caesura_protocol.keys import parse_replay_parameters, session_key, station_
 from caesura_protocol.messages import Ack, Control, Open, Posterior
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
+from harness.peer import Peer
 from harness.processes import Service
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
@@ -52,6 +55,7 @@ class Load(NamedTuple):
     processor: float  # cores that the service took
     network: float  # share of that in the network's own threads
     memory_mb: float
+    pace_ms: float  # of the machine, just before
 
 
 def main() -> None:
@@ -80,6 +84,7 @@ def main() -> None:
         "% of a core a station",
         "network [%]",
         "MB a station",
+        "pace [ms]",
     )
     title = f"{held} stations held, {asked.instances} instance(s): p99 at most {LIMIT_MS:g} ms, nothing lost"
     tell("service_load", title, columns, rows, asked.json)
@@ -91,12 +96,25 @@ def row(stations: int, load: Load) -> tuple[object, ...]:
     share = 100.0 * load.processor / stations
     results = len(load.latencies_ms)
     network, memory_mb = 100.0 * load.network, load.memory_mb / stations
-    return stations, load.lost, results, p50, p99, p999, load.processor, share, network, memory_mb
+    return (
+        stations,
+        load.lost,
+        results,
+        p50,
+        p99,
+        p999,
+        load.processor,
+        share,
+        network,
+        memory_mb,
+        load.pace_ms,
+    )
 
 
 def measured(stations: int, instances: int, spread_s: float) -> Load:
     """One service, so many stations at once, which begin within so long of each other."""
     names = [f"cell-{number}" for number in range(1, stations + 1)]
+    pace = pace_ms()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         many = ("--instances", str(instances)) if instances > 1 else ()
         service = Service(Path(directory), *many)
@@ -123,7 +141,7 @@ def measured(stations: int, instances: int, spread_s: float) -> Load:
             lost = missing(transport, names, len(next(iter(put_at.values()))))
         robots.join()
         reader.join()
-    return Load(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb)
+    return Load(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb, pace)
 
 
 def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, float]]) -> Iterator[float]:
@@ -150,10 +168,15 @@ def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> in
 
 def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> None:
     """Put every station's batches when they are due, and tell when that was."""
-    with ZenohTransport(endpoint, timeout_s=10.0) as transport, ExitStack() as stack:
+    with (
+        ZenohTransport(endpoint, timeout_s=10.0) as transport,
+        Peer(endpoint) as peer,
+        ExitStack() as stack,
+    ):
         for name in names:
             stack.enter_context(transport.token(station_key(name, "alive")))
         content, opening = prepared()
+        publishers = {name: publisher(peer, name, content[0].encoding) for name in names}
         asked = Inbox()
         for name in names:
             stack.enter_context(transport.answer(station_key(name, "replay"), asked))
@@ -171,10 +194,17 @@ def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> No
         for due, name, batch in plan:
             if (ahead := begun + due - time.monotonic()) > 0.0:
                 time.sleep(ahead)
-            transport.put(station_key(name, "samples"), batch)
+            publishers[name].put(batch.payload)
             put_at[name].append(time.monotonic())
         told.put(put_at)
         time.sleep(6.0)  # whoever asks may still ask; the sessions stay open
+
+
+def publisher(peer: Peer, name: str, encoding: str) -> zenoh.Publisher:
+    """Of a station's samples."""
+    return peer.network.declare_publisher(
+        station_key(name, "samples"), encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
+    )
 
 
 def replay(asked: Inbox, content: Sequence[Encoded]) -> None:
@@ -221,25 +251,29 @@ def opened(transport: ZenohTransport, name: str, opening: Encoded) -> None:
 
 def read(endpoint: str, stations: int, told: Any) -> None:
     """Receive every result, look at it afterwards, and tell which came when."""
-    inbox = Inbox(capacity=1 << 20)
-    arrived: list[tuple[float, Delivery]] = []
-    with (
-        ZenohTransport(endpoint, timeout_s=10.0) as transport,
-        transport.subscribe(session_key("*", "*", "posterior"), inbox),
-    ):
+    arrived: list[tuple[float, zenoh.Sample]] = []
+    with Peer(endpoint) as peer:
+        subscriber = peer.network.declare_subscriber(
+            session_key("*", "*", "posterior"), zenoh.handlers.FifoChannel(1 << 16)
+        )
         told.put("listening")
-        end = time.monotonic() + 120.0
-        while time.monotonic() < end:
-            item = inbox.get(3.0 if arrived else 60.0)
-            if item is None:
-                break
-            if isinstance(item, Delivery):
-                arrived.append((time.monotonic(), item))
+        threading.Thread(target=listen, args=(subscriber, arrived), daemon=True).start()
+        end, known = time.monotonic() + 120.0, -1
+        while time.monotonic() < end and (known < len(arrived) or not arrived):
+            known = len(arrived)
+            time.sleep(3.0)
+        subscriber.undeclare()
     found = []
-    for at, item in arrived:
-        message = decode(item.payload, item.encoding, Posterior)
+    for at, sample in arrived:
+        message = decode(sample.payload.to_bytes(), str(sample.encoding), Posterior)
         found.append((message.station, message.t, at))
     told.put(found)
+
+
+def listen(subscriber: Iterable[zenoh.Sample], arrived: list[tuple[float, zenoh.Sample]]) -> None:
+    """Note what comes, and when."""
+    for sample in subscriber:
+        arrived.append((time.monotonic(), sample))
 
 
 # --- what the service takes -----------------------------------------------------------------------------

@@ -37,9 +37,9 @@ class WatchedRegistry(Registry):
         session = self._find(station, message.session)
         if session is None:
             return self._watched(station, message, partial(super().samples, station, message, now))
-        before, tally, began = session.standing, self.tally, self._watch()
+        before, tally, began = session.looked, self.tally, self._watch()
         said = super().samples(station, message, now)
-        after = session.standing
+        after = session.looked
         changes = (Change(before, after),) if after is not before else ()
         self._tell(station, message, changes, said, tally, began)
         return said

@@ -21,7 +21,7 @@ class Concluded:
     def __init__(self, snapshot: Snapshot) -> None:
         self.view = view_of(snapshot)
 
-    def push(self, samples: NDArray[np.float64]) -> None:
+    def push(self, samples: NDArray[np.float64]) -> bool:
         """A closed session takes no samples."""
         raise RuntimeError("the session is closed")
 

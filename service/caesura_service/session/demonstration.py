@@ -23,7 +23,10 @@ from caesura_service.session.view import Pipeline
 
 
 class Demonstration:
-    """A pipeline and its standing, which is replaced at every change."""
+    """A pipeline and its standing, which is replaced at every change.
+
+    Most batches change nothing but how many there are: those are counted until somebody asks.
+    """
 
     def __init__(
         self, station: str, opening: Open, pipeline: Pipeline, *, owner: Owner, limits: Limits
@@ -38,12 +41,28 @@ class Demonstration:
         self._hushed_until: float | None = None  # [s] real time, once it is known
         self._unsaid = False  # has something been left unsaid meanwhile?
         preset = opening.preset or ""
-        self.standing: Standing = results.beginning(station, opening.session, owner, preset, pipeline.view)
+        first = results.beginning(station, opening.session, owner, preset, pipeline.view)
+        self._latest: tuple[Standing, int, int] = (first, 0, 0)  # and the batches and samples since
+
+    @property
+    def standing(self) -> Standing:
+        """Where it stands; any thread may ask."""
+        looked, batches, samples = self._latest
+        return looked.after(batches, samples) if batches else looked
+
+    @standing.setter
+    def standing(self, standing: Standing) -> None:
+        self._latest = (standing, 0, 0)
+
+    @property
+    def looked(self) -> Standing:
+        """The same without the batches since there was last something else to say."""
+        return self._latest[0]
 
     @property
     def state(self) -> State:
         """Where it is in the table of moves."""
-        return self.standing.state
+        return self.looked.state
 
     def begin(self) -> list[Publish]:
         """The first words."""
@@ -54,13 +73,13 @@ class Demonstration:
         """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
 
         def step() -> list[Output]:
-            _push(self._pipeline, samples)
-            view, standing = self._pipeline.view, self.standing
-            tally = standing.tally._replace(batches=standing.tally.batches + 1)
-            if not view.counts_on(standing.view):
-                return self._look(tally)
-            self.standing = standing._replace(view=view, tally=tally)
-            return []
+            news = _push(self._pipeline, samples)
+            looked, batches, before = self._latest
+            if not news:
+                self._latest = (looked, batches + 1, before + len(samples))
+                return []
+            tally = looked.tally
+            return self._look(tally._replace(batches=tally.batches + batches + 1))
 
         try:
             return self._guarded(step)
@@ -143,7 +162,7 @@ class Demonstration:
 
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
-        if seq != self.standing.waiting_for:
+        if seq != self.looked.waiting_for:
             self.standing = self.standing._replace(waiting_for=seq)
 
     def status(self) -> Publish:
@@ -163,15 +182,14 @@ class Demonstration:
 
     def _look(self, tally: Tally | None = None) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""
-        gaps = self.standing.view.gaps
-        self.standing, changes = results.with_view(
-            self.standing, self._pipeline.view, tally or self.standing.tally
-        )
-        version = self.standing.heading.version
+        before = self.looked  # what has been counted since, the view and the tally have
+        tally = tally or self.standing.tally
+        self.standing, changes = results.with_view(before, self._pipeline.view, tally)
+        version = before.heading.version
         self.standing = results.with_program(self.standing)
         self._program_unsaid |= self.standing.heading.version > version
         view = self.standing.view
-        due = view.gaps != gaps or view.t >= self._status_t + self._limits.status_interval_s
+        due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]
 
     def _program_in_turn(self) -> list[Output]:
@@ -185,13 +203,13 @@ class Demonstration:
 
     def _guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
         """What a step says; if it breaks, it has said nothing, and the demonstration ends where it stood."""
-        before = self.standing
+        before = self._latest
         try:
             return step()
         except ProtocolError:
             raise
         except Exception as error:
-            self.standing = before
+            self._latest = before
             return self._fail(error)
 
     def _fail(self, error: Exception) -> list[Output]:
@@ -205,13 +223,13 @@ class Demonstration:
         self.standing = self.standing._replace(state=after(self.state, move))
 
 
-def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> None:
-    """Raises ProtocolError `malformed` where the pipeline finds that the samples cannot be right.
+def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:
+    """As the pipeline does. Raises ProtocolError `malformed` where it finds that the samples cannot be right.
 
     It says so by a plain ValueError, and has not changed then; every other error is ours.
     """
     try:
-        pipeline.push(samples)
+        return pipeline.push(samples)
     except ValueError as error:
         if type(error) is not ValueError:
             raise

@@ -80,12 +80,13 @@ class FakePipeline:
             capped=0,
         )
 
-    def push(self, samples: NDArray[np.float64]) -> None:
+    def push(self, samples: NDArray[np.float64]) -> bool:
         """Take samples (n, columns). Raises ValueError, and has not changed then, for IMPOSSIBLE ones."""
         if (samples[:, 1] == IMPOSSIBLE).any():
             raise ValueError(f"px is {IMPOSSIBLE}, expected what a robot can send")
         for row in samples:
             self._push_one(float(row[0]), float(row[1]))
+        return True
 
     def declare_gap(self) -> None:
         """Remember to close the gap at the next sample, or at the end."""

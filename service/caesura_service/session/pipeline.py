@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -112,23 +113,27 @@ class SegmentationPipeline:
         self._grips: list[Grip] = []
         self._program, self._built = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
-        self._began, self._latest = np.inf, -np.inf  # [s] first and last sample
+        self._began = math.inf  # [s] first sample
         self._finished = False
         self._view = self._look()
 
     @property
     def view(self) -> View:
         """What is known now."""
+        counts = self._conditioner
+        if counts.samples != self._view.samples:
+            self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
         return self._view
 
-    def push(self, samples: NDArray[np.float64]) -> None:
+    def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
         conditioned = self._conditioner.push(samples)
-        if len(samples):
-            times = samples[:, 0].tolist()
-            self._latest = max(self._latest, *times)
-            self._note_beginning(times[0])
+        if self._began == math.inf and len(samples):
+            self._note_beginning(float(samples[0, 0]))
+        if conditioned.is_quiet:
+            return False
         self._take(conditioned)
+        return True
 
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next, or the end, are lost for good."""
@@ -139,7 +144,8 @@ class SegmentationPipeline:
         """The demonstration is over: what is still open is decided as it stands."""
         self._finished = True
         if self._lost and self._conditioner.samples:
-            self._gaps.add(Gap(t0=self._latest, tn=self._latest, reason="evicted"))
+            latest = self._conditioner.t_last
+            self._gaps.add(Gap(t0=latest, tn=latest, reason="evicted"))
         self._take(self._conditioner.finish())
 
     def resolve(self, change: Change) -> Correction:
@@ -159,11 +165,10 @@ class SegmentationPipeline:
 
     def _note_beginning(self, t: float) -> None:
         """Where the first sample was not the first one sent, say so; it divides nothing."""
-        if np.isinf(self._began):
-            self._began = t
-            if self._lost:
-                self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
-                self._lost = False
+        self._began = t
+        if self._lost:
+            self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
+            self._lost = False
 
     def _growing(self) -> GrowingProgram:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
@@ -184,11 +189,7 @@ class SegmentationPipeline:
         for observation in conditioned.observations:
             self._history.append(observation)
             self._division.step(len(self._history) - 1)
-        if conditioned.observations or conditioned.gaps or conditioned.gripper_events or self._finished:
-            self._view = self._look()
-        else:
-            counts = self._conditioner
-            self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
+        self._view = self._look()
 
     def _look(self) -> View:
         division, online = self._division, self._division.online

@@ -15,9 +15,10 @@ standing.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Set
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Iterable, Mapping, Set
+from contextlib import suppress
 from itertools import islice
+from types import TracebackType
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Command, Edit, Heartbeat, JournalReport, Open, SampleBatch
@@ -150,7 +151,7 @@ class Registry:
             if isinstance(command, Open) and self._find(station, command.session) is None:
                 return self._open(station, command, now)
             session = self._session(station, command.session)
-            with _recording():
+            with _RECORDING:
                 if isinstance(command, Edit) and not session.is_folded:
                     session.check_revision(command)
                     owner = self.custody.owner(station, now)
@@ -170,7 +171,7 @@ class Registry:
             return []  # the bridge still has it
         try:
             session = self._session(station, message.session)
-            with _recording():
+            with _RECORDING:
                 said = self._minded(session, session.receive(message, now))
         except ProtocolError as error:
             return self._charge(station, message.session, error)
@@ -227,7 +228,7 @@ class Registry:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._builder.new(station, opening, self.custody.owner(station, now))
-        with _recording("conflict"):
+        with _BEGINNING:
             if (known := self._journals.of(station).get(command.session)) is not None:
                 return self._open_once_more(station, command, known, now)
             said = [*self._make_room(station, now), *session.begin(now)]
@@ -330,13 +331,23 @@ def _lacks(session: Session | None, copies: Copies) -> bool:
     return session is None or is_behind(session, copies)
 
 
-@contextmanager
-def _recording(code: ErrorCode = "overloaded") -> Iterator[None]:
-    """Turn what the journal cannot take into a refusal. A session that never began need not try again."""
-    try:
-        yield
-    except JournalError as error:
-        raise ProtocolError(code, str(error)) from error
+class _Recording:
+    """Turns what the journal cannot take into a refusal. A session that never began need not try again."""
+
+    def __init__(self, code: ErrorCode) -> None:
+        self._code = code
+
+    def __enter__(self) -> None:
+        """A class, not a generator: every batch comes through here."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, JournalError):
+            raise ProtocolError(self._code, str(error)) from error
+
+
+_RECORDING, _BEGINNING = _Recording("overloaded"), _Recording("conflict")
 
 
 def _unanswered(said: list[Output]) -> list[Output]:

@@ -76,9 +76,14 @@ class Session:
         return self._demonstration.standing
 
     @property
+    def looked(self) -> Standing:
+        """The same without the batches since there was last something else to say."""
+        return self._demonstration.looked
+
+    @property
     def is_open(self) -> bool:
         """Does it take samples?"""
-        return self.standing.is_open
+        return self._demonstration.state == "open"
 
     @property
     def is_folded(self) -> bool:
@@ -196,10 +201,11 @@ class Session:
     # --- messages ---------------------------------------------------------------------------------------
 
     def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
-        if self.standing.state == "closed" and batch.seq < self.next_seq:
+        state = self._demonstration.state
+        if state == "closed" and batch.seq < self.next_seq:
             self._demonstration.duplicate()  # sent again, it trails behind the close
             return []
-        after(self.standing.state, "samples")
+        after(state, "samples")
         self._check_epoch(batch.epoch)
         self._check_seq(batch.seq)
         if self._ordering.is_duplicate(batch.seq):
@@ -342,11 +348,11 @@ class Session:
     def _drain(self) -> list[Output]:
         """Process what has its turn."""
         said: list[Output] = []
-        while self.is_open and self._ordering.ready():
+        self._note_hole()
+        while self._ordering.ready() and self.is_open:
             samples = self._ordering.take()
             self._note_hole()
             said += self._demonstration.gap(1) if samples is _LOST else self._demonstration.push(samples)
-        self._note_hole()
         return said
 
     def _give_up(self, target: int) -> list[Output]:

@@ -69,6 +69,13 @@ class Standing(NamedTuple):
         """Does it take samples?"""
         return self.state == "open"
 
+    def after(self, batches: int, samples: int) -> Standing:
+        """So many more, of which there is nothing else to say."""
+        return self._replace(
+            view=self.view._replace(samples=self.view.samples + samples),
+            tally=self.tally._replace(batches=self.tally.batches + batches),
+        )
+
     def header(self, stream: Stream) -> dict[str, Any]:
         """What a result of this stream begins with, as the last one that was published."""
         return {

@@ -36,10 +36,6 @@ class View(NamedTuple):
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
 
-    def counts_on(self, old: View) -> bool:
-        """Does it show what the old one did, but for how many samples have come?"""
-        return self[2:] == old[2:]
-
 
 class Pipeline(Protocol):
     """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""
@@ -48,8 +44,11 @@ class Pipeline(Protocol):
     def view(self) -> View:
         """What is known now."""
 
-    def push(self, samples: NDArray[np.float64]) -> None:
-        """Take the next samples, (n, columns) as declared when the session was opened, time first."""
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        """Take the next samples, (n, columns) as declared when the session was opened, time first.
+
+        Does the view show anything new, but that so many samples more have come?
+        """
 
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next, or the end, are lost for good."""

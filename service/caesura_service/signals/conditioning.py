@@ -80,6 +80,11 @@ class Conditioned(NamedTuple):
     samples: int = 0  # in this push
     repeats: int = 0  # of them dropped because their time did not advance
 
+    @property
+    def is_quiet(self) -> bool:
+        """Were they but taken?"""
+        return not (self.observations or self.gaps or self.gripper_events or self.repeats)
+
 
 class _State(NamedTuple):
     """What the grid rows so far leave to those that follow."""
@@ -154,6 +159,11 @@ class Conditioner:
     def repeats(self) -> int:
         """Samples dropped so far because their time did not advance."""
         return self._repeats
+
+    @property
+    def t_last(self) -> float:
+        """[s] The last sample; −inf before the first."""
+        return -math.inf if self._grid is None else self._grid.latest
 
     @property
     def observations(self) -> int:

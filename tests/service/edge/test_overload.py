@@ -36,9 +36,9 @@ class Held:
         self._pipeline = pipeline
         self._gate = gate
 
-    def push(self, samples: NDArray[np.float64]) -> None:
+    def push(self, samples: NDArray[np.float64]) -> bool:
         assert self._gate.wait(30.0)
-        self._pipeline.push(samples)
+        return self._pipeline.push(samples)
 
     @property
     def view(self) -> View:

@@ -51,7 +51,7 @@ T = TypeVar("T")
 
 RETRY_S = 0.5  # after a commit that failed
 _PAGE = 500  # records read at once
-_AT_ONCE = 64  # rows that one statement writes
+_AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
 class SqliteJournal:
@@ -334,5 +334,9 @@ class SqliteJournal:
 
 
 def _parts(rows: Sequence[T]) -> Iterator[Sequence[T]]:
-    """Of at most so many as one statement writes."""
-    return (rows[first : first + _AT_ONCE] for first in range(0, len(rows), _AT_ONCE))
+    """As few as there are statements for."""
+    first = 0
+    for size in _AT_ONCE:
+        while len(rows) - first >= size:
+            yield rows[first : first + size]
+            first += size

@@ -55,7 +55,7 @@ def machine() -> Mapping[str, Any]:
 
 
 def pace_ms() -> float:
-    """How long a fixed piece of Python takes now [ms]: a machine's own pace varies by half, within seconds."""
+    """How long a fixed piece of Python takes now [ms]: a machine varies by half, within seconds."""
     return 1e3 * min(seconds(_piece) for _ in range(7))
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
@@ -54,16 +54,50 @@ class Encoded(NamedTuple):
 
 def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     """The wire form of a message. Raises ProtocolError `too_large` over the limit [bytes]."""
-    payload: bytes = msgpack.packb(message, default=_fields)
+    try:
+        payload: bytes = msgpack.packb(message, default=_fields)
+    except _Apart:
+        payload = b"".join(_parts(message))
     check_size(payload, limit)
     return Encoded(payload, encoding_of(type(message)))
 
 
+@runtime_checkable
+class Packed(Protocol):
+    """Messages that are kept as payloads of this codec, in the place of a tuple of them."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+
+    def payloads(self) -> Iterable[bytes]:
+        """Of all of them in order, in pieces of any size."""
+
+
+class _Apart(Exception):  # noqa: N818 - no error
+    """There is something packed within: the message has to be put together."""
+
+
 def _fields(message: object) -> dict[str, Any]:
     """What a message within a message holds: so no tree of copies is made of a long one."""
-    if not isinstance(message, Message):
-        raise TypeError(f"{type(message).__name__} does not go over the wire")
-    return message.__dict__
+    if isinstance(message, Message):
+        return message.__dict__
+    if isinstance(message, Packed):
+        raise _Apart
+    raise TypeError(f"{type(message).__name__} does not go over the wire")
+
+
+def _parts(value: object) -> Iterator[bytes]:
+    """The same bytes as of one call, but that what is packed is not unpacked for it."""
+    if isinstance(value, Message):
+        yield msgpack.Packer().pack_map_header(len(value.__dict__))
+        for name, field in value.__dict__.items():
+            yield msgpack.packb(name)
+            yield from _parts(field)
+    elif isinstance(value, Packed):
+        yield msgpack.Packer().pack_array_header(len(value))
+        yield from value.payloads()
+    else:
+        yield msgpack.packb(value, default=_fields)
 
 
 def encoding_of(model: type[Message]) -> str:

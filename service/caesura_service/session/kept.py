@@ -33,6 +33,10 @@ class Kept(Generic[M]):
             self._log.append(encode(message).payload)
             self._ends.append(len(self._log))
 
+    def payloads(self, start: int, stop: int) -> bytes:
+        """The same as `read`, as they are kept."""
+        return self._log.read(self._ends[start], self._ends[stop]) if start < stop else b""
+
     def read(self, start: int, stop: int) -> tuple[M, ...]:
         """Those from start to stop, which is not included."""
         if start >= stop:
@@ -76,6 +80,11 @@ class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
             return NotImplemented
         first = alike(self, other)
         return len(self) == len(other) and self[first:] == tuple(other[first:])
+
+    def payloads(self) -> Iterator[bytes]:
+        """As they go over the wire: what is kept need not be read for that."""
+        yield self._kept.payloads(self._start, self._stop)
+        yield from (encode(message).payload for message in self._rest)
 
     def __repr__(self) -> str:
         return repr(tuple(self))

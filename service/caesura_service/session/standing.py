@@ -145,8 +145,8 @@ def posterior_of(standing: Standing) -> Posterior:
 
 
 def program_of(standing: Standing) -> Program:
-    """The task program."""
-    return standing.heading.model_copy(update={"apps": tuple(standing.apps)})
+    """The task program. Its apps are as they are kept, and go over the wire like that."""
+    return standing.heading.model_copy(update={"apps": standing.apps})
 
 
 def snapshot_of(standing: Standing) -> Snapshot:

@@ -1,10 +1,13 @@
 """What is packed away reads as what was kept as it was."""
 
+from unittest import mock
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caesura_protocol.messages import Changepoint
+from caesura_protocol.codec import encode
+from caesura_protocol.messages import Changepoint, Changepoints, Snapshot
 from caesura_service.session.kept import Kept, Shown, alike
 from caesura_service.session.results import first_difference
 
@@ -49,6 +52,20 @@ def test_what_a_view_shows_stays_as_more_is_packed():
     after = Shown(kept, every[4:], first=1)
     assert tuple(before) == tuple(every[1:4])
     assert tuple(after) == tuple(every[1:])
+
+
+@given(st.integers(0, 4), st.integers(0, 4), st.integers(0, 1))
+def test_what_is_kept_goes_over_the_wire_without_being_read(count: int, packed: int, first: int):
+    every = [changepoint(float(i)) for i in range(count)]
+    shown, plain = shown_of(every, min(packed, count), first), tuple(every[first:])
+    message = Changepoints(
+        station="a", session="b", instance="c", epoch=1, seq=0, t=0.0, first=0, changepoints=()
+    )
+    wrapped = [message.model_copy(update={"changepoints": known}) for known in (shown, plain)]
+    with mock.patch.object(Kept, "read", side_effect=AssertionError("was read")):
+        assert encode(wrapped[0]) == encode(wrapped[1])
+    outer = [Snapshot.model_construct(changepoints=within) for within in wrapped]
+    assert encode(outer[0]) == encode(outer[1])
 
 
 @given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 6))

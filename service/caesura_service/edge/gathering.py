@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,8 @@ from caesura_service.edge.threaded import Threaded
 logger = logging.getLogger(__name__)
 
 LOOK_S = 0.005  # a tenth of what a result may take
+IDLE_LOOK_S = 0.025  # once nobody has put anything for so many looks:
+PATIENCE = 40
 CHANNEL = 256  # messages of one expression; in a full one the link waits, whose sender then waits too
 
 
@@ -46,24 +49,26 @@ class Gathering(Threaded):
         self.gather()
         del self._declared[key]
 
-    def gather(self) -> None:
-        """Hand over what is there; any thread may ask for that."""
+    def gather(self) -> int:
+        """Hand over what is there, and say how many; any thread may ask for that."""
         with self._turn:
-            for _, channel in tuple(self._declared.values()):
-                self._empty(channel)
+            return sum(self._empty(channel) for _, channel in tuple(self._declared.values()))
 
-    def _empty(self, channel: zenoh.handlers.Handler[zenoh.Sample]) -> None:
-        for _ in range(CHANNEL):  # one who never stops keeps nobody waiting
+    def _empty(self, channel: zenoh.handlers.Handler[zenoh.Sample]) -> int:
+        for count in range(CHANNEL):  # one who never stops keeps nobody waiting
             try:
                 if (sample := channel.try_recv()) is None:
-                    return
+                    return count
             except zenoh.ZError:  # empty, and no longer declared
-                return
+                return count
             try:
                 self._take(sample)
             except Exception:
                 logger.exception("a message was lost to an error of ours")
+        return CHANNEL
 
     def _run(self) -> None:
-        while not self._stopped.wait(LOOK_S):
-            self.gather()
+        in_vain = 0
+        while not self._stopped.is_set():
+            time.sleep(LOOK_S if in_vain < PATIENCE else IDLE_LOOK_S)
+            in_vain = 0 if self.gather() else in_vain + 1

@@ -30,7 +30,7 @@ from caesura_service.edge.arrivals import Arrival, Content, Samples, Watching, s
 from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
-from caesura_service.edge.outgoing import Outgoing, put
+from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
 from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
 from caesura_service.edge.scope import Scope, direct
@@ -130,7 +130,8 @@ class Edge:
     def _declare(self, stack: ExitStack, network: zenoh.Session) -> None:
         """What belongs to no station."""
         key = service_key(self._owner.instance, "status")
-        stack.enter_context(Announcer(self._inbox, lambda: put(network, key, self.status())))
+        announced = publisher_of(network, key)
+        stack.enter_context(Announcer(self._inbox, lambda: put(announced, self.status())))
         for asked, callback in (
             (session_key("*", "*", "snapshot"), self._answers.snapshot),
             (key, self._answers.status),

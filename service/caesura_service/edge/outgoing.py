@@ -1,7 +1,7 @@
 """What the service says: results to everybody, questions to bridges, answers to queries.
 
 Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
-because mixing them would reorder.
+because mixing them would reorder, and one publisher, which sends nothing as long as nobody listens.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import zenoh
 
-from caesura_clients.transport import encoding_of, expression_of
+from caesura_clients.transport import encoding_of
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
@@ -43,6 +43,7 @@ logger = logging.getLogger(__name__)
 # Questions under way at once. Their answers fit into the inbox together; those of every station after an
 # outage would not, and would be asked for again and again.
 QUESTIONS = 8
+PUBLISHERS = 1024  # declared at once: of 200 sessions that say something
 
 STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
@@ -57,6 +58,7 @@ class Outgoing:
 
     def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival]) -> None:
         self._network = network
+        self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
         self._inbox = inbox
         self._under_way = 0
         self._waiting: dict[tuple[str, str], AskReplay] = {}
@@ -67,9 +69,16 @@ class Outgoing:
         if isinstance(message, SessionStatus):
             message = as_pressed(message, self._inbox)
         try:
-            put(self._network, key_of(message), message)
+            put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
             logger.exception("%s was not published", type(message).__name__)
+
+    def _publisher(self, key: str, *, low: bool) -> zenoh.Publisher:
+        publisher = self._publishers.pop(key, None) or publisher_of(self._network, key, low=low)
+        self._publishers[key] = publisher
+        if len(self._publishers) > PUBLISHERS:
+            self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
+        return publisher
 
     def ask(self, ask: AskReplay) -> None:
         """Ask a bridge for batches, now or in turn; they and the answer's end arrive in the inbox."""
@@ -120,17 +129,19 @@ class Outgoing:
         self._inbox.deliver(Ended(asked))
 
 
-def put(network: zenoh.Session, key: str, message: Message) -> None:
-    """Put a message without ever waiting. Raises ProtocolError for one that is too large, or ZError."""
-    low = isinstance(message, Posterior)
+def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
+    """A publisher that never waits. low: what may be late."""
+    return network.declare_publisher(
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
+    )
+
+
+def put(publisher: zenoh.Publisher, message: Message) -> None:
+    """Put a message. Raises ProtocolError for one that is too large, or ZError."""
     for encoded in in_pieces(message):
-        network.put(
-            expression_of(key),
-            encoded.payload,
-            encoding=encoding_of(encoded.encoding),
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
-        )
+        publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
 def as_pressed(status: SessionStatus, inbox: Inbox[Arrival]) -> SessionStatus:

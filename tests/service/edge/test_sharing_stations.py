@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Open
+from caesura_protocol.messages import Ack, Open, Posterior
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.session.fake_pipeline import make_fake_pipeline
@@ -141,6 +141,27 @@ def test_without_a_directory_in_common_the_bridges_ring_is_what_there_is(floor, 
         assert peer.command(closing(19), station).state == "closed"
         status = peer.snapshot(station=station).status
         assert (status.instance, status.samples, status.gaps) == ("east", 400, ())
+
+
+def test_who_listens_behind_a_router_that_came_back_hears_what_is_said_from_then_on(floor, router):
+    station = EASTS[0]
+    with floor.serving("east"):
+        with Peer(router.endpoint) as peer:
+            opens(peer, station)
+            with peer.listening() as heard:
+                peer.send(batch(0), station)
+                heard.until(Posterior)
+            peer.send(batch(1), station)  # nobody listens
+            eventually(lambda: peer.snapshot(station=station).status.batches == 2)
+            with peer.listening() as heard:
+                peer.send(batch(2), station)
+                heard.until(Posterior)
+        router.stop()
+        router.start()
+        with Peer(router.endpoint) as peer, peer.listening() as heard:
+            assert opens(peer, station).next_seq == 3
+            peer.send(batch(3), station)
+            heard.until(Posterior)
 
 
 def test_when_the_router_goes_and_comes_back_everybody_keeps_what_it_has(floor, router):

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, TypeVar
 
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
@@ -57,20 +57,21 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     try:
         payload: bytes = msgpack.packb(message, default=_fields)
     except _Apart:
-        payload = b"".join(_parts(message))
+        payload = _put_together(message)
     check_size(payload, limit)
     return Encoded(payload, encoding_of(type(message)))
 
 
-@runtime_checkable
-class Packed(Protocol):
-    """Messages that are kept as payloads of this codec, in the place of a tuple of them."""
+class Packed:
+    """Messages of which some are kept as payloads of this codec, in the place of a tuple of them."""
 
     def __len__(self) -> int:
         """How many there are."""
+        raise NotImplementedError
 
-    def payloads(self) -> Iterable[bytes]:
-        """Of all of them in order, in pieces of any size."""
+    def parts(self) -> Iterable[bytes | Message]:
+        """All of them in order: messages, and payloads, as many of these in one piece as there are."""
+        raise NotImplementedError
 
 
 class _Apart(Exception):  # noqa: N818 - no error
@@ -86,18 +87,37 @@ def _fields(message: object) -> dict[str, Any]:
     raise TypeError(f"{type(message).__name__} does not go over the wire")
 
 
-def _parts(value: object) -> Iterator[bytes]:
+def _put_together(message: Message) -> bytes:
     """The same bytes as of one call, but that what is packed is not unpacked for it."""
+    packer, done = msgpack.Packer(default=_fields, autoreset=False), list[bytes]()
+
+    def add(value: object) -> None:
+        if isinstance(value, Packed):
+            packer.pack_array_header(len(value))
+            for part in value.parts():
+                keep(part) if isinstance(part, bytes) else packer.pack(part)
+        elif isinstance(value, Message) and _is_apart(value):
+            packer.pack_map_header(len(value.__dict__))
+            for name, field in value.__dict__.items():
+                packer.pack(name)
+                add(field)
+        else:
+            packer.pack(value)
+
+    def keep(payloads: bytes) -> None:
+        done.extend((packer.bytes(), payloads))
+        packer.reset()
+
+    add(message)
+    keep(b"")
+    return b"".join(done)
+
+
+def _is_apart(value: object) -> bool:
+    """Is there something packed within?"""
     if isinstance(value, Message):
-        yield msgpack.Packer().pack_map_header(len(value.__dict__))
-        for name, field in value.__dict__.items():
-            yield msgpack.packb(name)
-            yield from _parts(field)
-    elif isinstance(value, Packed):
-        yield msgpack.Packer().pack_array_header(len(value))
-        yield from value.payloads()
-    else:
-        yield msgpack.packb(value, default=_fields)
+        return any(map(_is_apart, value.__dict__.values()))
+    return isinstance(value, Packed)
 
 
 def encoding_of(model: type[Message]) -> str:
@@ -246,6 +266,7 @@ __all__ = [
     "MESSAGE_TYPES",
     "Close",
     "Encoded",
+    "Packed",
     "check_size",
     "decode",
     "decode_error",

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Generic, TypeVar, overload
 
-from caesura_protocol.codec import decode, encode, encoding_of
+from caesura_protocol.codec import Packed, decode, encode, encoding_of
 from caesura_protocol.messages import Message
 from caesura_service.session.spool import Log
 
@@ -47,7 +47,7 @@ class Kept(Generic[M]):
         return tuple(decode(packed[first:last], encoding, self._model) for first, last in spans)
 
 
-class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
+class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
     """What a view shows: of what is kept all but the `first` ones, as far as it went then, and the rest."""
 
     def __init__(self, kept: Kept[M], rest: Iterable[M], *, first: int = 0) -> None:
@@ -81,10 +81,10 @@ class Shown(Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         first = alike(self, other)
         return len(self) == len(other) and self[first:] == tuple(other[first:])
 
-    def payloads(self) -> Iterator[bytes]:
+    def parts(self) -> Iterator[bytes | M]:
         """As they go over the wire: what is kept need not be read for that."""
         yield self._kept.payloads(self._start, self._stop)
-        yield from (encode(message).payload for message in self._rest)
+        yield from self._rest
 
     def __repr__(self) -> str:
         return repr(tuple(self))

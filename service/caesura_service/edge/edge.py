@@ -1,9 +1,8 @@
 """The service on the network: what it listens to, what it answers, and how it leaves.
 
 Every callback of the network only enqueues: one that works would stop all reception. They run directly in
-the network's thread, which keeps the order between what a bridge puts, and is gathered before each of its
-commands, and what it asks: in a thread for each declaration a close overtook the batches before it in one of
-six runs, and was refused and repeated.
+the network's thread, and what was put is gathered before a command: in a thread for each declaration a close
+overtook the batches before it in one of six runs, and was refused and repeated.
 
 In the beginning sessions are taken, then declared, then told of by our token, so that others let go only of
 what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang

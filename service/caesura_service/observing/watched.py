@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, SampleBatch
@@ -14,6 +15,7 @@ from caesura_service.observing.counting import Counting
 from caesura_service.observing.steps import Change, Step, changes_between
 from caesura_service.session.ports import Incoming, Output, ReplayEnded
 from caesura_service.session.registry import Registry
+from caesura_service.session.session import Session
 from caesura_service.session.standing import Standing, Tally
 
 
@@ -25,6 +27,8 @@ class WatchedRegistry(Registry):
         self._watch = watch
         self.counting = Counting(watch())
         self._chronicle = Chronicle()
+        # Each session as it was looked at last: whoever asks for more meanwhile takes nothing from the count.
+        self._seen: WeakKeyDictionary[Session, Standing] = WeakKeyDictionary()
 
     def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
@@ -37,9 +41,9 @@ class WatchedRegistry(Registry):
         session = self._find(station, message.session)
         if session is None:
             return self._watched(station, message, partial(super().samples, station, message, now))
-        before, tally, began = session.looked, self.tally, self._watch()
+        before, tally, began = self._seen_of(session), self.tally, self._watch()
         said = super().samples(station, message, now)
-        after = session.looked
+        after = self._seen[session] = session.looked
         changes = (Change(before, after),) if after is not before else ()
         self._tell(station, message, changes, said, tally, began)
         return said
@@ -59,9 +63,12 @@ class WatchedRegistry(Registry):
     def _watched(
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
-        before, tally, began = self._standings(station), self.tally, self._watch()
+        before = {session.name: self._seen_of(session) for session in self._sessions(station)}
+        tally, began = self.tally, self._watch()
         said = act()
-        self._tell(station, message, changes_between(before, self._standings(station)), said, tally, began)
+        self._seen.update({session: session.looked for session in self._sessions(station)})
+        after = {session.name: session.looked for session in self._sessions(station)}
+        self._tell(station, message, changes_between(before, after), said, tally, began)
         return said
 
     def _tell(
@@ -81,9 +88,11 @@ class WatchedRegistry(Registry):
         self.counting.take(step, self.board.sessions, now)
         self._chronicle.take(step, now)
 
-    def _standings(self, station: str | None) -> dict[str, Standing]:
-        sessions = self.board.sessions.get(station or "", ())
-        return {session.name: session.standing for session in sessions}
+    def _sessions(self, station: str | None) -> tuple[Session, ...]:
+        return self.board.sessions.get(station or "", ())
+
+    def _seen_of(self, session: Session) -> Standing:
+        return self._seen.get(session, session.looked)
 
 
 def _refusals(tally: Tally) -> int:

@@ -6,19 +6,23 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Heartbeat
+from caesura_protocol.messages import Heartbeat, Open, SessionStatus
 from caesura_service.journal import MemoryJournal
 from caesura_service.observing.counting import BUCKETS_S, Counted, Durations
 from caesura_service.observing.quiet import MAX_KEYS, Quiet
 from caesura_service.observing.steps import Change
 from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session.fake_pipeline import make_fake_pipeline
+from caesura_service.session.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import ReplayEnded
-from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening
+from caesura_service.session.ports import PipelineFactory, ReplayEnded
+from caesura_service.session.standing import status_of
+from caesura_service.session.view import Pipeline
+from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
 
 
 class Clock:
@@ -32,16 +36,30 @@ class Clock:
 
 
 def watched(
-    watch: Callable[[], float] | None = None, journal: MemoryJournal | None = None, **limits: Any
+    watch: Callable[[], float] | None = None,
+    journal: MemoryJournal | None = None,
+    factory: PipelineFactory = make_fake_pipeline,
+    **limits: Any,
 ) -> WatchedRegistry:
     return WatchedRegistry(
         watch=watch or Clock(),
         owner=OWNER,
-        pipeline_factory=make_fake_pipeline,
+        pipeline_factory=factory,
         default_preset="fake",
         journal=journal or MemoryJournal(),
         limits=Limits(**limits),
     )
+
+
+class Seldom(FakePipeline):
+    """Has news at every fifth push."""
+
+    pushes = 0
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        self.pushes += 1
+        super().push(samples)
+        return self.pushes % 5 == 0
 
 
 def taught(registry: WatchedRegistry, count: int) -> WatchedRegistry:
@@ -66,6 +84,29 @@ def test_what_was_processed_is_counted_by_station():
     counted = registry.counting.of_station[STATION]
     assert (counted.batches, counted.samples, counted.duplicates, counted.gaps) == (3, 60, 1, 0)
     assert counted.observations == registry.board.current()[0].view.observations > 0
+
+
+@pytest.mark.parametrize("count", [7, 10])
+def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count):
+    def seldom(opening: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(opening, preset)
+        assert isinstance(fake, FakePipeline)
+        return Seldom(fake.preset, fake.wrench)
+
+    registry = watched(factory=seldom)
+    registry.command(STATION, opening(), 0.0)
+    for number, one in enumerate(batches(count), start=1):
+        registry.samples(STATION, one, 0.0)
+        (standing,) = registry.board.current()
+        assert (standing.tally.batches, standing.view.samples) == (number, 20 * number)
+        for ask in (registry.restate, lambda station: registry.dropped(station, 0)):
+            (told,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
+            assert (told.batches, told.samples) == (number, 20 * number)
+        registry.tick(float(number))
+        registry.command(STATION, opening(), 0.0)
+    counted = registry.counting.of_station[STATION]
+    registry.command(STATION, closing(count - 1), 0.0)
+    assert (counted.batches, counted.samples) == (count, 20 * count)
 
 
 def test_a_hole_is_a_question_then_a_gap(caplog):

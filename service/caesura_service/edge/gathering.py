@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -69,6 +68,5 @@ class Gathering(Threaded):
 
     def _run(self) -> None:
         in_vain = 0
-        while not self._stopped.is_set():
-            time.sleep(LOOK_S if in_vain < PATIENCE else IDLE_LOOK_S)
+        while not self._stopped.wait(LOOK_S if in_vain < PATIENCE else IDLE_LOOK_S):
             in_vain = 0 if self.gather() else in_vain + 1

@@ -138,7 +138,7 @@ class ZenohTransport:
     def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Delivery for everything that is put on the key."""
         with _translated(self.endpoint):
-            handler = _direct(lambda sample: inbox.offer(_delivery(sample)))
+            handler = direct(lambda sample: inbox.offer(_delivery(sample)))
             declared = self._session.declare_subscriber(key, handler)
         with _undeclared(declared.undeclare):
             yield
@@ -147,7 +147,7 @@ class ZenohTransport:
     def answer(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Question for every query on the key."""
         with _translated(self.endpoint):
-            handler = _direct(lambda query: inbox.offer(ZenohQuestion(query)))
+            handler = direct(lambda query: inbox.offer(ZenohQuestion(query)))
             declared = self._session.declare_queryable(key, handler)
         with _undeclared(declared.undeclare):
             yield
@@ -164,7 +164,7 @@ class ZenohTransport:
     def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Presence for every token that is there, comes or goes."""
         with _translated(self.endpoint):
-            handler = _direct(lambda sample: inbox.offer(_presence(sample)))
+            handler = direct(lambda sample: inbox.offer(_presence(sample)))
             declared = self._session.liveliness().declare_subscriber(key, handler, history=True)
         with _undeclared(declared.undeclare):
             yield
@@ -199,8 +199,10 @@ class ZenohQuestion:
         self._query.drop()  # type: ignore[no-untyped-call]
 
 
-def _direct(enqueue: Callable[[Any], None]) -> Callable[[Any], None]:
-    """A callback in the receiving thread itself: enqueuing is shorter than a change of threads."""
+def direct(enqueue: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
+    """A callback in the receiving thread itself, which keeps the order; enqueuing is shorter than a change of
+    threads.
+    """
     return zenoh.handlers.Callback(enqueue, indirect=False)
 
 

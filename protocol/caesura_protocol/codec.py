@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
@@ -56,25 +57,25 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     """The wire form of a message. Raises ProtocolError `too_large` over the limit [bytes]."""
     try:
         payload: bytes = msgpack.packb(message, default=_fields)
-    except _Apart:
+    except _PackedError:
         payload = _put_together(message)
     check_size(payload, limit)
     return Encoded(payload, encoding_of(type(message)))
 
 
-class Packed:
+class Packed(ABC):
     """Messages of which some are kept as payloads of this codec, in the place of a tuple of them."""
 
+    @abstractmethod
     def __len__(self) -> int:
         """How many there are."""
-        raise NotImplementedError
 
+    @abstractmethod
     def parts(self) -> Iterable[bytes | Message]:
         """All of them in order: messages, and payloads, as many of these in one piece as there are."""
-        raise NotImplementedError
 
 
-class _Apart(Exception):  # noqa: N818 - no error
+class _PackedError(Exception):
     """There is something packed within: the message has to be put together."""
 
 
@@ -83,7 +84,7 @@ def _fields(message: object) -> dict[str, Any]:
     if isinstance(message, Message):
         return message.__dict__
     if isinstance(message, Packed):
-        raise _Apart
+        raise _PackedError
     raise TypeError(f"{type(message).__name__} does not go over the wire")
 
 

@@ -4,8 +4,8 @@ The number of stations grows step by step, until the 99th percentile of the time
 completes an observation to receiving its result passes 50 ms, or anything is lost. Robots and reader are two
 processes beside the service, on the same cores, and do no more than put and receive. Prints the stations
 held, and at each step latencies, the service's processor time and memory a station, and the machine's pace.
-Robots are switched on when somebody does: their observations
-are due at times spread evenly over a tenth of a second; in lockstep all of them are due at once.
+Robots are switched on when somebody does: their observations are due at times spread evenly over a tenth of
+a second; in lockstep all of them are due at once.
 Usage: python tests/bench/service_load.py [--stations 8 16 …] [--instances N] [--lockstep] [--json DIR]
 """
 
@@ -41,6 +41,7 @@ from harness.processes import Service
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
 SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
 OBSERVED_S = 0.1  # from one observation to the next
+QUIET_S = 3.0  # without a result: no more will come
 SECONDS, WARM_UP_S = 10.0, 2.0
 LIMIT_MS = 50.0
 STEPS = (8, 16, 24, 32, 40, 48, 64, 96, 128)
@@ -261,7 +262,7 @@ def read(endpoint: str, stations: int, told: Any) -> None:
         end, known = time.monotonic() + 120.0, -1
         while time.monotonic() < end and (known < len(arrived) or not arrived):
             known = len(arrived)
-            time.sleep(3.0)
+            time.sleep(QUIET_S)
         subscriber.undeclare()
     found = []
     for at, sample in arrived:

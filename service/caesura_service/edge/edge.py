@@ -21,6 +21,7 @@ from typing import Self
 
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
@@ -32,7 +33,7 @@ from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
 from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
-from caesura_service.edge.scope import Scope, direct
+from caesura_service.edge.scope import Scope
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.worker import Worker
 from caesura_service.session.ports import Owner

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
 from caesura_service.edge.arrivals import Linked, Presence
 from caesura_service.edge.network import QUERY_TIMEOUT_S
-from caesura_service.edge.scope import direct
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
 

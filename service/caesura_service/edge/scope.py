@@ -8,6 +8,7 @@ from typing import Any
 
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.keys import station_key
 from caesura_service.edge.gathering import Gathering
 
@@ -57,8 +58,3 @@ class Scope:
         self._samples.undeclare(station_key(station, "samples"))
         for entity in self._declared.pop(station):
             entity.undeclare()
-
-
-def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
-    """In the network's own thread, which keeps the order."""
-    return zenoh.handlers.Callback(callback, indirect=False)

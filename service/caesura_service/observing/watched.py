@@ -43,7 +43,7 @@ class WatchedRegistry(Registry):
             return self._watched(station, message, partial(super().samples, station, message, now))
         before, tally, began = self._seen_of(session), self.tally, self._watch()
         said = super().samples(station, message, now)
-        after = self._seen[session] = session.looked
+        after = self._noted(session)
         changes = (Change(before, after),) if after is not before else ()
         self._tell(station, message, changes, said, tally, began)
         return said
@@ -66,8 +66,7 @@ class WatchedRegistry(Registry):
         before = {session.name: self._seen_of(session) for session in self._sessions(station)}
         tally, began = self.tally, self._watch()
         said = act()
-        self._seen.update({session: session.looked for session in self._sessions(station)})
-        after = {session.name: session.looked for session in self._sessions(station)}
+        after = {session.name: self._noted(session) for session in self._sessions(station)}
         self._tell(station, message, changes_between(before, after), said, tally, began)
         return said
 
@@ -93,6 +92,10 @@ class WatchedRegistry(Registry):
 
     def _seen_of(self, session: Session) -> Standing:
         return self._seen.get(session, session.looked)
+
+    def _noted(self, session: Session) -> Standing:
+        looked = self._seen[session] = session.looked
+        return looked
 
 
 def _refusals(tally: Tally) -> int:

@@ -185,9 +185,8 @@ class Demonstration:
         before = self.looked  # what has been counted since, the view and the tally have
         tally = tally or self.standing.tally
         self.standing, changes = results.with_view(before, self._pipeline.view, tally)
-        version = before.heading.version
         self.standing = results.with_program(self.standing)
-        self._program_unsaid |= self.standing.heading.version > version
+        self._program_unsaid |= self.standing.heading.version > before.heading.version
         view = self.standing.view
         due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]

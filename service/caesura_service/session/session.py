@@ -83,7 +83,7 @@ class Session:
     @property
     def is_open(self) -> bool:
         """Does it take samples?"""
-        return self._demonstration.state == "open"
+        return self.looked.is_open
 
     @property
     def is_folded(self) -> bool:

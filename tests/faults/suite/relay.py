@@ -17,6 +17,7 @@ from typing import Any
 
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.keys import service_key, station_key
 from caesura_service.edge.network import SETTINGS
 
@@ -121,10 +122,6 @@ class Relay:
 
 def passed_on(query: zenoh.Query, answer: zenoh.Sample) -> None:
     query.reply(str(answer.key_expr), answer.payload.to_bytes(), encoding=str(answer.encoding))
-
-
-def direct(callback: Callable[[Any], None]) -> Any:
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def session(endpoint: str) -> zenoh.Session:

@@ -9,9 +9,9 @@ from queue import SimpleQueue
 import pytest
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_service.edge.gathering import CHANNEL, Gathering
 from caesura_service.edge.network import NetworkSettings, join
-from caesura_service.edge.scope import direct
 from harness.peer import DEADLINE_S, Peer
 from harness.processes import eventually
 

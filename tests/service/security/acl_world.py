@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.keys import ROOT, ServicePart, SessionPart, StationPart
 from caesura_service.edge.network import SETTINGS
 from caesura_service.security.directory import Directory, Wanted, identities
@@ -31,11 +32,6 @@ KEYS: tuple[str, ...] = (
 )
 ROLES = ("service.west", "bridge.cell-1", "dashboard.wall", "operator.boss")
 STRANGER = "somebody"  # may connect, and stands in no rule
-
-
-def direct(callback: Any) -> zenoh.handlers.Callback[Any]:
-    """In the thread that receives, so that the order of the link is that of the calls."""
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def opened(file: Path, **settings: Any) -> zenoh.Session:

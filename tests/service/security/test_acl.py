@@ -10,10 +10,11 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
+from caesura_clients.transport import direct
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.security.roles import ROLES as TABLE
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
-from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates, direct
+from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates
 
 STREAMS = ("changepoints", "segments", "posterior", "status")
 RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}

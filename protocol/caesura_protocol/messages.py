@@ -273,7 +273,10 @@ class Changepoints(Result):
 
 
 class Segments(Result):
-    """All segments from the `first` on; those before it stay as they were."""
+    """All segments from the `first` on; those before it stay as they were.
+
+    The last one of an open session goes on: where it ends is told twice a second.
+    """
 
     first: Count
     segments: tuple[Segment, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from types import MappingProxyType
@@ -16,6 +16,7 @@ from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.smoothing import INTERVAL_REACH
 from caesura_service.changepoint.threshold import OnlineThreshold
+from caesura_service.changepoint.window import Ended
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,12 @@ def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     return Verdict(kinds[best], probability, kinds[second], values[best] - values[second])
 
 
+def outline(online: Filter, decided: OnlineThreshold | None = None) -> tuple[int, list[tuple[int, int]]]:
+    """How many segments are final; of each that is not, where it starts and the number of its kind."""
+    final, growing = _ended(online, decided)
+    return len(final), [(ended.start, int(ended.kind_log_evidence.argmax())) for ended in growing]
+
+
 def stretches(
     online: Filter,
     first: int = 0,
@@ -74,7 +81,7 @@ def stretches(
 
     known: those of an earlier look, by their start; what nothing can change any more is taken from there.
     """
-    final, growing = (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
+    final, growing = _ended(online, decided)
     settled, path = len(final), [*final[first:], *growing]
     before = final[first - 1].start if first else -1
     starts = [before, *(ended.start for ended in path), online.count]
@@ -86,6 +93,11 @@ def stretches(
             stretch = _stretch(online, ended.kind_log_evidence, around, first + i, settled, stretch)
         found.append(stretch)
     return found
+
+
+def _ended(online: Filter, decided: OnlineThreshold | None) -> tuple[Sequence[Ended], Sequence[Ended]]:
+    """The segments that are final, and those after them."""
+    return (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
 
 
 def _stretch(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from caesura_protocol.messages import Changepoint, Segment
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.preset import STEP_S, TARED_BIAS_N, UNTARED_BIAS_N, Preset
-from caesura_service.changepoint.segments import Stretch, Verdict, stretches
+from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold
 from caesura_service.session.corrections import Heeded
 from caesura_service.session.history import History
@@ -68,6 +68,10 @@ class Division:
         said = self._heeded.start(index, place + 0.5 * STEP_S)
         follower = self._decided or self.online
         follower.step(history.observed(index), boundary=after_gap, changepoint=said)
+
+    def outline(self) -> tuple[int, list[tuple[int, int]]]:
+        """Changes wherever the demonstration is divided otherwise, named otherwise, or decided."""
+        return outline(self.online, self._decided) if self.online.count else (0, [])
 
     def look(self, quiet: int, *, finished: bool) -> list[Part]:
         """Every part that has not settled; remembers those that have.

@@ -45,7 +45,7 @@ from caesura_service.signals import (
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-PROGRAM_EVERY = 5  # observations, while nothing happens but that the last segment goes on
+LOOK_EVERY = 5  # observations, while nothing happens but that the last segment goes on
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -87,15 +87,14 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, observation.force_base, holding(observation))
 
 
-class _Built(NamedTuple):
-    """A program, and what it was made of: of how many observations, and what had happened until then."""
+class _Looked(NamedTuple):
+    """When segments and program were last made: after how many observations, and all that had happened."""
 
     observations: int
     happened: tuple[object, ...]
-    apps: Sequence[App]
 
 
-_NEVER = _Built(0, (), ())
+_NEVER = _Looked(-LOOK_EVERY, ())
 
 
 class SegmentationPipeline:
@@ -111,7 +110,7 @@ class SegmentationPipeline:
         self._begin(tared=True)
         self._gaps = Gaps()
         self._grips: list[Grip] = []
-        self._program, self._built = self._growing(), _NEVER
+        self._program, self._looked = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
         self._began = math.inf  # [s] first sample
         self._finished = False
@@ -150,13 +149,14 @@ class SegmentationPipeline:
 
     def resolve(self, change: Change) -> Correction:
         """What a correction comes to. Raises ProtocolError where it points at nothing."""
+        self._view = self._look()
         return resolved(change, self._shown())
 
     def corrected(self, corrections: Sequence[Correction]) -> Self:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
         other = copy(self)
         other._heeded = Heeded(corrections)
-        other._program, other._built = other._growing(), _NEVER
+        other._program, other._looked = other._growing(), _NEVER
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
             other._division.step(index)
@@ -189,10 +189,35 @@ class SegmentationPipeline:
         for observation in conditioned.observations:
             self._history.append(observation)
             self._division.step(len(self._history) - 1)
-        self._view = self._look()
+        self._view = self._look() if self._has_happened() else self._glance()
+
+    def _has_happened(self) -> bool:
+        """Is there more to show than that the last segment goes on, or has that not been shown for long?"""
+        count = self._division.online.count
+        due = self._finished or count >= self._looked.observations + LOOK_EVERY
+        return due or self._happened() != self._looked.happened
+
+    def _happened(self) -> tuple[object, ...]:
+        """All that segments and program depend on, but how far the last segment reaches."""
+        return self._division.outline(), len(self._grips), self._gaps.all, self._conditioner.tare
+
+    def _glance(self) -> View:
+        """With what is known of the last observation, and all else as it was last looked at."""
+        online = self._division.online
+        return self._view._replace(
+            t=self._history.t_last,
+            samples=self._conditioner.samples,
+            repeats=self._conditioner.repeats,
+            observations=online.count,
+            posterior_starts=tuple(map(self._division.places.__getitem__, online.starts.tolist())),
+            posterior_probabilities=tuple(online.posterior.tolist()),
+            hypotheses=online.starts.size,
+            capped=online.capped,
+        )
 
     def _look(self) -> View:
         division, online = self._division, self._division.online
+        self._looked = _Looked(online.count, self._happened())
         self._unsettled = parts = division.look(self._program.first, finished=self._finished)
         return View(
             t=self._history.t_last,
@@ -219,15 +244,6 @@ class SegmentationPipeline:
         )
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
-        """The program; the last one, where the last segment but goes on and that was built not long ago."""
-        count = self._division.online.count
-        segments = tuple((one.start, one.segment.kind, one.segment.certainty) for one in unsettled)
-        happened = (segments, len(self._grips), self._gaps.all, self._finished)
-        if happened != self._built.happened or count >= self._built.observations + PROGRAM_EVERY:
-            self._built = _Built(count, happened, self._apps_now(unsettled))
-        return self._built.apps
-
-    def _apps_now(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first
         parts = [*self._division.settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]

@@ -20,8 +20,8 @@ from caesura_service.program import Step, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
 from caesura_service.session.division import Division
 from caesura_service.session.pipeline import (
+    LOOK_EVERY,
     METRES_PER_UNIT,
-    PROGRAM_EVERY,
     SegmentationPipeline,
     make_pipeline,
 )
@@ -259,11 +259,31 @@ def test_what_was_shown_as_final_is_never_revised(
         assert divided[: len(segments)] == segments
         count = pipeline.view.observations
         programs[count] = program_of(pipeline)
-        assert any(programs.get(count - old) == pipeline.view.apps for old in range(PROGRAM_EVERY))
+        assert any(programs.get(count - old) == pipeline.view.apps for old in range(LOOK_EVERY))
         changepoints, segments = now, divided
         if not len(samples):
             break
     assert pipeline.view.apps == program_of(pipeline)
+
+
+@pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
+def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_twice_a_second(
+    taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
+):
+    def shown(view: View) -> tuple[object, ...]:
+        divided = [(one.t0, one.kind, one.certainty) for one in view.segments]
+        return divided, [(one.t, one.certainty) for one in view.changepoints], view.gaps
+
+    now_and_then = list(views(taught, preset, threshold=threshold))
+    monkeypatch.setattr("caesura_service.session.pipeline.LOOK_EVERY", 1)
+    always = list(views(taught, preset, threshold=threshold))
+    assert [shown(view) for view in now_and_then] == [shown(view) for view in always]
+    pairs = zip(always, now_and_then, strict=True)
+    late = [fresh.segments[-1].tn - view.segments[-1].tn for fresh, view in pairs if fresh.segments]
+    assert 0.3 < max(late) < 0.1 * LOOK_EVERY
+    assert [view.t for view in now_and_then] == [view.t for view in always]
+    assert [view.posterior_starts for view in now_and_then] == [view.posterior_starts for view in always]
+    assert now_and_then[-1] == always[-1]
 
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):

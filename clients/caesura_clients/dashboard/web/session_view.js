@@ -84,10 +84,16 @@ export default {
       for (const name of ["segments", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
+      this.letTheLastGoOn();
       if (payload.signals) this.signals = Object.freeze([...this.signals, ...payload.signals].slice(-HELD_ROWS));
       if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_ROWS));
       this.forgetWhatIsGone();
       this.redraw();
+    },
+    letTheLastGoOn() { // its end is told twice a second only
+      const last = this.segments[this.segments.length - 1];
+      if (!last || this.closed || last[1] >= this.t) return;
+      this.segments = Object.freeze([...this.segments.slice(0, -1), [last[0], this.t, ...last.slice(2)]]);
     },
     forgetWhatIsGone() {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;

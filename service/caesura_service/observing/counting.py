@@ -97,6 +97,12 @@ class Counting:
         """As of now, by station."""
         return dict(self._of_station)
 
+    def hear(self, station: str, known: Container[str], took_s: float, now: float) -> None:
+        """Count a batch of which there is nothing to say yet."""
+        self.turned = now
+        self.durations.add(took_s)
+        self._counted(station, known).heard = now
+
     def take(self, step: Step, known: Container[str], now: float) -> None:
         """Count a step. known: the stations that the registry has."""
         self.turned = now

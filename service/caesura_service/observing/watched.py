@@ -43,6 +43,10 @@ class WatchedRegistry(Registry):
             return self._watched(station, message, partial(super().samples, station, message, now))
         before, tally, began = self._seen_of(session), self.tally, self._watch()
         said = super().samples(station, message, now)
+        if session.looked is before and self.tally is tally and not said and isinstance(message, SampleBatch):
+            ended = self._watch()
+            self.counting.hear(station, self.board.sessions, ended - began, ended)
+            return said  # as nearly always: it changes nothing but how many there are
         after = self._noted(session)
         changes = (Change(before, after),) if after is not before else ()
         self._tell(station, message, changes, said, tally, began)
@@ -91,7 +95,7 @@ class WatchedRegistry(Registry):
         return self.board.sessions.get(station or "", ())
 
     def _seen_of(self, session: Session) -> Standing:
-        return self._seen.get(session, session.looked)
+        return self._seen.get(session) or self._noted(session)
 
     def _noted(self, session: Session) -> Standing:
         looked = self._seen[session] = session.looked

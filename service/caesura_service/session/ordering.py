@@ -38,6 +38,15 @@ class Ordering(Generic[T]):
         full = len(self._held) >= self._capacity or self._bytes + size > self._capacity_bytes
         return seq == self.next_seq or not full
 
+    def is_in_turn(self, seq: int) -> bool:
+        """Is it the next one, with nothing held and nothing missing?"""
+        return seq == self.next_seq and not self._held and self.newest < seq
+
+    def pass_by(self) -> None:
+        """The next one, in turn, has not been held at all."""
+        self.newest = self.next_seq
+        self.next_seq += 1
+
     def hold(self, seq: int, item: T, size: int) -> None:
         """Keep an item that is no duplicate, and for which there is room, until its turn."""
         self._held[seq] = _Held(item, size)

@@ -207,6 +207,8 @@ class Session:
             return []
         after(state, "samples")
         self._check_epoch(batch.epoch)
+        if self._ordering.is_in_turn(batch.seq):
+            return self._take_in_turn(batch, now)
         self._check_seq(batch.seq)
         if self._ordering.is_duplicate(batch.seq):
             self._demonstration.duplicate()
@@ -335,15 +337,29 @@ class Session:
         if seq > limit:
             raise ProtocolError("malformed", "sequence number leaps ahead", value=seq, limit=limit)
 
-    def _hold(self, batch: SampleBatch) -> list[Output]:
-        """Keep the samples until their turn; where the content is refused, keep its place."""
+    def _content(self, batch: SampleBatch) -> tuple[NDArray[np.float64] | None, list[Output]]:
+        """Its samples; where they are refused only its place."""
         try:
-            samples = samples_of(batch, self._opening.columns, self._limits)
+            return samples_of(batch, self._opening.columns, self._limits), []
         except ProtocolError as error:
-            self._ordering.hold(batch.seq, _LOST, 0)
-            return [Refused(error), *self.refuse(error)]
-        self._ordering.hold(batch.seq, samples, _size(batch))
-        return []
+            return _LOST, [Refused(error), *self.refuse(error)]
+
+    def _process(self, samples: NDArray[np.float64] | None) -> list[Output]:
+        """They have their turn."""
+        return self._demonstration.gap(1) if samples is _LOST else self._demonstration.push(samples)
+
+    def _take_in_turn(self, batch: SampleBatch, now: float) -> list[Output]:
+        """As nearly always: it need not be held, and there is nothing to ask for."""
+        self._record(batch, now)
+        samples, said = self._content(batch)
+        self._ordering.pass_by()
+        return said + self._process(samples)
+
+    def _hold(self, batch: SampleBatch) -> list[Output]:
+        """Keep the samples until their turn."""
+        samples, said = self._content(batch)
+        self._ordering.hold(batch.seq, samples, 0 if samples is _LOST else _size(batch))
+        return said
 
     def _drain(self) -> list[Output]:
         """Process what has its turn."""
@@ -352,7 +368,7 @@ class Session:
         while self._ordering.ready() and self.is_open:
             samples = self._ordering.take()
             self._note_hole()
-            said += self._demonstration.gap(1) if samples is _LOST else self._demonstration.push(samples)
+            said += self._process(samples)
         return said
 
     def _give_up(self, target: int) -> list[Output]:

@@ -19,6 +19,8 @@ import zenoh
 
 from caesura_service.edge.threaded import Threaded
 
+Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError where nothing will come any more
+
 logger = logging.getLogger(__name__)
 
 LOOK_S = 0.005  # a tenth of what a result may take
@@ -33,14 +35,14 @@ class Gathering(Threaded):
     def __init__(self, take: Callable[[zenoh.Sample], None]) -> None:
         """take: only enqueues; called in more threads than one, never at once."""
         self._take = take
-        self._declared: dict[str, tuple[Any, zenoh.handlers.Handler[zenoh.Sample]]] = {}
+        self._declared: dict[str, tuple[Any, Receive]] = {}
         self._turn = threading.Lock()
         super().__init__("caesura-gathering", lambda: None)
 
     def declare(self, network: zenoh.Session, key: str) -> None:
         """Gather what is put on a key, or on all that an expression matches."""
         subscriber = network.declare_subscriber(key, zenoh.handlers.FifoChannel(CHANNEL))
-        self._declared[key] = subscriber, subscriber.handler
+        self._declared[key] = subscriber, subscriber.handler.try_recv
 
     def undeclare(self, key: str) -> None:
         """No longer; what was put so far is handed over."""
@@ -50,21 +52,24 @@ class Gathering(Threaded):
 
     def gather(self) -> int:
         """Hand over what is there, and say how many; any thread may ask for that."""
+        gathered = 0
         with self._turn:
-            return sum(self._empty(channel) for _, channel in tuple(self._declared.values()))
+            for _, receive in tuple(self._declared.values()):
+                most = CHANNEL  # one who never stops keeps nobody waiting
+                try:
+                    while most and (sample := receive()) is not None:
+                        self._take_one(sample)
+                        most -= 1
+                except zenoh.ZError:  # empty, and no longer declared
+                    pass
+                gathered += CHANNEL - most
+        return gathered
 
-    def _empty(self, channel: zenoh.handlers.Handler[zenoh.Sample]) -> int:
-        for count in range(CHANNEL):  # one who never stops keeps nobody waiting
-            try:
-                if (sample := channel.try_recv()) is None:
-                    return count
-            except zenoh.ZError:  # empty, and no longer declared
-                return count
-            try:
-                self._take(sample)
-            except Exception:
-                logger.exception("a message was lost to an error of ours")
-        return CHANNEL
+    def _take_one(self, sample: zenoh.Sample) -> None:
+        try:
+            self._take(sample)
+        except Exception:
+            logger.exception("a message was lost to an error of ours")
 
     def _run(self) -> None:
         in_vain = 0

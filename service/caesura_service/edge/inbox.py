@@ -21,7 +21,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 WHOLE = ""  # among what is pressed: the queue itself
-DROPPING_SOURCES = 1024  # told apart between two looks at what was dropped; further ones count in the total
+SOURCES = 1024  # told apart while nothing waits of them, or was dropped; further drops count in the total
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,22 @@ class QueueSettings:
 class _Load:
     """What waits of one source, or of all of them, and how much of that may."""
 
-    __slots__ = ("items", "most", "most_bytes", "size", "source")
+    __slots__ = ("items", "mark", "mark_bytes", "most", "most_bytes", "size", "source")
 
-    def __init__(self, source: str, most: float, most_bytes: float) -> None:
-        self.source, self.most, self.most_bytes = source, most, most_bytes
+    def __init__(self, source: str, settings: QueueSettings, parts: int = 1) -> None:
+        """parts: that all which may wait is divided into."""
+        self.source = source
+        self.most, self.most_bytes = settings.capacity / parts, settings.capacity_bytes / parts
+        self.mark, self.mark_bytes = (settings.overloaded_at * of for of in (self.most, self.most_bytes))
         self.items = self.size = 0  # size [bytes]
 
     def has_room(self, size: int, room: float) -> bool:
         """For one more of that size? room: 1, or 2 where twice as much may wait as otherwise."""
         return self.items < room * self.most and self.size + size <= room * self.most_bytes
+
+    def is_overloaded(self) -> bool:
+        """Is it at the mark, or above?"""
+        return self.items >= self.mark or self.size >= self.mark_bytes
 
     def filling(self) -> float:
         """1 and more is full."""
@@ -73,8 +80,8 @@ class Inbox(Generic[T]):
         self._settings = settings
         # With what it counts for, if for anything, and its size [bytes].
         self._queue: SimpleQueue[tuple[T, _Load | None, int] | None] = SimpleQueue()
-        self._total = _Load(WHOLE, settings.capacity, settings.capacity_bytes)
-        self._of_source: dict[str, _Load] = {}  # of whom something waits
+        self._total = _Load(WHOLE, settings)
+        self._of_source: dict[str, _Load] = {}
         self._drops: dict[str, int] = {}
         self._announced = announced
         self._is_told = not announced
@@ -84,13 +91,14 @@ class Inbox(Generic[T]):
         """Enqueue an item that may be dropped. False where it was, which is counted."""
         with self._lock:
             room = 1.0 if self._is_told else 2.0
-            mine = self._of_source.get(source) or self._share_of(source)
+            mine = self._of_source.get(source) or self._made_known(source)
             self._total.items = self._queue.qsize()
             if not (self._total.has_room(size, room) and mine.has_room(size, room)):
                 self._drop(source)
                 return False
-            self._of_source[source] = mine
-            self._account(mine, 1, size)
+            mine.items += 1
+            self._total.items += 1
+            self._account(mine, size)
             self._queue.put((item, mine, size))
         return True
 
@@ -121,7 +129,9 @@ class Inbox(Generic[T]):
         item, load, size = entry
         if load is not None:
             with self._lock:
-                self._account(load, -1, -size)
+                load.items -= 1
+                self._total.items = self._queue.qsize()  # commands too
+                self._account(load, -size)
         return item
 
     def wake(self) -> None:
@@ -155,36 +165,34 @@ class Inbox(Generic[T]):
 
     # --- under the lock ---------------------------------------------------------------------------------
 
-    def _share_of(self, source: str) -> _Load:
-        """Nothing so far."""
-        shares = self._settings.shares
-        return _Load(source, self.capacity / shares, self._settings.capacity_bytes / shares)
+    def _made_known(self, source: str) -> _Load:
+        """Of one of whom nothing waits; there are never more such than SOURCES."""
+        if len(self._of_source) >= SOURCES:
+            self._of_source = {name: load for name, load in self._of_source.items() if load.items}
+        load = self._of_source[source] = _Load(source, self._settings, self._settings.shares)
+        return load
 
     def _drop(self, source: str) -> None:
         self.dropped += 1
         self.news += 1
-        if source in self._drops or len(self._drops) < DROPPING_SOURCES:
+        if source in self._drops or len(self._drops) < SOURCES:
             self._drops[source] = self._drops.get(source, 0) + 1
 
-    def _account(self, mine: _Load, items: int, size: int) -> None:
-        """One more waits, or one less."""
-        mine.items += items
+    def _account(self, mine: _Load, size: int) -> None:
+        """So many bytes more wait, or less, and one item."""
         mine.size += size
         self._total.size += size
-        if not mine.items:
-            del self._of_source[mine.source]
-        self._total.items = self._queue.qsize() + max(items, 0)  # commands too, and what is about to be put
-        self._press(self._total)
-        self._press(mine)
+        if self.pressed or self._total.is_overloaded() or mine.is_overloaded():
+            self._press(self._total)
+            self._press(mine)
 
     def _press(self, load: _Load) -> None:
         """Note where the mark is passed, and where what was pressed is relieved."""
-        source, filling = load.source, load.filling()
-        if source in self.pressed:
-            changes = filling <= self._settings.relieved_at
-        else:
-            changes = filling >= self._settings.overloaded_at
-        if not changes:
+        source = load.source
+        is_pressed = source in self.pressed
+        if is_pressed and load.filling() > self._settings.relieved_at:
+            return
+        if not is_pressed and not load.is_overloaded():
             return
         if not self.pressed:
             self._is_told = not self._announced

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import unpack_samples
@@ -57,7 +57,7 @@ def _with_preset(record: Record) -> Record:
     message = record.message
     if not isinstance(message, Open) or message.preset is not None:
         return record
-    return replace(record, message=message.model_copy(update={"preset": DEFAULT_PRESET}))
+    return record._replace(message=message.model_copy(update={"preset": DEFAULT_PRESET}))
 
 
 def _concluded(outcome: Outcome) -> tuple[View, tuple[str, ...], bool]:

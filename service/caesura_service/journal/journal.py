@@ -30,8 +30,7 @@ class JournalBusyError(JournalError):
     """Another process has the journal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(NamedTuple):
     """A message that changed a session, with the time at which it came."""
 
     station: str

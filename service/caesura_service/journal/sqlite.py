@@ -236,17 +236,18 @@ class SqliteJournal:
     # --- writing ----------------------------------------------------------------------------------------
 
     def _append(self, row: Row) -> None:
+        size = row.size
         with self._guard:
             if self._trouble is not None:
                 raise self._trouble
-            if self._waiting_bytes + row.size > self.settings.waiting_bytes:
+            if self._waiting_bytes + size > self.settings.waiting_bytes:
                 raise JournalError(
                     f"journal {self.path} is written too slowly, {self._waiting_bytes} bytes wait: "
                     "put it on a faster disk"
                 )
             self._waiting.append(row)
-            self._waiting_bytes += row.size
-            self._open[row.station] += row.size
+            self._waiting_bytes += size
+            self._open[row.station] += size
 
     def _check_part(self, station: str) -> None:
         taken, limit = self._open[station], self.settings.open_bytes

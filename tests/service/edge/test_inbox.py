@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_service.edge.inbox import DROPPING_SOURCES, WHOLE, Inbox, QueueSettings
+from caesura_service.edge.inbox import SOURCES, WHOLE, Inbox, QueueSettings
 
 
 def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) -> Inbox[int]:
@@ -56,7 +56,8 @@ def test_what_was_taken_out_leaves_nothing_behind():
         inbox.offer(1, source, 10)
     while inbox.get(0.0):
         pass
-    assert (inbox._of_source, inbox._total.size, inbox.fill(), inbox.pressed) == ({}, 0, 0.0, frozenset())
+    assert {(load.items, load.size) for load in inbox._of_source.values()} == {(0, 0)}
+    assert (inbox._total.size, inbox.fill(), inbox.pressed) == (0, 0.0, frozenset())
 
 
 def test_a_waiting_reader_can_be_woken():
@@ -135,16 +136,24 @@ def test_every_overload_is_announced_anew():
     assert inbox.dropped == 2
 
 
+def test_sources_that_come_and_go_are_forgotten():
+    inbox: Inbox[int] = Inbox(QueueSettings())
+    for index in range(2 * SOURCES):
+        inbox.offer(index, f"source-{index}")
+        assert inbox.get(0.0) == index
+    assert len(inbox._of_source) <= SOURCES
+
+
 def test_what_was_dropped_is_told_by_source_once_and_bounded():
     inbox = pressed_inbox()
     for item in range(11):
         inbox.offer(item, "a")
-    for index in range(2 * DROPPING_SOURCES):
+    for index in range(2 * SOURCES):
         inbox.offer(1, f"big-{index}", 10_000)
     drops = inbox.take_drops()
     assert drops["a"] == 3
-    assert len(drops) == DROPPING_SOURCES
-    assert inbox.dropped == 3 + 2 * DROPPING_SOURCES
+    assert len(drops) == SOURCES
+    assert inbox.dropped == 3 + 2 * SOURCES
     assert inbox.take_drops() == {}
 
 

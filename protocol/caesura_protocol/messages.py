@@ -275,7 +275,7 @@ class Changepoints(Result):
 class Segments(Result):
     """All segments from the `first` on; those before it stay as they were.
 
-    The last one of an open session goes on: where it ends is told twice a second.
+    The last one of an open session goes on: where it ends is told once a second.
     """
 
     first: Count

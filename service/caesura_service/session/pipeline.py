@@ -45,7 +45,7 @@ from caesura_service.signals import (
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-LOOK_EVERY = 5  # observations, while nothing happens but that the last segment goes on
+LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:

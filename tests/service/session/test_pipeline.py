@@ -267,7 +267,7 @@ def test_what_was_shown_as_final_is_never_revised(
 
 
 @pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
-def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_twice_a_second(
+def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
 ):
     def shown(view: View) -> tuple[object, ...]:

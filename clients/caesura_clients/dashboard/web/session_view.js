@@ -90,7 +90,7 @@ export default {
       this.forgetWhatIsGone();
       this.redraw();
     },
-    letTheLastGoOn() { // its end is told twice a second only
+    letTheLastGoOn() { // its end is told once a second only
       const last = this.segments[this.segments.length - 1];
       if (!last || this.closed || last[1] >= this.t) return;
       this.segments = Object.freeze([...this.segments.slice(0, -1), [last[0], this.t, ...last.slice(2)]]);

@@ -17,7 +17,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_service.journal.journal import Copy, Outcome, Record, Recordable
-from caesura_service.journal.schema import SELECT_COPIES, SELECT_EPOCH
+from caesura_service.journal.schema import SELECT_COPIES, SELECT_EPOCH, SELECT_STATIONS
 
 ROW_BYTES = 100  # of a record beside its payload
 _RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
@@ -87,4 +87,4 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
 
 def stations_in(database: sqlite3.Connection) -> list[str]:
     """Those that a journal has a session of."""
-    return [station for (station,) in database.execute("SELECT DISTINCT station FROM sessions")]
+    return [station for (station,) in database.execute(SELECT_STATIONS)]

@@ -62,6 +62,12 @@ CREATE TABLE IF NOT EXISTS stations (
 SCHEMA_3 = f"""
 CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
 
+# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more.
+SELECT_STATIONS = "SELECT DISTINCT station FROM sessions WHERE station != ''"
+SELECT_SESSIONS = "SELECT station, session FROM sessions WHERE station != '' ORDER BY id"
+SELECT_CLOSED = "SELECT station, session FROM sessions WHERE station != '' AND closed"
+SELECT_KEPT = """
+SELECT station, session, touched, size, closed FROM sessions WHERE station != '' ORDER BY touched"""
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
 # `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone
 # through from its beginning: what is new is found by its place.
@@ -95,10 +101,9 @@ SELECT station, session, opened, touched, closed,
     ), -1),
     size,
     (SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{EDIT}')
-FROM sessions AS known WHERE :station IS NULL OR station = :station ORDER BY id"""
+FROM sessions AS known WHERE station = coalesce(:station, nullif(station, '')) ORDER BY id"""
 SELECT_EPOCH = "SELECT coalesce(max(epoch), -1) FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch) VALUES (?, ?)"
-DELETE_SESSION = "DELETE FROM sessions WHERE station = ? AND session = ?"
 
 
 @cache

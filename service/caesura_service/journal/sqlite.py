@@ -27,16 +27,19 @@ from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.damage import damage_of, set_aside
+from caesura_service.journal.dropping import drop_some, hide
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import GB, JournalSettings, Kept, overdue, sizes_of
 from caesura_service.journal.rows import ROW_BYTES, Row, copies_in, epoch_in, outcome_of, record_of, row_of
 from caesura_service.journal.schema import (
-    DELETE_SESSION,
     INSERT_EPOCH,
     INSERT_OUTCOME,
+    SELECT_CLOSED,
+    SELECT_KEPT,
     SELECT_LAST,
     SELECT_OUTCOME,
     SELECT_PAGE,
+    SELECT_SESSIONS,
     UPDATE_SESSIONS,
     insert_records,
     insert_sessions,
@@ -50,6 +53,8 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 RETRY_S = 0.5  # after a commit that failed
+PATIENCE = 10  # times that tidying may be put off
+PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 _PAGE = 500  # records read at once
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
@@ -73,6 +78,7 @@ class SqliteJournal:
         self._size = 0  # [bytes] as of the last look
         self._open: Counter[str] = Counter()  # [bytes] of each station's open sessions, since the last look
         self._seen: set[Key] = set()  # at the last look
+        self._put_off = 0  # looks, since the last one
         self._wake, self._over = threading.Event(), threading.Event()
         self._stack = ExitStack()
 
@@ -84,12 +90,15 @@ class SqliteJournal:
                 if damage := damage_of(self._database, self.path):
                     self._begin_anew(stack, damage)
             stack.callback(self.commit)
+            if not self._alone:
+                stack.callback(self._drop_the_rest)
             thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
             thread.start()
             stack.callback(thread.join)
             stack.callback(self._wake.set)
             stack.callback(self._over.set)
             self._seen = {row.key for row in self._look()}
+            self._wake.set()  # for what somebody began to drop
             self._stack = stack.pop_all()
         return self
 
@@ -143,13 +152,13 @@ class SqliteJournal:
         """(station, session) of every session, oldest first."""
         self.commit()
         with self._writing, translated(self.path):
-            return tuple(self._database.execute("SELECT station, session FROM sessions ORDER BY id"))
+            return tuple(self._database.execute(SELECT_SESSIONS))
 
     def closed(self) -> Set[Key]:
         """Those with a close."""
         self.commit()
         with self._writing, translated(self.path):
-            return set(self._database.execute("SELECT station, session FROM sessions WHERE closed"))
+            return set(self._database.execute(SELECT_CLOSED))
 
     def copies(self, station: str | None = None) -> tuple[Copy, ...]:
         """What it has of every session, or of those of one station, oldest first.
@@ -194,15 +203,27 @@ class SqliteJournal:
         """It stays until it is too old or too much."""
 
     def forget(self, station: str, session: str) -> None:
-        """Drop the records of a session."""
+        """Drop a session; most of its records are deleted by and by."""
         self.commit()
         self._seen.discard((station, session))
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(DELETE_SESSION, (station, session))
+            hide(self._database, (station, session))
+        self._wake.set()
 
     def tidy(self, now: float) -> Mapping[Key, str]:
-        """Drop at most one session, and tell of those that somebody else has dropped."""
-        known = self._look()
+        """Drop at most one session, and tell of those that somebody else has dropped.
+
+        Whoever asks works, and does not wait for the disk: nothing is done while something is being written,
+        but for every PATIENCE-th time.
+        """
+        self._put_off += 1
+        if not self._writing.acquire(blocking=self._put_off >= PATIENCE):
+            return {}
+        try:
+            self._put_off = 0
+            known = self._look()
+        finally:
+            self._writing.release()
         gone = dict.fromkeys(self._seen - {row.key for row in known}, "deleted by somebody")
         self._seen = {row.key for row in known}
         for row, why in islice(overdue(known, self.settings, now), 1):
@@ -304,18 +325,28 @@ class SqliteJournal:
             self._over.wait(self.settings.commit_s if self._trouble is None else RETRY_S)
             try:
                 self.commit()
+                if self._drop_some():
+                    self._wake.set()
             except JournalError:
                 continue  # said when it began; it has woken this thread for another attempt
+
+    def _drop_some(self) -> bool:
+        """Go on with what is dropped, by whomever."""
+        with self._writing, translated(self.path):
+            return drop_some(self._database)
+
+    def _drop_the_rest(self) -> None:
+        """No service may be there to do it; one that is can write in between."""
+        with suppress(JournalError):
+            while self._drop_some():
+                threading.Event().wait(PAUSE_S)
 
     # --- keeping ----------------------------------------------------------------------------------------
 
     def _look(self) -> list[Kept]:
         """Every session, the one that was touched longest ago first."""
         with self._writing, translated(self.path):
-            rows = self._database.execute(
-                "SELECT station, session, touched, size, closed FROM sessions ORDER BY touched"
-            )
-            known = [Kept(*row) for row in rows]
+            known = [Kept(*row) for row in self._database.execute(SELECT_KEPT)]
         self._size = sum(row.size for row in known)
         self._open = sizes_of([row for row in known if not row.closed])
         return known

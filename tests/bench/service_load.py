@@ -4,8 +4,8 @@ The number of stations grows step by step, until the 99th percentile of the time
 completes an observation to receiving its result passes 50 ms, or anything is lost. Robots and reader are two
 processes beside the service, on the same cores, and do no more than put and receive. Prints the stations
 held, and at each step latencies, the service's processor time and memory a station, and the machine's pace.
-Robots are switched on when somebody does: their observations are due at times spread evenly over a tenth of
-a second; in lockstep all of them are due at once.
+People teach each at their own time: five tasks, from five places on, and observations that are due at times
+spread evenly over a tenth of a second. In lockstep all of them do the same thing at the same moment.
 Usage: python tests/bench/service_load.py [--stations 8 16 …] [--instances N] [--lockstep] [--json DIR]
 """
 
@@ -17,8 +17,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,14 +32,16 @@ from caesura_clients.query import snapshots
 from caesura_clients.recording import load_recording
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import Encoded, decode, encode, pack_samples
-from caesura_protocol.keys import parse_replay_parameters, session_key, station_key
+from caesura_protocol.keys import parse_replay_parameters, parse_station_key, session_key, station_key
 from caesura_protocol.messages import Ack, Control, Open, Posterior
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from harness.peer import Peer
 from harness.processes import Service
 
-RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
+DATA = Path(__file__).resolve().parents[2] / "data"
+TASKS = ("pick_and_place", "three_point", "wiping", "dispenser", "button")
+PLACES = 5  # of a recording, from which on it is taught
 SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
 OBSERVED_S = 0.1  # from one observation to the next
 QUIET_S = 3.0  # without a result: no more will come
@@ -69,7 +72,7 @@ def main() -> None:
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     rows, held = [], 0
     for stations in asked.stations:
-        load = measured(stations, asked.instances, BATCH_S if asked.lockstep else OBSERVED_S)
+        load = measured(stations, asked.instances, lockstep=asked.lockstep)
         rows.append(row(stations, load))
         if load.lost or np.percentile(load.latencies_ms, 99) > LIMIT_MS:
             break
@@ -112,8 +115,8 @@ def row(stations: int, load: Load) -> tuple[object, ...]:
     )
 
 
-def measured(stations: int, instances: int, spread_s: float) -> Load:
-    """One service, so many stations at once, which begin within so long of each other."""
+def measured(stations: int, instances: int, *, lockstep: bool) -> Load:
+    """One service, so many stations at once."""
     names = [f"cell-{number}" for number in range(1, stations + 1)]
     pace = pace_ms()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
@@ -126,7 +129,7 @@ def measured(stations: int, instances: int, spread_s: float) -> Load:
         reader = context.Process(target=read, args=(service.endpoint, len(names), told), daemon=True)
         reader.start()
         told.get()  # it listens
-        robots = context.Process(target=robot, args=(service.endpoint, names, spread_s, told), daemon=True)
+        robots = context.Process(target=robot, args=(service.endpoint, names, lockstep, told), daemon=True)
         before_mb = memory_mb(service.pid)
         robots.start()
         begun = told.get()  # all sessions are open
@@ -167,8 +170,12 @@ def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> in
 # --- the other processes --------------------------------------------------------------------------------
 
 
-def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> None:
+def robot(endpoint: str, names: Sequence[str], lockstep: bool, told: Any) -> None:
     """Put every station's batches when they are due, and tell when that was."""
+    taught = [prepared(*one) for one in ([(TASKS[0], 0)] if lockstep else product(TASKS, range(PLACES)))]
+    opening = taught[0][1]
+    content = {name: taught[place % len(taught)][0] for place, name in enumerate(names)}
+    spread_s = BATCH_S if lockstep else OBSERVED_S
     with (
         ZenohTransport(endpoint, timeout_s=10.0) as transport,
         Peer(endpoint) as peer,
@@ -176,8 +183,7 @@ def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> No
     ):
         for name in names:
             stack.enter_context(transport.token(station_key(name, "alive")))
-        content, opening = prepared()
-        publishers = {name: publisher(peer, name, content[0].encoding) for name in names}
+        publishers = {name: publisher(peer, name, content[name][0].encoding) for name in names}
         asked = Inbox()
         for name in names:
             stack.enter_context(transport.answer(station_key(name, "replay"), asked))
@@ -188,7 +194,7 @@ def robot(endpoint: str, names: Sequence[str], spread_s: float, told: Any) -> No
         plan = sorted(
             ((seq + 1) * BATCH_S + spread_s * place / len(names), name, batch)
             for place, name in enumerate(names)
-            for seq, batch in enumerate(content)
+            for seq, batch in enumerate(content[name])
         )
         begun = time.monotonic() + 0.2
         told.put(begun)
@@ -208,7 +214,7 @@ def publisher(peer: Peer, name: str, encoding: str) -> zenoh.Publisher:
     )
 
 
-def replay(asked: Inbox, content: Sequence[Encoded]) -> None:
+def replay(asked: Inbox, content: Mapping[str, Sequence[Encoded]]) -> None:
     """Send again what somebody missed, as a bridge does."""
     while True:
         question = asked.get(60.0)
@@ -216,14 +222,18 @@ def replay(asked: Inbox, content: Sequence[Encoded]) -> None:
             continue
         with question:
             wanted = parse_replay_parameters(question.parameters)
-            for batch in content[wanted.first : wanted.last + 1][: wanted.limit]:
+            station, _ = parse_station_key(question.key)
+            for batch in content[station][wanted.first : wanted.last + 1][: wanted.limit]:
                 question.reply(question.key, batch)
 
 
-def prepared() -> tuple[list[Encoded], Encoded]:
-    """Batches of ten seconds, the same for every station, and what opens a session."""
-    recording = load_recording(RECORDING)
-    matrix = recording.matrix()[: round(SECONDS / BATCH_S) * BATCH]
+def prepared(task: str = TASKS[0], place: int = 0) -> tuple[list[Encoded], Encoded]:
+    """Batches of ten seconds, from one of the PLACES of a recording on, and what opens a session."""
+    recording = load_recording(DATA / f"{task}.npz")
+    whole, rows = recording.matrix(), round(SECONDS / BATCH_S) * BATCH
+    first = place * (len(whole) - rows) // (PLACES - 1)
+    matrix = whole[first : first + rows].copy()
+    matrix[:, 0] = whole[:rows, 0]
     batches = [
         encode(pack_samples(rows, recording.columns, session=SESSION, epoch=0, seq=seq))
         for seq, rows in enumerate(np.split(matrix, len(matrix) // BATCH))

@@ -79,6 +79,7 @@ class SqliteJournal:
         self._open: Counter[str] = Counter()  # [bytes] of each station's open sessions, since the last look
         self._seen: set[Key] = set()  # at the last look
         self._put_off = 0  # looks, since the last one
+        self._has_dropped = False  # has anything been dropped by this one?
         self._wake, self._over = threading.Event(), threading.Event()
         self._stack = ExitStack()
 
@@ -208,6 +209,7 @@ class SqliteJournal:
         self._seen.discard((station, session))
         with self._writing, translated(self.path), transaction(self._database):
             hide(self._database, (station, session))
+        self._has_dropped = True
         self._wake.set()
 
     def tidy(self, now: float) -> Mapping[Key, str]:
@@ -338,7 +340,7 @@ class SqliteJournal:
     def _drop_the_rest(self) -> None:
         """No service may be there to do it; one that is can write in between."""
         with suppress(JournalError):
-            while self._drop_some():
+            while self._has_dropped and self._drop_some():
                 threading.Event().wait(PAUSE_S)
 
     # --- keeping ----------------------------------------------------------------------------------------

@@ -51,7 +51,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledFilter, "step"),),
-    "segments and changepoints": ((Division, "look"),),
+    "segments and changepoints": ((Division, "look"), (Division, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
     "counting and telling": ((Counting, "take"), (Chronicle, "take")),

@@ -7,8 +7,6 @@ import threading
 from contextlib import closing
 from pathlib import Path
 
-import pytest
-
 from caesura_service.journal import JournalSettings, Record, SqliteJournal
 from caesura_service.journal.dropping import PORTION, drop_some, hide
 from caesura_service.journal.sqlite import PATIENCE
@@ -18,11 +16,6 @@ from harness.sessions import NAME, STATION, batch
 COUNT = 3 * PORTION
 KEY = (STATION, NAME)
 DEADLINE_S = 5.0
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "caesura-1.sqlite"
 
 
 def record(seq: int, session: str = NAME) -> Record:

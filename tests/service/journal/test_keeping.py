@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -28,11 +27,6 @@ from harness.sessions import (
 
 DAY_S = 86400.0
 COUNT = 6
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "caesura-1.sqlite"
 
 
 def taught(registry: Registry, session: str, now: float = 0.0, *, closed: bool = True) -> None:

@@ -34,11 +34,6 @@ NEVER = JournalSettings(commit_s=3600.0)  # but when told to
 DEADLINE_S = 5.0
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "caesura-1.sqlite"
-
-
 def record(seq: int, session: str = NAME) -> Record:
     return Record(STATION, session, float(seq), batch(seq, session))
 

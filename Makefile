@@ -37,6 +37,7 @@ bench: $(STAMP)
 	$(BIN)/python tests/bench/watching_cost.py
 	$(BIN)/python tests/bench/takeover.py
 	$(BIN)/python tests/bench/service_load.py --json dist/bench
+	$(BIN)/python tests/bench/service_load.py --instances 2
 
 faults: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ class SegmentationPipeline:
         self._lost = False  # the next gap was declared, not seen
         self._began = math.inf  # [s] first sample
         self._finished = False
-        self._view = self._look()
+        self._view = self._look(self._happened())
 
     @property
     def view(self) -> View:
@@ -149,7 +149,7 @@ class SegmentationPipeline:
 
     def resolve(self, change: Change) -> Correction:
         """What a correction comes to. Raises ProtocolError where it points at nothing."""
-        self._view = self._look()
+        self._view = self._look(self._happened())
         return resolved(change, self._shown())
 
     def corrected(self, corrections: Sequence[Correction]) -> Self:
@@ -160,7 +160,7 @@ class SegmentationPipeline:
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
             other._division.step(index)
-        other._view = other._look()
+        other._view = other._look(other._happened())
         return other
 
     def _note_beginning(self, t: float) -> None:
@@ -189,45 +189,37 @@ class SegmentationPipeline:
         for observation in conditioned.observations:
             self._history.append(observation)
             self._division.step(len(self._history) - 1)
-        self._view = self._look() if self._has_happened() else self._glance()
-
-    def _has_happened(self) -> bool:
-        """Is there more to show than that the last segment goes on, or has that not been shown for long?"""
-        count = self._division.online.count
-        due = self._finished or count >= self._looked.observations + LOOK_EVERY
-        return due or self._happened() != self._looked.happened
+        happened = self._happened()
+        due = self._finished or self._division.online.count >= self._looked.observations + LOOK_EVERY
+        glances = happened == self._looked.happened and not due
+        self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
 
     def _happened(self) -> tuple[object, ...]:
         """All that segments and program depend on, but how far the last segment reaches."""
         return self._division.outline(), len(self._grips), self._gaps.all, self._conditioner.tare
 
-    def _glance(self) -> View:
-        """With what is known of the last observation, and all else as it was last looked at."""
+    def _newest(self) -> dict[str, Any]:
+        """What every observation changes of a view."""
         online = self._division.online
-        return self._view._replace(
-            t=self._history.t_last,
-            samples=self._conditioner.samples,
-            repeats=self._conditioner.repeats,
-            observations=online.count,
-            posterior_starts=tuple(map(self._division.places.__getitem__, online.starts.tolist())),
-            posterior_probabilities=tuple(online.posterior.tolist()),
-            hypotheses=online.starts.size,
-            capped=online.capped,
-        )
+        return {
+            "t": self._history.t_last,
+            "samples": self._conditioner.samples,
+            "repeats": self._conditioner.repeats,
+            "observations": online.count,
+            "posterior_starts": tuple(map(self._division.places.__getitem__, online.starts.tolist())),
+            "posterior_probabilities": tuple(online.posterior.tolist()),
+            "hypotheses": online.starts.size,
+            "capped": online.capped,
+        }
 
-    def _look(self) -> View:
-        division, online = self._division, self._division.online
-        self._looked = _Looked(online.count, self._happened())
+    def _look(self, happened: tuple[object, ...]) -> View:
+        division = self._division
+        self._looked = _Looked(division.online.count, happened)
         self._unsettled = parts = division.look(self._program.first, finished=self._finished)
         return View(
-            t=self._history.t_last,
-            samples=self._conditioner.samples,
-            repeats=self._conditioner.repeats,
-            observations=online.count,
+            **self._newest(),
             changepoints=division.settled.changepoints(parts),
             segments=division.settled.segments(parts),
-            posterior_starts=tuple(map(division.places.__getitem__, online.starts.tolist())),
-            posterior_probabilities=tuple(online.posterior.tolist()),
             apps=self._apps(parts),
             notes=self._notes(),
             gaps=self._gaps.all,
@@ -238,8 +230,6 @@ class SegmentationPipeline:
                 self._conditioner.tare_note,
             ),
             delay_s=self._conditioner.delay_s,
-            hypotheses=online.starts.size,
-            capped=online.capped,
             length_unit=self._opening.length_unit,
         )
 

@@ -6,10 +6,7 @@ Rules
 - Nothing that was told is taken back by a crash. A batch may be told of before its record is safe, for the
   bridge still has it; everything else is safe before it is processed, and everything before an
   acknowledgement.
-- A batch is processed in sequence, exactly once. Ahead of its turn it is held, and what is missing is
-  asked for; what the bridge no longer has becomes a gap, and the session goes on behind it.
-- A batch of the right session whose content is refused is lost like one that never came: counted, and a
-  gap in its place. Sending it again would not make it better.
+- A batch is processed in sequence, exactly once (`intake`).
 - A restarted bridge opens the session again with a higher epoch and continues numbering at the
   `next_seq` of the acknowledgement: what its predecessor had not delivered is gone. Until it has opened,
   its batches are refused; those of an older epoch always are.
@@ -18,25 +15,19 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
-
-import numpy as np
-from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError, Outcome, Record, Recordable
-from caesura_service.session.content import samples_of
+from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.session.demonstration import Demonstration
+from caesura_service.session.intake import Intake
 from caesura_service.session.limits import Limits
-from caesura_service.session.ordering import Asking, Ordering
-from caesura_service.session.ports import Answer, AskReplay, Incoming, Output, Owner, Refused, ReplayEnded
+from caesura_service.session.ports import Answer, Incoming, Output, Owner, ReplayEnded
+from caesura_service.session.records import Records
 from caesura_service.session.results import Edited
 from caesura_service.session.standing import Standing, snapshot_of
 from caesura_service.session.state import after
 from caesura_service.session.view import Pipeline
-
-_LOST = None  # stands in the order for a batch whose content was refused
 
 
 class Session:
@@ -53,17 +44,11 @@ class Session:
         limits: Limits,
     ) -> None:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
-        self._station = station
         self._opening = opening
         self._demonstration = Demonstration(station, opening, pipeline, owner=owner, limits=limits)
-        self._journal: Journal | None = journal
-        self._limits = limits
-        self._ordering: Ordering[NDArray[np.float64] | None] = Ordering(
-            limits.held_batches, limits.held_bytes
-        )
-        self._asking = Asking(limits)
+        self._records = Records(station, opening.session, journal)
+        self._intake = Intake(station, opening, self._demonstration, self._records, limits)
         self._folded = True  # is there more of it than its outcome?
-        self._unrecorded = False  # did a batch come since the last answer that could not be recorded?
 
     @property
     def name(self) -> str:
@@ -98,28 +83,27 @@ class Session:
     @property
     def next_seq(self) -> int:
         """The batch that is waited for."""
-        return self._ordering.next_seq
+        return self._intake.next_seq
 
     def begin(self, now: float) -> list[Output]:
         """Record the opening and say the first words."""
-        self._record(self._opening, now)
+        self._records.append(self._opening, now)
         return [*self._demonstration.begin(), self._ack()]
 
     def restoring(self, records: Iterable[Record]) -> Iterator[None]:
         """Fold the records behind the opening, saying and recording nothing; gives way after each."""
-        journal, self._journal = self._journal, None
-        self._demonstration.begin()
-        for record in records:
-            match record.message:
-                case Error(limit=int() as target):
-                    self._give_up(target)
-                case Edit() as edit:
-                    self._edit_again(edit, record.at)
-                case Open() | SampleBatch() | Close() as message:
-                    self.receive(message, record.at)
-            yield
-        self._asking.forgive()
-        self._journal = journal
+        with self._records.withheld():
+            self._demonstration.begin()
+            for record in records:
+                match record.message:
+                    case Error(limit=int() as target):
+                        self._intake.give_up(target)
+                    case Edit() as edit:
+                        self._edit_again(edit, record.at)
+                    case Open() | SampleBatch() | Close() as message:
+                        self.receive(message, record.at)
+                yield
+        self._intake.forgive()
         self._conclude()
 
     def following(self, records: Iterable[Record]) -> Iterator[None]:
@@ -133,7 +117,7 @@ class Session:
                     self._follow(record)
                 yield
         finally:
-            self._asking.forgive()
+            self._intake.forgive()
 
     def hand_to(self, owner: Owner) -> None:
         """Speak as this owner from here on."""
@@ -142,7 +126,7 @@ class Session:
     def take_up(self, outcome: Outcome, standing: Standing) -> None:
         """Be the closed session of an outcome: as `restore`, without folding anything."""
         self._demonstration.standing = standing
-        self._ordering.skip_to(outcome.last_seq + 1)
+        self._intake.skip_to(outcome.last_seq + 1)
         self._folded = False
 
     def revive(self, rebuilt: Session) -> None:
@@ -162,7 +146,8 @@ class Session:
             case Heartbeat():
                 return self._receive_heartbeat(message, now)
             case ReplayEnded():
-                return self._receive_answer(message, now)
+                after(self.standing.state, "replayed")
+                return self._intake.end_replay(message, now)
             case Open():
                 return self._receive_opening(message, now)
             case Close():
@@ -182,7 +167,7 @@ class Session:
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed: ask again for what is still missing, and say so."""
-        asked = self._ask(now)
+        asked = self._intake.ask(now)
         return [*asked, self._demonstration.status()] if asked else []
 
     def drop(self, messages: int) -> list[Output]:
@@ -207,41 +192,14 @@ class Session:
             return []
         after(state, "samples")
         self._check_epoch(batch.epoch)
-        if self._ordering.is_in_turn(batch.seq):
-            return self._take_in_turn(batch, now)
-        self._check_seq(batch.seq)
-        if self._ordering.is_duplicate(batch.seq):
-            self._demonstration.duplicate()
-            return []
-        if not self._ordering.has_room(batch.seq, _size(batch)):
-            self._expect(batch.seq)
-            return self._ask(now)
-        self._record(batch, now)
-        return [*self._hold(batch), *self._drain(), *self._ask(now)]
+        return self._intake.take(batch, now)
 
     def _receive_heartbeat(self, heartbeat: Heartbeat, now: float) -> list[Output]:
         after(self.standing.state, "heartbeat")
         if not self.is_open:
             return []
         self._check_epoch(heartbeat.epoch)
-        self._check_seq(heartbeat.seq)
-        self._expect(heartbeat.seq)
-        return self._ask(now)
-
-    def _receive_answer(self, ended: ReplayEnded, now: float) -> list[Output]:
-        after(self.standing.state, "replayed")
-        progress = self.next_seq > ended.first
-        answered = ended.answered and not self._unrecorded
-        self._unrecorded = False
-        lost = self._asking.ended(progress=progress, answered=answered, now=now)
-        if not self.is_open or progress or not (lost or ended.evicted):
-            return self._ask(now)
-        target = self._ordering.nearest(self.next_seq + 1 if lost else ended.oldest)
-        if not self.next_seq < target <= self.next_seq + self._limits.batches_ahead:
-            return []
-        gone = f"batches {self.next_seq} to {target - 1} are lost"
-        self._record(Error(code="evicted", message=gone, value=self.next_seq, limit=target), now)
-        return [*self._give_up(target), *self._ask(now)]
+        return self._intake.hear_of(heartbeat.seq, now)
 
     def _receive_opening(self, again: Open, now: float) -> list[Output]:
         if again.preset is None:
@@ -275,7 +233,7 @@ class Session:
             return [self._ack()]
         if close.last_seq > reached:
             return self._not_yet(close, now)
-        self._record(close, now)
+        self._records.append(close, now)
         return self._finish()
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
@@ -283,16 +241,14 @@ class Session:
         self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
-        self._record(edit, now)
+        self._records.append(edit, now)
         said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
         self._conclude()
         return [*said, self._ack()]
 
     def _check_kept(self) -> None:
         """Of a closed session an edit alone would be no record."""
-        if self._journal is None or self.is_open:
-            return
-        if (self._station, self.name) not in self._journal.closed():
+        if not (self.is_open or self._records.are_kept):
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
@@ -308,17 +264,17 @@ class Session:
 
     def _follow(self, record: Record) -> None:
         match record.message:
-            case SampleBatch() as batch if not self._ordering.is_duplicate(batch.seq):
+            case SampleBatch() as batch if not self._intake.is_duplicate(batch.seq):
                 self.receive(batch, record.at)
             case Error(limit=int() as target) if target > self.next_seq:
-                self._record(record.message, record.at)
-                self._give_up(target)
+                self._records.append(record.message, record.at)
+                self._intake.give_up(target)
             case Open() as again if again.epoch >= self._opening.epoch and again != self._opening:
                 self.receive(again, record.at)
             case Close() as close:
                 self.receive(close, record.at)
             case Edit() as edit if edit.revision == self.revision:
-                self._record(edit, record.at)
+                self._records.append(edit, record.at)
                 self._edit_again(edit, record.at)
                 self._conclude()
 
@@ -332,69 +288,18 @@ class Session:
             why = "a restarted bridge opens the session before it sends"
             raise ProtocolError("conflict", why, value=epoch, limit=current)
 
-    def _check_seq(self, seq: int) -> None:
-        limit = self.next_seq + self._limits.batches_ahead
-        if seq > limit:
-            raise ProtocolError("malformed", "sequence number leaps ahead", value=seq, limit=limit)
-
-    def _content(self, batch: SampleBatch) -> tuple[NDArray[np.float64] | None, list[Output]]:
-        """Its samples; where they are refused only its place."""
-        try:
-            return samples_of(batch, self._opening.columns, self._limits), []
-        except ProtocolError as error:
-            return _LOST, [Refused(error), *self.refuse(error)]
-
-    def _process(self, samples: NDArray[np.float64] | None) -> list[Output]:
-        """They have their turn."""
-        return self._demonstration.gap(1) if samples is _LOST else self._demonstration.push(samples)
-
-    def _take_in_turn(self, batch: SampleBatch, now: float) -> list[Output]:
-        """As nearly always: it need not be held, and there is nothing to ask for."""
-        self._record(batch, now)
-        samples, said = self._content(batch)
-        self._ordering.pass_by()
-        return said + self._process(samples)
-
-    def _hold(self, batch: SampleBatch) -> list[Output]:
-        """Keep the samples until their turn."""
-        samples, said = self._content(batch)
-        self._ordering.hold(batch.seq, samples, 0 if samples is _LOST else _size(batch))
-        return said
-
-    def _drain(self) -> list[Output]:
-        """Process what has its turn."""
-        said: list[Output] = []
-        self._note_hole()
-        while self._ordering.ready() and self.is_open:
-            samples = self._ordering.take()
-            self._note_hole()
-            said += self._process(samples)
-        return said
-
-    def _give_up(self, target: int) -> list[Output]:
-        """Go on at the batch `target`: everything before it is lost."""
-        given_up = target - self.next_seq
-        self._ordering.skip_to(target)
-        self._asking.forgive()
-        self._note_hole()
-        return [*self._demonstration.gap(given_up), *self._drain()]
-
     def _resume(self, again: Open, now: float) -> list[Output]:
         """A restarted bridge cannot send what its predecessor kept: give up holes, and what nobody knows."""
-        self._record(again, now)
+        self._records.append(again, now)
         self._opening = again
-        said: list[Output] = []
-        while self._ordering.hole() is not None:
-            said += self._give_up(self._ordering.nearest(None))
-        return [*said, *self._demonstration.gap(0), self._demonstration.status()]
+        return [*self._intake.give_up_holes(), *self._demonstration.gap(0), self._demonstration.status()]
 
     def _not_yet(self, close: Close, now: float) -> list[Output]:
         """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""
-        self._check_seq(close.last_seq)
-        self._expect(close.last_seq)
+        asked = self._intake.hear_of(close.last_seq, now)
         missing = "batches are missing before the close"
         refusal = ProtocolError("conflict", missing, value=self.next_seq, limit=close.last_seq)
-        return [*self._ask(now), Answer(refusal)]
+        return [*asked, Answer(refusal)]
 
     def _finish(self) -> list[Output]:
         said = self._demonstration.finish()
@@ -407,29 +312,12 @@ class Session:
 
     def _conclude(self) -> None:
         """Let the journal keep how it ended; without that it is replayed."""
-        if self._journal is None or self.standing.state != "closed":
-            return
-        outcome = Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing))
-        with suppress(JournalError):
-            self._journal.conclude(self._station, outcome)
-
-    def _expect(self, seq: int) -> None:
-        self._ordering.expect(seq)
-        self._note_hole()
-
-    def _note_hole(self) -> None:
-        hole = self._ordering.hole()
-        self._demonstration.wait_for(hole[0] if hole else None)
-
-    def _ask(self, now: float) -> list[Output]:
-        hole = self._ordering.hole() if self.is_open else None
-        wanted = self._asking.question(hole, now)
-        return [AskReplay(self._station, self._opening.session, *wanted)] if wanted else []
+        if self.standing.state == "closed":
+            self._records.conclude(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing)))
 
     def _ack(self) -> Answer:
         """What is acknowledged is safe. Raises JournalError."""
-        if self._journal is not None:
-            self._journal.commit()
+        self._records.commit()
         state = self.standing.state
         return Answer(
             Ack(
@@ -439,20 +327,3 @@ class Session:
                 revision=self.revision,
             )
         )
-
-    def _record(self, message: Recordable, now: float) -> None:
-        """Raises JournalError; nothing has changed then."""
-        if self._journal is None:
-            return
-        is_batch = isinstance(message, SampleBatch)
-        record = Record(self._station, self._opening.session, now, message)
-        try:
-            self._journal.append(record, now=not is_batch)
-        except JournalError:
-            self._unrecorded |= is_batch
-            raise
-
-
-def _size(batch: SampleBatch) -> int:
-    """Of its samples in memory [bytes]."""
-    return 8 * batch.n * len(batch.columns)

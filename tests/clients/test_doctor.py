@@ -197,6 +197,18 @@ def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
     assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
 
 
+@pytest.mark.parametrize(
+    ("first_at", "grade", "words"),
+    [(0.0, "bad", "none in 3.0 s"), (1.5, "bad", "none in 1.5 s"), (2.8, "warn", "for 0.2 s only")],
+)
+def test_a_session_that_has_just_begun_does_not_hang(first_at, grade, words):
+    begun = status(batches=1, samples=20, t=0.02)
+    facts = well(statuses={(begun.station, begun.session): [Heard(first_at, begun)]}, listened_s=3.0)
+    found = list(judge(facts))
+    assert grades(found, "samples") == [grade]
+    assert words in said(found, "samples")
+
+
 def test_a_refusal_of_our_questions_is_told():
     found = list(judge(well(refusals=[ProtocolError("overloaded", "too many questions are waiting")] * 2)))
     assert "2 questions refused: overloaded: too many questions are waiting" in said(found, "credentials")

@@ -98,12 +98,13 @@ def _bridge(station: Station, status: SessionStatus) -> Finding:
 def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
     """Do samples come, how many, and how evenly?"""
     first, last = station.heard[0], station.heard[-1]
-    took_s = last.at - first.at
+    took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
     batches = last.status.batches - first.status.batches
+    if batches == 0 and not station.batches and not station.connected:
+        return
     if took_s < STILL_S:
-        if not station.connected:
-            return
-        yield bad("samples", f"none in {station.listened_s:.1f} s", _NO_SAMPLES, station=station.name)
+        remedy = "the session has just begun: look again"
+        yield warn("samples", f"listened to for {took_s:.1f} s only", remedy, station=station.name)
         return
     if batches == 0 and not station.batches:
         yield bad("samples", f"none in {took_s:.1f} s", _NO_SAMPLES, station=station.name)

@@ -33,15 +33,15 @@ def opening(session: str = NAME, **fields: Any) -> Open:
     return Open(**{"session": session, "columns": COLUMNS, "preset": "fake", **fields})
 
 
-def demonstration(samples: int = 400, level_length: int = 90) -> NDArray[np.float64]:
-    """(n, 2) at RATE_HZ whose value steps up after every `level_length` samples."""
-    index = np.arange(samples)
+def demonstration(samples: int = 400, level_length: int = 90, *, first: int = 0) -> NDArray[np.float64]:
+    """(n, 2) at RATE_HZ whose value steps up after every `level_length` samples, behind the `first` ones."""
+    index = np.arange(first, samples)
     return np.column_stack([index / RATE_HZ, (index // level_length).astype(float)])
 
 
 def batch(seq: int, session: str = NAME, *, epoch: int = 0, **fields: Any) -> SampleBatch:
     """Batch `seq` of the demonstration; fields override."""
-    rows = demonstration((seq + 1) * BATCH)[seq * BATCH :]
+    rows = demonstration((seq + 1) * BATCH, first=seq * BATCH)
     made = pack_samples(rows, COLUMNS, session=session, epoch=epoch, seq=seq)
     return made.model_copy(update=fields)
 

@@ -109,11 +109,11 @@ class Division:
         """How many of these nothing can change any more, not even a later comparison of their load."""
         count, weighing = 0, False
         for i, stretch in enumerate(fresh):
-            if not stretch.end_final:
+            if not stretch.stands:
                 break
             weighing = weighing or stretch.verdict.kind.contact == "transport"
             compared = is_baseline(stretch, self._history, self._bias_n)
-            if stretch.start_stands and (compared or (not weighing and count == i)):
+            if compared or (not weighing and count == i):
                 count, weighing = i + 1, False
         return count
 

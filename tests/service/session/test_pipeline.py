@@ -266,6 +266,27 @@ def test_what_was_shown_as_final_is_never_revised(
     assert pipeline.view.apps == program_of(pipeline)
 
 
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["default", "integrated", "contact", "second_order_2"]),
+    st.integers(200, 2000),
+)
+def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str, cut: int):
+    opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
+    samples = stream(seed, 30)
+
+    def shown(cut: int) -> tuple[object, ...]:
+        pipeline = make_pipeline(opening, preset)
+        for first in range(0, len(samples), cut):
+            pipeline.push(samples[first : first + cut])
+        pipeline.finish()
+        view = pipeline.view
+        return tuple(view.segments), tuple(view.changepoints), view.apps
+
+    assert shown(cut) == shown(10)
+
+
 @pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
 def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None

@@ -76,9 +76,7 @@ class Intake:
         target = self._ordering.nearest(self.next_seq + 1 if lost else ended.oldest)
         if not self.next_seq < target <= self.next_seq + self._limits.batches_ahead:
             return []
-        gone = f"batches {self.next_seq} to {target - 1} are lost"
-        self._records.append(Error(code="evicted", message=gone, value=self.next_seq, limit=target), now)
-        return [*self.give_up(target), *self.ask(now)]
+        return [*self._lose(target, now), *self.ask(now)]
 
     def ask(self, now: float) -> list[Output]:
         """For what is missing, if anything is and nobody has asked for it just now."""
@@ -94,12 +92,18 @@ class Intake:
         self._note_hole()
         return [*self._demonstration.gap(given_up), *self._drain()]
 
-    def give_up_holes(self) -> list[Output]:
-        """Go on with what is here."""
+    def give_up_holes(self, now: float) -> list[Output]:
+        """Go on with what is here. Raises JournalError."""
         said: list[Output] = []
         while self._ordering.hole() is not None:
-            said += self.give_up(self._ordering.nearest(None))
+            said += self._lose(self._ordering.nearest(None), now)
         return said
+
+    def _lose(self, target: int, now: float) -> list[Output]:
+        """Give up everything before a batch, and record that. Raises JournalError."""
+        gone = f"batches {self.next_seq} to {target - 1} are lost"
+        self._records.append(Error(code="evicted", message=gone, value=self.next_seq, limit=target), now)
+        return self.give_up(target)
 
     def skip_to(self, seq: int) -> None:
         """Begin there: everything before it was taken elsewhere."""

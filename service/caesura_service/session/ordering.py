@@ -81,7 +81,9 @@ class Ordering(Generic[T]):
         return min((seq for seq in ahead if seq > self.next_seq), default=self.newest + 1)
 
     def skip_to(self, seq: int) -> None:
-        """Give up everything before a batch that is ahead; nothing held lies before it."""
+        """Give up everything before a batch that is ahead, and whatever is held of that."""
+        for passed in [held for held in self._held if held < seq]:
+            self._bytes -= self._held.pop(passed).size
         self.next_seq = seq
         self.newest = max(self.newest, seq - 1)
 

@@ -228,11 +228,14 @@ class Registry:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._builder.new(station, opening, self.custody.owner(station, now))
+        with _RECORDING:
+            known = self._journals.of(station).get(command.session)
         with _BEGINNING:
-            if (known := self._journals.of(station).get(command.session)) is not None:
+            if known is not None:
                 return self._open_once_more(station, command, known, now)
-            said = [*self._make_room(station, now), *session.begin(now)]
+            said = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
+        said = [*self._make_room(station, now), *said]
         self._show()
         return said
 
@@ -255,14 +258,18 @@ class Registry:
         )
 
     def _make_room(self, station: str, now: float) -> list[Output]:
-        """Close the oldest open and let go of the oldest closed session of a station that has its fill."""
-        sessions = self._stations.get(station, {})
+        """Close the oldest open and let go of the oldest closed session of a station that has too many.
+
+        What the journal cannot take of that waits until the next one is opened.
+        """
+        sessions = self._stations[station]
         said: list[Output] = []
         opened = [session for session in sessions.values() if session.is_open]
-        for session in opened[: max(0, len(opened) - self._limits.open_sessions + 1)]:
-            said += _unanswered(
-                session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
-            )
+        for session in opened[: max(0, len(opened) - self._limits.open_sessions)]:
+            with suppress(JournalError):
+                said += _unanswered(
+                    session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
+                )
         closed = [session.name for session in sessions.values() if not session.is_open]
         for name in islice(closed, max(0, len(closed) - self._limits.closed_sessions)):
             del sessions[name]
@@ -278,7 +285,10 @@ class Registry:
             self._look_at = now + self._limits.look_interval_s
             gone |= dict.fromkeys(self._takeover.returned(), "deleted by somebody")
         for station, name in gone:
-            self._stations.get(station, {}).pop(name, None)
+            sessions = self._stations.get(station, {})
+            sessions.pop(name, None)
+            if not sessions:
+                self._stations.pop(station, None)
         if gone:
             self._show()
         return [Forgotten(*key, why) for key, why in gone.items()]

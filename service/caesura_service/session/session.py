@@ -96,7 +96,7 @@ class Session:
             self._demonstration.begin()
             for record in records:
                 match record.message:
-                    case Error(limit=int() as target):
+                    case Error(limit=int() as target) if target > self.next_seq:
                         self._intake.give_up(target)
                     case Edit() as edit:
                         self._edit_again(edit, record.at)
@@ -290,9 +290,12 @@ class Session:
 
     def _resume(self, again: Open, now: float) -> list[Output]:
         """A restarted bridge cannot send what its predecessor kept: give up holes, and what nobody knows."""
+        said = self._intake.give_up_holes(
+            now
+        )  # recorded before the opening, which alone says nothing of them
         self._records.append(again, now)
         self._opening = again
-        return [*self._intake.give_up_holes(), *self._demonstration.gap(0), self._demonstration.status()]
+        return [*said, *self._demonstration.gap(0), self._demonstration.status()]
 
     def _not_yet(self, close: Close, now: float) -> list[Output]:
         """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, SessionStatus
-from caesura_service.journal import MemoryJournal, Record
+from caesura_protocol.messages import Ack, Edit, Insert, SessionStatus
+from caesura_service.journal import JournalError, JournalSettings, MemoryJournal, Record, SqliteJournal
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Output, ReplayEnded
+from caesura_service.session.ports import NotTaken, Output, ReplayEnded
 from caesura_service.session.standing import status_of
 from harness.sessions import (
     STATION,
@@ -175,6 +175,68 @@ def test_one_station_too_many_is_overloaded():
     refusal = answer(registry.command(OTHER, opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.limit) == ("overloaded", 1)
+
+
+def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):
+    with SqliteJournal(tmp_path / "a.sqlite", JournalSettings(age_s=100.0)) as journal:
+        registry = opened(new_registry(journal, Limits(stations=1)), STATION, "s1")
+        registry.command(STATION, closing(-1), 0.0)
+        registry.tick(1000.0)
+        assert answer(registry.command(OTHER, opening(), 2000.0)) == Ack(
+            session="s1", next_seq=0, state="open"
+        )
+
+
+def test_where_an_opening_cannot_be_recorded_nobody_has_made_room_for_it():
+    class Full(MemoryJournal):
+        def append(self, record, *, now=False):
+            if record.session == "s2":
+                raise JournalError("full")
+            super().append(record, now=now)
+
+    registry = opened(new_registry(Full(), Limits(open_sessions=1)), STATION, "s1")
+    refusal = answer(registry.command(STATION, opening("s2"), 0.0))
+    assert isinstance(refusal, ProtocolError)
+    assert refusal.code == "conflict"
+    assert [standing.is_open for standing in registry.board.standings()] == [True]
+
+
+def resumed(journal, batches_after, *, closed):
+    """Batches 10 to 12 were lost with the bridge, which came again."""
+    registry = opened(new_registry(journal), STATION, "s1")
+    for seq in range(10):
+        registry.samples(STATION, batch(seq), 0.0)
+    registry.samples(STATION, heartbeat(12), 0.0)
+    assert answer(registry.command(STATION, opening(epoch=1), 1.0)).next_seq == 13
+    for seq in range(13, 13 + batches_after):
+        registry.samples(STATION, batch(seq, epoch=1), 2.0)
+    if closed:
+        assert answer(registry.command(STATION, closing(12 + batches_after), 3.0)).state == "closed"
+    return registry
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_what_a_restarted_bridge_gave_up_stays_given_up(closed):
+    journal = MemoryJournal()
+    (before,) = resumed(journal, Limits().held_batches + 50, closed=closed).board.standings()
+    journal._outcomes.clear()  # so that the closed one is folded too
+    rebuilt = new_registry(journal)
+    assert rebuilt.restore() == []
+    (after,) = rebuilt.board.standings()
+    assert status_of(after).lost == 3
+    assert (after.state, after.view, after.tally) == (before.state, before.view, before.tally)
+
+
+def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
+    journal = MemoryJournal()
+    resumed(journal, Limits().held_batches + 50, closed=True)
+    rebuilt = new_registry(journal)
+    rebuilt.restore()
+    edit = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.235))
+    assert answer(rebuilt.command(STATION, edit, 4.0)).code == "overloaded"  # it is folded first
+    while rebuilt.is_busy:
+        assert not [out for out in rebuilt.step() if isinstance(out, NotTaken)]
+    assert answer(rebuilt.command(STATION, edit, 5.0)).revision == 1
 
 
 def test_a_board_that_was_read_does_not_change_under_the_reader():

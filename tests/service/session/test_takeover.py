@@ -16,7 +16,7 @@ from caesura_protocol.messages import Ack, SessionStatus
 from caesura_service.journal import JournalError, JournalSettings, Siblings, SqliteJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Answer, Forgotten, NotTaken, Output, Owner, Taken
+from caesura_service.session.ports import Answer, Forgotten, NotTaken, Output, Owner, ReplayEnded, Taken
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
 from harness.sessions import (
@@ -24,6 +24,7 @@ from harness.sessions import (
     STATION,
     Ring,
     answer,
+    asked,
     batch,
     batches,
     closing,
@@ -399,3 +400,20 @@ def test_whatever_happens_between_two_instances_the_session_ends_like_an_undistu
         Ring(BATCHES).feed(session, heartbeat(COUNT - 1), 1e6)
         assert owner.close() == Ack(session=NAME, next_seq=COUNT, state="closed")
         assert told(owner.standing) == EXPECTED
+
+
+def test_what_the_other_gave_up_is_no_longer_held(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(5))
+    a.journal.commit()
+    a.feed(7)  # ahead of its turn, and not written yet: then it hangs
+    b.take()
+    b.feed(9)
+    b.registry.samples(STATION, ReplayEnded(NAME, 5, answered=False, evicted=True, oldest=9), 1.0)
+    b.journal.commit()
+    b.registry.leave(STATION)
+    a.take()
+    a.feed(10, 12)
+    assert a.next_seq == 11
+    assert asked(a.registry.tick(100.0)) == [(11, 11)]

@@ -3,8 +3,9 @@
 Results are published with DROP, so a reader must expect holes. Changepoints and segments come as `first` and
 a list that replaces everything from `first` on; a hole in their numbers is healed by the snapshot. Status,
 posterior and program are complete each time, and of them only the newest counts. A lost last message shows
-no hole, so after `refresh_s` of silence the snapshot is asked for once. Where two instances answer for a
-session (a network that was cut in two), the one with the highest epoch is right.
+no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked for: once where it is
+closed, else again and again, ever less often. Where two instances answer for a session (a network that was
+cut in two), the one with the highest epoch is right.
 
 A session that the service, asked twice, no longer knows is dropped: it was restarted without it. While no
 service is there, what is known stays. `events` tells both; `follow` yields the updates alone.
@@ -13,7 +14,7 @@ service is there, what is known stays. `events` tells both; `follow` yields the 
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -23,6 +24,7 @@ from caesura_clients.errors import Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import Transport
 from caesura_clients.query import services, snapshots
+from caesura_clients.silence import Silence
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
@@ -41,6 +43,7 @@ from caesura_protocol.pieces import Joining
 
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
 SNAPSHOT_ATTEMPTS = 3
+ALL = ("*", "*")
 
 Published = Changepoints | Segments | Posterior | SessionStatus | Program
 PUBLISHED: tuple[type[Published], ...] = (Changepoints, Segments, Posterior, SessionStatus, Program)
@@ -168,8 +171,9 @@ def follow(
 ) -> Iterator[Update]:
     """Updates of all sessions that match, as they happen, beginning with what is known already.
 
-    refresh_s: silence after which snapshots are asked for again; silence_s: silence after which the
-    iteration ends, None for never. Raises ProtocolError `unsupported_version` where the service is newer.
+    refresh_s: silence of a session after which its snapshot is asked for again; silence_s: silence of all of
+    them after which the iteration ends, None for never. Raises ProtocolError `unsupported_version` where the
+    service is newer.
     """
     told = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
     with closing(told):
@@ -192,7 +196,7 @@ def events(
     over: ends the iteration from another thread, `refresh_s` after it is set at the latest.
     """
     with _listening(transport, station, session) as inbox:
-        follower = _Follower(transport, station, session)
+        follower = _Follower(transport, station, session, refresh_s)
         yield from follower.refresh()
         silent_s = 0.0
         while (silence_s is None or silent_s < silence_s) and not (over and over.is_set()):
@@ -205,18 +209,18 @@ def events(
                 yield from follower.receive(item)
             elif isinstance(item, Presence):
                 yield from follower.attend(item)
-            elif item is None and silent_s <= wait_s:
-                yield from follower.refresh()
+            yield from follower.look_after()
 
 
 class _Follower:
     """The readers of all sessions that were met, and the way to their snapshots."""
 
-    def __init__(self, transport: Transport, station: str, session: str) -> None:
+    def __init__(self, transport: Transport, station: str, session: str, refresh_s: float) -> None:
         self._transport = transport
         self._station = station
         self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
+        self._silence: Silence[tuple[str, str]] = Silence(refresh_s)  # of sessions, and of all of them
         self._attendance = Attendance()
         self._joining = Joining()
 
@@ -230,18 +234,35 @@ class _Follower:
     def refresh(self) -> Iterator[Event]:
         """Ask for snapshots; yields the sessions in which something is new, and those that are gone."""
         known = self._ask()
-        for snapshot in known or ():
-            reader = self._reader(snapshot.status.station, snapshot.status.session)
-            if reader.restart(snapshot) == "changed" and reader.update is not None:
-                yield reader.update
-        if known is not None:
-            yield from self._forget(self._missing(known))
+        yield from self._restart(known or ())
+        for key in self._readers:
+            self._has_asked(key, answered=known is not None)
+        if known is None:
+            self._silence.unanswered(ALL)
+            return
+        self._silence.ended(ALL)
+        yield from self._forget(self._missing(known))
+
+    def look_after(self) -> Iterator[Event]:
+        """Ask for what has said nothing for a while; yields as `refresh`."""
+        due = self._silence.due()
+        if ALL in due:
+            yield from self.refresh()
+            return
+        for key in due:
+            known = self._ask(*key)
+            yield from self._restart(known or ())
+            self._has_asked(key, answered=known is not None)
+            if known == []:
+                yield from self._forget({key})
 
     def receive(self, delivery: Delivery) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
         message = self._read(delivery)
         if message is None or self._session not in {"*", message.session}:
             return  # a station's program may be that of another session
+        self._silence.heard(ALL)
+        self._silence.heard((message.station, message.session))
         reader = self._reader(message.station, message.session)
         before = reader.update
         for _ in range(SNAPSHOT_ATTEMPTS):
@@ -252,6 +273,21 @@ class _Follower:
         if reader.update is not None and reader.update != before:
             yield reader.update
 
+    def _restart(self, known: Iterable[Snapshot]) -> Iterator[Update]:
+        for snapshot in known:
+            reader = self._reader(snapshot.status.station, snapshot.status.session)
+            if reader.restart(snapshot) == "changed" and reader.update is not None:
+                yield reader.update
+
+    def _has_asked(self, key: tuple[str, str], *, answered: bool) -> None:
+        update = self._reader(*key).update
+        if not answered:
+            self._silence.unanswered(key)
+        elif update is not None and update.closed:
+            self._silence.ended(key)
+        else:
+            self._silence.answered(key)
+
     def _forget(self, missing: set[tuple[str, str]]) -> Iterator[Forgotten]:
         """Drop what a second question does not bring up either, though there is a service to answer it."""
         again = self._ask() if missing else None
@@ -259,6 +295,7 @@ class _Follower:
             return
         for key in sorted(missing & self._missing(again)):
             del self._readers[key]
+            self._silence.ended(key)
             yield Forgotten(*key)
 
     def _is_served(self) -> bool:

@@ -24,6 +24,7 @@ class Answering:
         self.snapshots: list[Snapshot] = []
         self.answers: dict[str, Encoded] = {}
         self.refusals: dict[str, Encoded] = {}
+        self.refused = 0  # questions
         self._transport = transport
         self._inbox = Inbox()
         self._over = threading.Event()
@@ -53,6 +54,11 @@ class Answering:
     def program(self, message: Program) -> None:
         self._transport.put(station_key(message.station, "program"), encode(message))
 
+    def relent(self, refusals: int, last: Snapshot) -> None:
+        """Refuse so many questions, and then answer with this one."""
+        eventually(lambda: self.refused >= refusals)
+        self.snapshots, self.refusals = [last], {}
+
     def _run(self) -> None:
         while not self._over.is_set():
             question = self._inbox.get(TICK_S)
@@ -71,3 +77,4 @@ class Answering:
         for key, refusal in self.refusals.items():
             if intersect(question.key, key):
                 question.refuse(refusal)
+                self.refused += 1

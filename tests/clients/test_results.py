@@ -1,5 +1,6 @@
 """A reader ends up with what the service knows, whatever the network drops."""
 
+import itertools
 import threading
 
 import pytest
@@ -143,6 +144,43 @@ def test_a_lost_last_message_is_found_in_the_silence(network, publisher):
     next(updates)
     publisher.snapshots = [snapshot(5, "hold")]
     assert kinds(next(updates)) == ["hold"]
+
+
+def test_a_lost_last_message_is_found_while_another_station_goes_on(network, publisher):
+    # The silence was once that of all sessions together.
+    last = snapshot(5, "hold")
+    publisher.snapshots = [snapshot(4, "motion"), snapshot(4, "motion", station="cell-2", session="busy")]
+    updates = following(network, refresh_s=0.05)
+    assert {next(updates).station, next(updates).station} == {"cell-1", "cell-2"}
+    publisher.snapshots[0] = last
+    over = threading.Event()
+
+    def go_on() -> None:
+        for seq in itertools.count(5):
+            publisher.put(segments(seq, 1, *["hold"] * (seq % 3), station="cell-2", session="busy"))
+            if over.wait(0.01):
+                return
+
+    busy = threading.Thread(target=go_on, daemon=True)
+    busy.start()
+    assert any(update.station == "cell-1" and kinds(update) == ["hold"] for update in updates)
+    over.set()
+    busy.join()
+
+
+def test_a_question_about_the_silence_that_was_refused_is_asked_again(memory):
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion")]
+        updates = follow(memory.transport(), "cell-1", refresh_s=0.05, silence_s=20.0)
+        next(updates)
+        key = session_key("cell-1", "s1", "snapshot")
+        publishing.refusals = {key: encode_error(ProtocolError("overloaded", "not now"))}
+        publishing.snapshots = []
+        before = publishing.refused
+        threading.Thread(
+            target=lambda: publishing.relent(before + 2, snapshot(5, "hold")), daemon=True
+        ).start()
+        assert kinds(next(updates)) == ["hold"]
 
 
 def test_a_session_that_begins_later_is_followed(network, publisher):

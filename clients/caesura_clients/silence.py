@@ -1,0 +1,56 @@
+"""When to ask about what says nothing: after a while, and then less and less often.
+
+Whoever is heard again is waited for anew; what was not answered is asked again as soon as at first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+K = TypeVar("K")
+
+LONGEST_S = 60.0  # between two questions about the same
+
+
+class _Waiting(NamedTuple):
+    due: float  # [s] when to ask
+    wait_s: float  # since it was heard, or asked for
+
+
+class Silence(Generic[K]):
+    """Of many, each by its key."""
+
+    def __init__(self, patience_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """patience_s: how long nothing may be heard."""
+        self._patience_s = patience_s
+        self._clock = clock
+        self._waiting: dict[K, _Waiting] = {}
+        self._look_at = clock()
+
+    def heard(self, key: K) -> None:
+        """It has said something."""
+        self._waiting[key] = _Waiting(self._clock() + self._patience_s, self._patience_s)
+
+    def unanswered(self, key: K) -> None:
+        """It was asked for in vain."""
+        self.heard(key)
+
+    def answered(self, key: K) -> None:
+        """It was asked for; there may have been nothing new."""
+        known = self._waiting.get(key)
+        wait_s = min(2.0 * known.wait_s, LONGEST_S) if known else self._patience_s
+        self._waiting[key] = _Waiting(self._clock() + wait_s, wait_s)
+
+    def ended(self, key: K) -> None:
+        """Nothing more is expected of it."""
+        self._waiting.pop(key, None)
+
+    def due(self) -> list[K]:
+        """Whom to ask about now; looks no oftener than it matters."""
+        now = self._clock()
+        if now < self._look_at:
+            return []
+        self._look_at = now + self._patience_s / 4.0
+        return [key for key, waiting in self._waiting.items() if waiting.due <= now]

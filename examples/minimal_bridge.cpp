@@ -110,9 +110,14 @@ class Bridge {
     void answer(const zenoh::Query& query) {
         std::map<std::string, std::uint64_t> wanted;
         std::istringstream parameters{std::string(query.get_parameters())};
-        for (std::string part; std::getline(parameters, part, ';');)
-            if (const auto at = part.find('='); at != std::string::npos && part.substr(0, at) != "session")
+        for (std::string part; std::getline(parameters, part, ';');) {
+            const auto at = part.find('=');
+            if (at == std::string::npos) continue;
+            if (part.substr(0, at) != "session")
                 wanted[part.substr(0, at)] = std::stoull(part.substr(at + 1));
+            else if (part.substr(at + 1) != opening_.session)
+                return;  // what another bridge had
+        }
         std::lock_guard<std::mutex> held(lock_);
         if (!ring_.empty() && wanted.at("from") < ring_.begin()->first) {
             zenoh::Query::ReplyErrOptions options;

@@ -90,6 +90,10 @@ class Bridge:
     def answer(self, query):
         """`from=3;to=9;max=100`: a reply for each batch, or `evicted` with the oldest that there is."""
         with query:
+            if query.parameters.get("session", self.name) != self.name:
+                error = {"code": "unknown_session", "message": "not mine"}
+                query.reply_err(msgpack.packb(error), encoding=encoding("Error"))
+                return
             wanted = {key: int(query.parameters.get(key)) for key in ("from", "to", "max")}
             with self.lock:
                 held = dict(self.ring)

@@ -81,7 +81,7 @@ class Recorder:
         first = last = self._whole
         while last + 1 <= self.known and last + 1 not in self.batches and last - first + 1 < AT_ONCE:
             last += 1
-        return ReplayRange(first, last, last - first + 1)
+        return ReplayRange(first, last, last - first + 1, self.session)
 
     def unanswered(self, asked: ReplayRange) -> None:
         """Nobody had them this time; after ATTEMPTS they are a gap."""
@@ -259,9 +259,8 @@ def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
     wanted = recorder.missing()
     if wanted is None:
         return False
-    parameters = f"{replay_parameters(wanted)};session={recorder.session}"
     try:
-        answers = transport.query(station_key(station, "replay"), parameters=parameters)
+        answers = transport.query(station_key(station, "replay"), parameters=replay_parameters(wanted))
     except Unreachable:
         recorder.unanswered(wanted)
         return True

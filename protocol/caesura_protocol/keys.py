@@ -76,30 +76,36 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
 
 
 class ReplayRange(NamedTuple):
-    """Which batches a `replay` query asks for: `first` to `last`, both included, at most `limit` of them."""
+    """Which batches a `replay` query asks for: `first` to `last`, both included, at most `limit` of them.
+
+    session: whose; "" for that which the bridge has.
+    """
 
     first: int
     last: int
     limit: int
+    session: str = ""
 
 
 def replay_parameters(wanted: ReplayRange) -> str:
     """What follows the `?` of a `replay` query. Zenoh separates parameters by semicolons.
 
-    >>> replay_parameters(ReplayRange(first=3, last=9, limit=100))
-    'from=3;to=9;max=100'
+    >>> replay_parameters(ReplayRange(first=3, last=9, limit=100, session="s1"))
+    'from=3;to=9;max=100;session=s1'
     """
-    return f"from={wanted.first};to={wanted.last};max={wanted.limit}"
+    whose = f";session={wanted.session}" if wanted.session else ""
+    return f"from={wanted.first};to={wanted.last};max={wanted.limit}{whose}"
 
 
 def parse_replay_parameters(parameters: str) -> ReplayRange:
     """The range that `replay` parameters ask for; unknown ones are ignored. Raises ProtocolError `malformed`.
 
     >>> parse_replay_parameters("from=3;to=9;max=100")
-    ReplayRange(first=3, last=9, limit=100)
+    ReplayRange(first=3, last=9, limit=100, session='')
     """
     fields = dict(part.partition("=")[::2] for part in parameters.split(";"))
-    wanted = ReplayRange(*(_count(fields.get(name), name) for name in ("from", "to", "max")))
+    first, last, limit = (_count(fields.get(name), name) for name in ("from", "to", "max"))
+    wanted = ReplayRange(first, last, limit, fields.get("session", ""))
     if wanted.last < wanted.first:
         raise ProtocolError(
             "malformed", "replay ends before it begins", value=wanted.last, limit=wanted.first

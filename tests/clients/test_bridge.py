@@ -328,8 +328,9 @@ def test_a_service_that_comes_late_learns_at_once_what_was_sent_before(memory):
             eventually(lambda: service.next_seq == 5)
 
 
-def replayed(transport, first, last, limit=100):
-    return transport.query(REPLAY_KEY, parameters=replay_parameters(ReplayRange(first, last, limit)))
+def replayed(transport, first, last, limit=100, session=""):
+    wanted = ReplayRange(first, last, limit, session)
+    return transport.query(REPLAY_KEY, parameters=replay_parameters(wanted))
 
 
 def test_a_range_is_replayed_in_order_and_no_further_than_asked(network):
@@ -341,6 +342,9 @@ def test_a_range_is_replayed_in_order_and_no_further_than_asked(network):
         assert len(replayed(transport, 3, 6, limit=2).replies) == 2
         assert len(replayed(transport, 8, 999).replies) == 2
         assert replayed(transport, 50, 60) == ((), ())
+        assert len(replayed(transport, 3, 6, session=bridge.session).replies) == 4
+        (refusal,) = replayed(transport, 3, 6, session="abandoned").refusals
+        assert (refusal.code, refusal.expected) == ("unknown_session", bridge.session)
         (refusal,) = transport.query(REPLAY_KEY, parameters="from=x").refusals
         assert refusal.code == "malformed"
 

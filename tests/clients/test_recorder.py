@@ -60,8 +60,8 @@ def test_a_question_that_nobody_answers_is_a_gap_in_the_end():
     recorder.take(batch(0))
     recorder.heard(3)
     for _ in range(ATTEMPTS):
-        assert recorder.missing() == ReplayRange(1, 3, 3)
-        recorder.unanswered(ReplayRange(1, 3, 3))
+        assert recorder.missing() == ReplayRange(1, 3, 3, "s1")
+        recorder.unanswered(ReplayRange(1, 3, 3, "s1"))
     assert recorder.missing() is None
     assert recorder.lost == 3
     recorder.take(batch(2))  # late, but welcome

@@ -132,7 +132,7 @@ class Bridge:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(ReplayServer(self._transport, self.station, self._ring))
+            stack.enter_context(ReplayServer(self._transport, self.station, self.session, self._ring))
             stack.enter_context(self._transport.watch(service_key("*", "alive"), self._services))
             stack.enter_context(self._transport.token(station_key(self.station, "alive")))
             keeper = threading.Thread(target=self._keep, name=f"keeper {self.station}", daemon=True)

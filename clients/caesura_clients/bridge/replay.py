@@ -22,8 +22,9 @@ TICK_S = 0.1
 class ReplayServer:
     """The `replay` key of a station: every batch of the range is one reply, in order."""
 
-    def __init__(self, transport: Transport, station: str, ring: ReplayRing) -> None:
+    def __init__(self, transport: Transport, station: str, session: str, ring: ReplayRing) -> None:
         self.answered = 0  # batches sent again
+        self._session = session
         self._transport = transport
         self._key = station_key(station, "replay")
         self._ring = ring
@@ -59,7 +60,11 @@ class ReplayServer:
 
     def _answer(self, question: Question) -> None:
         try:
-            entries = self._ring.since(parse_replay_parameters(question.parameters))
+            wanted = parse_replay_parameters(question.parameters)
+            if wanted.session not in {"", self._session}:
+                why = "the bridge has another session"
+                raise ProtocolError("unknown_session", why, value=wanted.session, expected=self._session)
+            entries = self._ring.since(wanted)
         except ProtocolError as error:
             question.refuse(encode_error(error))
             return

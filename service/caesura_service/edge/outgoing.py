@@ -103,8 +103,8 @@ class Outgoing:
     def _ask(self, ask: AskReplay) -> None:
         """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
         asked = Asked(ask)
-        wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1)
-        selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)};session={ask.session}"
+        wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1, ask.session)
+        selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)}"
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
             lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
         )

@@ -290,9 +290,7 @@ class Session:
 
     def _resume(self, again: Open, now: float) -> list[Output]:
         """A restarted bridge cannot send what its predecessor kept: give up holes, and what nobody knows."""
-        said = self._intake.give_up_holes(
-            now
-        )  # recorded before the opening, which alone says nothing of them
+        said = self._intake.give_up_holes(now)  # recorded first: the opening says nothing of them
         self._records.append(again, now)
         self._opening = again
         return [*said, *self._demonstration.gap(0), self._demonstration.status()]

@@ -68,11 +68,7 @@ class MemoryJournal:
 
     def closed(self) -> Set[Key]:
         """Those with a close."""
-        return {
-            key
-            for key, records in self._records.items()
-            if any(isinstance(record.message, Close) for record in records)
-        }
+        return {key for key, records in self._records.items() if _is_closed(records)}
 
     def copies(self, station: str | None = None) -> tuple[Copy, ...]:
         """What it has of every session, oldest first."""
@@ -117,9 +113,14 @@ class MemoryJournal:
     def _copy(self, key: Key, records: list[Record]) -> Copy:
         numbers = [record.message.seq for record in records if isinstance(record.message, SampleBatch)]
         opened, touched = records[0].at, records[-1].at
-        closed, size = key in self.closed(), self._sizes[key]
+        closed, size = _is_closed(records), self._sizes[key]
         edits = sum(isinstance(record.message, Edit) for record in records)
         return Copy(*key, opened, touched, closed, max(numbers, default=-1), size, edits)
+
+
+def _is_closed(records: list[Record]) -> bool:
+    """From the end, where the close is."""
+    return any(isinstance(record.message, Close) for record in reversed(records))
 
 
 def _size(record: Record) -> int:

@@ -133,9 +133,11 @@ class SqliteJournal:
             try:
                 with translated(self.path), transaction(self._database):
                     self._write(rows)
-            except JournalError as error:
-                self._fail(error)
-                raise
+            except Exception as error:
+                why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
+                failure = error if isinstance(error, JournalError) else JournalError(why)
+                self._fail(failure)
+                raise failure from error
             self._succeed(rows)
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
@@ -204,11 +206,20 @@ class SqliteJournal:
         """It stays until it is too old or too much."""
 
     def forget(self, station: str, session: str) -> None:
-        """Drop a session; most of its records are deleted by and by."""
-        self.commit()
-        self._seen.discard((station, session))
-        with self._writing, translated(self.path), transaction(self._database):
-            hide(self._database, (station, session))
+        """Drop a session; most of its records are deleted by and by.
+
+        Also where nothing can be written that needs room: dropping may make it.
+        """
+        key = station, session
+        with self._writing:
+            with suppress(JournalError):
+                self.commit()
+            with translated(self.path), transaction(self._database):
+                hide(self._database, key)
+            with self._guard:
+                self._waiting = [row for row in self._waiting if row.key != key]
+                self._waiting_bytes = sum(row.size for row in self._waiting)
+        self._seen.discard(key)
         self._has_dropped = True
         self._wake.set()
 
@@ -229,8 +240,9 @@ class SqliteJournal:
         gone = dict.fromkeys(self._seen - {row.key for row in known}, "deleted by somebody")
         self._seen = {row.key for row in known}
         for row, why in islice(overdue(known, self.settings, now), 1):
-            self.forget(*row.key)
-            gone[row.key] = why
+            with suppress(JournalError):  # it is tried again at the next look
+                self.forget(*row.key)
+                gone[row.key] = why
         return gone
 
     def report(self) -> JournalReport:
@@ -325,12 +337,15 @@ class SqliteJournal:
             self._wake.wait()
             self._wake.clear()
             self._over.wait(self.settings.commit_s if self._trouble is None else RETRY_S)
-            try:
+            with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
                 self.commit()
-                if self._drop_some():
-                    self._wake.set()
-            except JournalError:
-                continue  # said when it began; it has woken this thread for another attempt
+            try:
+                more = self._drop_some()
+            except JournalError:  # somebody else is writing
+                more = True
+                self._over.wait(RETRY_S)
+            if more:
+                self._wake.set()
 
     def _drop_some(self) -> bool:
         """Go on with what is dropped, by whomever."""

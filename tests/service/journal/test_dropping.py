@@ -7,11 +7,14 @@ import threading
 from contextlib import closing
 from pathlib import Path
 
-from caesura_service.journal import JournalSettings, Record, SqliteJournal
-from caesura_service.journal.dropping import PORTION, drop_some, hide
+import pytest
+
+from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
+from caesura_service.journal.dropping import NEXT, PORTION, drop_some, hide
 from caesura_service.journal.sqlite import PATIENCE
 from harness.processes import eventually
 from harness.sessions import NAME, STATION, batch
+from service.journal.test_sqlite import grow_no_more
 
 COUNT = 3 * PORTION
 KEY = (STATION, NAME)
@@ -26,6 +29,10 @@ def taught(journal: SqliteJournal, count: int = COUNT, session: str = NAME) -> N
     for seq in range(count):
         journal.append(record(seq, session))
     journal.commit()
+
+
+def failing(*_: object) -> None:
+    raise sqlite3.OperationalError("database is locked")
 
 
 def count(path: Path, table: str) -> int:
@@ -45,6 +52,63 @@ def test_a_session_is_unknown_at_once_and_its_records_go_by_and_by(path):
         assert [*journal.replay(*KEY)] == []
         assert set(journal.tidy(0.0)) == set()
         eventually(lambda: (count(path, "records"), count(path, "sessions")) == (2, 1), DEADLINE_S)
+
+
+def test_a_full_journal_makes_room_by_what_it_drops(path):
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        taught(journal)
+        journal.append(record(0, "new"), now=True)
+        grow_no_more(journal)
+        with pytest.raises(JournalError, match="full"):
+            taught(journal, COUNT, "new")
+        waiting = journal.report().waiting
+        assert waiting > 0
+        journal.forget(*KEY)
+        eventually(lambda: journal.report().trouble is None, DEADLINE_S)
+        journal.append(record(COUNT, "new"), now=True)
+        kept = [one.message.seq for one in journal.replay(STATION, "new")]
+    assert kept == sorted(set(kept))
+    assert kept[-1] == COUNT
+    assert count(path, "sessions") == 1
+
+
+def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
+    with SqliteJournal(path, JournalSettings(commit_s=3600.0)) as journal:
+        journal.append(record(0))
+        journal.append(record(0, "other"))
+        with monkeypatch.context() as patch:
+            patch.setattr(journal, "_write", failing)
+            journal.forget(*KEY)
+        assert journal.sessions() == ((STATION, "other"),)
+
+
+def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
+    refusals = [True]
+
+    def drop(database: sqlite3.Connection) -> bool:
+        if database.execute(NEXT).fetchone() and refusals:
+            refusals.pop()
+            failing()
+        return drop_some(database)
+
+    monkeypatch.setattr("caesura_service.journal.sqlite.drop_some", drop)
+    with SqliteJournal(path) as journal:
+        taught(journal, 5)
+        journal.forget(*KEY)
+        eventually(lambda: count(path, "records") == 0, DEADLINE_S)
+
+
+def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, monkeypatch):
+    with SqliteJournal(path, JournalSettings(age_s=100.0)) as journal:
+        journal.append(record(0, "old"), now=True)
+        journal.append(record(900, "theirs"), now=True)
+        journal.tidy(10.0)
+        with closing(sqlite3.connect(path, isolation_level=None)) as other:
+            hide(other, (STATION, "theirs"))
+        with monkeypatch.context() as patch:
+            patch.setattr("caesura_service.journal.sqlite.hide", failing)
+            assert set(journal.tidy(950.0)) == {(STATION, "theirs")}
+        assert set(journal.tidy(950.0)) == {(STATION, "old")}
 
 
 def test_a_portion_is_all_that_anybody_waits_for(path):

@@ -132,6 +132,10 @@ class Inbox(Generic[T]):
                 load.items -= 1
                 self._total.items = self._queue.qsize()  # commands too
                 self._account(load, -size)
+        elif self.pressed:  # by what may lie behind the last sample
+            with self._lock:
+                self._total.items = self._queue.qsize()
+                self._press(self._total)
         return item
 
     def wake(self) -> None:

@@ -101,6 +101,18 @@ def test_bytes_press_like_items():
     assert inbox.fill() == pytest.approx(500 / 800)
 
 
+def test_a_queue_that_ends_in_commands_is_relieved_too():
+    inbox = pressed_inbox()
+    for source in "aaaabbbbcc":
+        inbox.offer(0, source)
+    for item in range(6):
+        assert inbox.insist(item)
+    assert inbox.pressed == {WHOLE}
+    while inbox.get(0.0) is not None:
+        pass
+    assert not inbox.pressed
+
+
 def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
     inbox = pressed_inbox()
     for source in ("a", "b", "c"):

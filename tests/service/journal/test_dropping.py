@@ -83,7 +83,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
 
 
 def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
-    refusals = [True]
+    refusals = [True] * 3  # more than there are reasons to look
 
     def drop(database: sqlite3.Connection) -> bool:
         if database.execute(NEXT).fetchone() and refusals:
@@ -91,6 +91,7 @@ def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
             failing()
         return drop_some(database)
 
+    monkeypatch.setattr("caesura_service.journal.sqlite.RETRY_S", 0.01)
     monkeypatch.setattr("caesura_service.journal.sqlite.drop_some", drop)
     with SqliteJournal(path) as journal:
         taught(journal, 5)

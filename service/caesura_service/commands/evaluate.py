@@ -28,7 +28,7 @@ from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.thesis import suite as thesis
 from caesura_service.judge.thesis import summary as thesis_summary
 from caesura_service.judge.thesis import tables as thesis_tables
-from caesura_service.judge.truth import Leniency, TruthError
+from caesura_service.truth import Leniency, TruthError
 
 DEFAULT_PRESET = "default"
 DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]

@@ -16,7 +16,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
-from caesura_service.report.truth import Truth, annotation_beside, load_truth
+from caesura_service.truth import Truth, TruthError, read_annotation, truth_file
 
 
 def report(
@@ -36,7 +36,8 @@ def report(
         recording = load_recording(
             file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
         )
-        _report(recording, out, preset, truth or annotation_beside(file))
+        beside = truth_file(file)
+        _report(recording, out, preset, truth or (beside if beside.is_file() else None))
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
@@ -47,7 +48,11 @@ def _writable(out: Path) -> None:
 
 
 def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
-    content = _gathered(recording, preset, None if annotation is None else load_truth(annotation))
+    try:
+        truth = None if annotation is None else read_annotation(annotation)
+    except TruthError as error:
+        raise CaesuraError(str(error)) from error
+    content = _gathered(recording, preset, truth)
     try:
         _writers().write_report(content, out)
     except OSError as error:

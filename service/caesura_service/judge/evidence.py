@@ -26,10 +26,10 @@ from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.judge.conditioned import observe
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
-from caesura_service.judge.truth import truth_file
 from caesura_service.session.division import filter_of
 from caesura_service.session.pipeline import observed
 from caesura_service.signals import WRENCH_SOURCES
+from caesura_service.truth import truth_file
 
 NOTE = (
     "In nats behind the best; 'per observation' (0.1 s) of all recordings. The library of the model's "

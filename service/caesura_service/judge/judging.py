@@ -13,7 +13,7 @@ from caesura_service.judge.methods import Method
 from caesura_service.judge.pool import each
 from caesura_service.judge.score import Score, score
 from caesura_service.judge.suites import Case
-from caesura_service.judge.truth import Leniency
+from caesura_service.truth import Leniency
 
 AS_READ = Leniency()
 

@@ -18,7 +18,7 @@ from caesura_service.judge.metrics import (
     overlap,
     standing_since,
 )
-from caesura_service.judge.truth import Point, Quantity, Truth
+from caesura_service.truth import Point, Quantity, Truth
 
 NEAR_S = 1.0  # a changepoint further off has nothing to do with a miss
 CARRIED = ("transport", "hold")

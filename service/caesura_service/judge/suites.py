@@ -10,7 +10,7 @@ from typing import Protocol
 from caesura_clients.bridge.teacher.intentions import PROFILES, Profile
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.recording import Recording, load_recording
-from caesura_service.judge.truth import SUFFIX, Truth, TruthError, read_truth, truth_of
+from caesura_service.truth import SUFFIX, Truth, TruthError, read_truth, truth_of
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
 READABLE = (".npz", ".csv")
@@ -51,6 +51,12 @@ class FileCase:
         """Where the annotation says that the hand is in the wrench, the wrench is read so."""
         truth = read_truth(self.path)
         recording = load_recording(self.path)
+        first, last = float(recording.t.min()), float(recording.t.max())
+        if truth.window[1] <= first or truth.window[0] >= last:
+            window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
+            raise TruthError(
+                f"{truth.name}: {window}, and the recording lasts from {first:.10g} to {last:.10g} s"
+            )
         if truth.hand_in_wrench and recording.wrench_source == "flange_sensor":
             recording = replace(recording, wrench_source="flange_sensor_with_hand")
         return recording, replace(truth, name=self.name)

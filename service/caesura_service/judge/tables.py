@@ -16,7 +16,7 @@ from caesura_service.judge.metrics import f1
 from caesura_service.judge.report import MARGINS, TABLES, Column, Judged, Report, shown
 from caesura_service.judge.score import Score, class_accuracy
 from caesura_service.judge.summary import Estimate
-from caesura_service.judge.truth import KINDS
+from caesura_service.truth import KINDS
 
 TYPICAL = 8  # so many lines of each list of errors
 

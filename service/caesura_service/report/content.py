@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from caesura_clients.recording import Recording
 from caesura_service.recordings import segment_recording
 from caesura_service.report.replay import Belief, Replay, replay
-from caesura_service.report.truth import Truth
 from caesura_service.session.view import View
+from caesura_service.truth import Truth
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

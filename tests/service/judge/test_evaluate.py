@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.recording import load_recording
 from caesura_service.commands import register
 from caesura_service.judge.baselines import Baseline, thresholds
 from caesura_service.judge.judging import Unfit, judge, judge_all
 from caesura_service.judge.methods import Ours
 from caesura_service.judge.report import report
 from caesura_service.judge.suites import REAL, Extent, FileCase, TaughtCase, suite
-from caesura_service.judge.truth import TruthError, read_truth, truth_of
+from caesura_service.truth import TruthError, read_truth, truth_file, truth_of
 
 DATA = Path(__file__).parents[3] / "data"
 BUTTON = DATA / "button.npz"
@@ -56,7 +59,7 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
         (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip']"),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
-        (("/nowhere/x.npz",), "not annotated"),
+        (("/nowhere/x.npz",), "no such file"),
         ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
     ],
 )
@@ -96,9 +99,19 @@ def test_the_teacher_teaches_every_scenario_with_each_profile_a_third():
     ("change", "expected"),
     [
         ({"window": [1.0, 1.0]}, "expected it to have a length"),
-        ({"window": None}, "NoneType"),
+        ({"window": None}, "window is None"),
+        ({"window": [1]}, "window is .1., expected its first and last second"),
+        ({"window": [0, "x"]}, "window.1. is 'x', expected a finite number"),
+        (
+            {"changepoints": [{"t": float("nan"), "tol": 0.1, "level": "major"}]},
+            r"changepoints\[0\]: t is nan",
+        ),
+        ({"segments": [{"t0": 5, "t1": 2, "cls": "motion"}]}, r"segments\[0\]: t0 is 5 and t1 is 2"),
+        ({"loads": [{"t0": 0, "t1": 1, "kg": -1}]}, r"loads\[0\]: kg is -1, expected 0 or more"),
+        ({"forces": [{"t0": 0, "t1": 1}]}, r"'forces\[0\].newton' is missing"),
+        ({"forces": {}}, "forces is {}, expected a list"),
         ({"changepoints": [{"t": 1, "tol": 0.1, "level": "minor"}]}, "level is 'minor'"),
-        ({"changepoints": [{"t": 1, "level": "major"}]}, "'tol' is missing"),
+        ({"changepoints": [{"t": 1, "level": "major"}]}, r"'changepoints\[0\].tol' is missing"),
         ({"changepoints": [{"t": 1, "tol": -1, "level": "major"}]}, "expected 0 s or more"),
         ({"segments": [{"t0": 0, "t1": 1, "cls": "flight"}]}, "cls is 'flight'"),
     ],
@@ -109,7 +122,18 @@ def test_an_annotation_that_is_off_is_named(change: dict, expected: str):
         truth_of(content, "x")
 
 
+def test_a_recording_of_another_time_than_its_annotation_is_refused(tmp_path: Path):
+    recording = load_recording(BUTTON)
+    replace(recording, t=recording.t + 1e6).save(tmp_path / "x.npz")
+    shutil.copy(truth_file(BUTTON), tmp_path / "x.ann.json")
+    with pytest.raises(
+        TruthError, match=r"window is \[0, 11.799\] s, and the recording lasts from 1000000 to 1"
+    ):
+        FileCase(tmp_path / "x.npz").load()
+
+
 def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
+    (tmp_path / "x.npz").touch()
     (tmp_path / "x.ann.json").write_text("{")
     with pytest.raises(TruthError, match="not a readable annotation"):
         read_truth(tmp_path / "x.npz")

@@ -11,7 +11,7 @@ from caesura_service.judge.faults import faults
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part, score
 from caesura_service.judge.summary import margins, summarise
-from caesura_service.judge.truth import Leniency, Point, Quantity, Span, Truth
+from caesura_service.truth import Leniency, Point, Quantity, Span, Truth
 
 TRUTH = Truth(
     name="one",

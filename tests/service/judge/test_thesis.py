@@ -44,7 +44,7 @@ from caesura_service.judge.thesis.measure import (
 from caesura_service.judge.thesis.rows import ROWS, Boundary, Row
 from caesura_service.judge.thesis.suite import MAIN, Setting, Task, perform, tasks
 from caesura_service.judge.thesis.summary import summarise
-from caesura_service.judge.truth import Point, Truth
+from caesura_service.truth import Point, Truth
 
 ROW = Row("R", "Fig.", "s", "force", (Boundary(2.0), Boundary(4.0), Boundary(4.5)), states="12?1")
 RIGHT = [(2.0,), (4.0, 4.2), (4.5,)]

@@ -20,11 +20,13 @@ from caesura_service.report.figures.path import informative_planes
 from caesura_service.report.figures.style import LONGEST_S, windows
 from caesura_service.report.figures.tables import table_pages
 from caesura_service.report.tables import program_table, segments_table
-from caesura_service.report.truth import Boundary, Labelled, Truth
 from caesura_service.report.writers import UnknownFormatError, write_report
+from caesura_service.truth import Point, Span, Truth
 from harness.demonstrations import guided
 
-TRUTH = Truth((Boundary(0.8, False), Boundary(2.0, True)), (Labelled(0.0, 0.8, "steady"),))
+TRUTH = Truth(
+    "taught", (0.0, 3.0), (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)), (Span(0.0, 0.8, "steady"),)
+)
 VOID = {"meta", "img", "br"}
 
 
@@ -169,7 +171,9 @@ def test_the_planes_shown_are_those_in_which_something_happens():
 
 def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path):
     guided().save(tmp_path / "taught.npz")
-    annotation = {"changepoints": [{"t": 0.8}], "segments": [{"t0": 0, "t1": 0.8, "cls": "steady"}]}
+    points = [{"t": 0.8, "tol": 0.1, "level": "major"}]
+    spans = [{"t0": 0, "t1": 0.8, "cls": "steady"}]
+    annotation = {"window": [0, 3], "changepoints": points, "segments": spans}
     (tmp_path / "taught.ann.json").write_text(json.dumps(annotation))
     out = tmp_path / "out.html"
     result = CliRunner().invoke(build(), ["report", str(tmp_path / "taught.npz"), "-o", str(out)])
@@ -184,8 +188,8 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path):
         (["absent.npz", "-o", "out.png"], "no such file"),
         (["taught.npz", "-o", "out.png", "--preset", "best"], "unknown preset"),
         (["taught.npz", "-o", "nowhere/out.png"], "cannot write nowhere/out.png: no such directory"),
-        (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not an annotation"),
-        (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: not an annotation"),
+        (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not a readable annotation"),
+        (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: is a list, expected an object"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line(

@@ -49,7 +49,7 @@ from caesura_clients.bridge.teacher.scenarios import (
     Step,
 )
 from caesura_clients.recording import Recording
-from caesura_service.judge.truth import Truth, truth_of
+from caesura_service.truth import Truth, truth_of
 
 BODY = (
     "stiffness_n_per_m",

@@ -28,11 +28,11 @@ from caesura_service.judge.conditioned import observe
 from caesura_service.judge.metrics import ROUNDING_S, Look
 from caesura_service.judge.pairing import best_pairs
 from caesura_service.judge.thesis.rows import Boundary, Row
-from caesura_service.judge.truth import Truth
 from caesura_service.recordings import views
 from caesura_service.session.division import filter_of
 from caesura_service.session.pipeline import observed
 from caesura_service.signals import WRENCH_SOURCES, ConditioningParameters, Observation
+from caesura_service.truth import Truth
 
 TOLERANCE_S = 0.3
 SAME_EVENT_S = 0.6  # further from the thesis' time than this an event is another one

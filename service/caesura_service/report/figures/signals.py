@@ -145,8 +145,8 @@ def _lanes(content: Content) -> list[tuple[str, list[_Band]]]:
     ]
     if content.truth is None:
         return [("found", found)]
-    ticks = [one.t for one in content.truth.boundaries]
-    true = [_Band(one.t0, one.tn, one.kind, (one.kind,), ticks) for one in content.truth.labelled]
+    ticks = [one.t for one in content.truth.points]
+    true = [_Band(one.t0, one.t1, one.kind, (one.kind,), ticks) for one in content.truth.spans]
     return [("found", found), ("truth", true)]
 
 
@@ -180,7 +180,7 @@ def _name(axes: Axes, band: _Band) -> None:
 
 
 def _true_boundaries(content: Content, axes: Axes) -> None:
-    for one in content.truth.boundaries if content.truth else ():
+    for one in content.truth.points if content.truth else ():
         axes.axvline(
             one.t,
             ymax=0.4 if one.optional else 1.0,

@@ -95,7 +95,7 @@ def heading(content: Content) -> str:
 def kinds_present(content: Content) -> list[str]:
     """Kinds that occur, found or true, in the order of the palette."""
     found = {one.kind for one in content.view.segments}
-    true = {one.kind for one in content.truth.labelled} if content.truth else set()
+    true = {one.kind for one in content.truth.spans} if content.truth else set()
     return [kind for kind in COLOUR_OF_KIND if kind in found | true]
 
 
@@ -115,7 +115,7 @@ def shade(content: Content, axes: Axes) -> None:
 
 def mark_truth(content: Content, axes: Axes) -> None:
     """True boundaries as dashed ticks from below, short ones where a boundary is optional."""
-    for one in content.truth.boundaries if content.truth else ():
+    for one in content.truth.points if content.truth else ():
         axes.axvline(
             one.t,
             ymax=0.07 if one.optional else 0.16,

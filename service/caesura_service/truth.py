@@ -7,10 +7,13 @@ ones count neither as a miss nor as a false alarm. Spans stand only where the cl
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding")
 LEVELS = ("major", "optional")
@@ -86,8 +89,15 @@ def truth_file(recording: Path) -> Path:
 def read_truth(recording: Path) -> Truth:
     """Read the truth beside a recording. Raises TruthError where there is none, or none that can be read."""
     path = truth_file(recording)
+    if not recording.exists():
+        raise TruthError(f"{recording}: no such file")
     if not path.is_file():
         raise TruthError(f"{recording}: not annotated, expected its truth in {path}")
+    return read_annotation(path)
+
+
+def read_annotation(path: Path) -> Truth:
+    """Read an annotation. Raises TruthError for anything else."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -98,23 +108,51 @@ def read_truth(recording: Path) -> Truth:
 def truth_of(content: Mapping[str, Any], name: str) -> Truth:
     """The truth in an annotation's content. Raises TruthError naming the value that is off."""
     try:
+        if not isinstance(content, Mapping):
+            raise ValueError(f"is a {type(content).__name__}, expected an object")
         return Truth(
             name=name,
             window=_window(content["window"]),
-            points=tuple(sorted(map(_point, content["changepoints"]), key=lambda point: point.t)),
-            spans=tuple(map(_span, content.get("segments", ()))),
-            loads=_quantities(content.get("loads", ()), "kg"),
-            forces=_quantities(content.get("forces", ()), "newton"),
+            points=tuple(sorted(_each(content, "changepoints", _point), key=lambda point: point.t)),
+            spans=_each(content, "segments", _span) if "segments" in content else (),
+            loads=_each(content, "loads", _load) if "loads" in content else (),
+            forces=_each(content, "forces", _force) if "forces" in content else (),
             hand_in_wrench=bool(content.get("hand_force_in_wrench", False)),
         )
     except KeyError as error:
         raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
-    except (TypeError, ValueError, AttributeError) as error:
+    except ValueError as error:
         raise TruthError(f"{name}: {error}") from error
 
 
+def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, Any]], T]) -> tuple[T, ...]:
+    """All of a list, each read. Raises ValueError that says which one is off, KeyError."""
+    entries = content[what]
+    if not isinstance(entries, list | tuple):
+        raise ValueError(f"{what} is {entries!r}, expected a list")
+    found = []
+    for index, entry in enumerate(entries):
+        try:
+            found.append(read(entry))
+        except KeyError as error:
+            raise KeyError(f"{what}[{index}].{error.args[0]}") from error
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ValueError(f"{what}[{index}]: {error}") from error
+    return tuple(found)
+
+
+def _number(entry: Mapping[str, Any], name: str) -> float:
+    value = entry[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} is {value!r}, expected a finite number")
+    return float(value)
+
+
 def _window(values: Any) -> tuple[float, float]:
-    first, last = map(float, values)
+    if not (isinstance(values, list | tuple) and len(values) == 2):
+        raise ValueError(f"window is {values!r}, expected its first and last second")
+    ends = dict(zip(("window[0]", "window[1]"), values, strict=True))
+    first, last = (_number(ends, name) for name in ends)
     if not first < last:
         raise ValueError(f"window is [{first:g}, {last:g}], expected it to have a length")
     return first, last
@@ -124,18 +162,36 @@ def _point(mark: Mapping[str, Any]) -> Point:
     level = mark["level"]
     if level not in LEVELS:
         raise ValueError(f"level is {level!r}, expected one of {list(LEVELS)}")
-    tolerance = float(mark["tol"])
+    tolerance = _number(mark, "tol")
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
-    return Point(float(mark["t"]), tolerance, level == "optional", str(mark.get("kind", level)))
+    return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)))
 
 
 def _span(segment: Mapping[str, Any]) -> Span:
     kind = segment["cls"]
     if kind not in KINDS:
         raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
-    return Span(float(segment["t0"]), float(segment["t1"]), kind)
+    return Span(*_ends(segment), kind)
 
 
-def _quantities(entries: Any, unit: str) -> tuple[Quantity, ...]:
-    return tuple(Quantity(float(e["t0"]), float(e["t1"]), float(e[unit])) for e in entries)
+def _load(entry: Mapping[str, Any]) -> Quantity:
+    return _quantity(entry, "kg")
+
+
+def _force(entry: Mapping[str, Any]) -> Quantity:
+    return _quantity(entry, "newton")
+
+
+def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:
+    value = _number(entry, unit)
+    if value < 0.0:
+        raise ValueError(f"{unit} is {value:g}, expected 0 or more")
+    return Quantity(*_ends(entry), value)
+
+
+def _ends(entry: Mapping[str, Any]) -> tuple[float, float]:
+    first, last = _number(entry, "t0"), _number(entry, "t1")
+    if last < first:
+        raise ValueError(f"t0 is {first:g} and t1 is {last:g}, expected it to end after it begins")
+    return first, last

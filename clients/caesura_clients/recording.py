@@ -83,6 +83,12 @@ class Recording:
             expected = (self.t.size, len(COLUMNS_OF_SIGNAL[signal]))
             if values.shape != expected:
                 raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
+            if not np.isfinite(values).all():
+                row, column = np.argwhere(~np.isfinite(values))[0]
+                name = COLUMNS_OF_SIGNAL[signal][column]
+                raise RecordingError(
+                    f"{self.name}: sample {row}: {name} is {values[row, column]}, expected a finite number"
+                )
         for key, known in OPTIONS.items():
             if getattr(self, key) not in known:
                 raise RecordingError(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_clients.bridge.batching import Batcher
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -39,9 +40,8 @@ def opening_of(recording: Recording, preset: str | None = None) -> Open:
 
 def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
     """The samples (n, columns) of a recording as a service gets them. Raises ProtocolError `malformed`."""
-    matrix = recording.matrix()
-    for seq, first in enumerate(range(0, len(matrix), BATCH_SAMPLES)):
-        rows = matrix[first : first + BATCH_SAMPLES]
+    batcher = Batcher(recording.columns, BATCH_SAMPLES)
+    for seq, rows in enumerate([*batcher.push(recording.matrix()), *batcher.flush()]):
         batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
         yield samples_of(batch, recording.columns, Limits())
 
@@ -53,8 +53,13 @@ def views(recording: Recording, preset: str = "default", *, threshold: float | N
     that cannot be segmented.
     """
     pipeline = make_pipeline(opening_of(recording, preset), preset, threshold=threshold)
+    taken = 0
     for samples in batches(recording):
-        pipeline.push(samples)
+        try:
+            pipeline.push(samples)
+        except ValueError as error:
+            raise ValueError(f"from sample {taken} on: {error}") from error
+        taken += len(samples)
         yield pipeline.view
     pipeline.finish()
     yield pipeline.view

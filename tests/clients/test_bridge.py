@@ -481,3 +481,20 @@ def test_a_preset_must_have_a_name(memory):
 def test_a_station_must_have_a_name(memory, name):
     with pytest.raises(ProtocolError, match="not a valid name"):
         Bridge(memory.transport(), name, LiveSource())
+
+
+def test_what_is_closed_takes_no_samples(network):
+    with FakeService(network.transport()), ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.send(samples(20))
+        bridge.finish()
+        with pytest.raises(CaesuraError, match="is closed: it takes no samples"):
+            bridge.send(samples(20))
+        assert bridge.finish().state == "closed"
+
+
+def test_a_source_that_declares_what_nobody_knows_is_refused_by_name(memory):
+    source = LiveSource()
+    source.wrench_source = "sensor"
+    with pytest.raises(BadSource, match="wrench_source is 'sensor', expected one of flange_sensor"):
+        Bridge(memory.transport(), "cell-1", source)

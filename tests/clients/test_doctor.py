@@ -240,6 +240,12 @@ EVEN = np.arange(2000) / 1000.0
         (hand(EVEN + np.tile([0, 9e-4], 1000)), "regularity", "warn", "off by more than half"),
         (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 samples"),
         (hand(np.zeros(10)), "rate", "warn", "time does not advance"),
+        (
+            hand(np.where(EVEN < 1.5, EVEN, EVEN - 0.7)),
+            "clock",
+            "bad",
+            "sample 1500: time goes back by 0.699 s",
+        ),
         (hand(EVEN), "signals", "warn", "without quat apps have no orientation"),
         (hand(EVEN, force=np.tile([0.0, 3.0, 6.0], (2000, 1))), "wrench bias", "warn", "6.7 N in all"),
         (

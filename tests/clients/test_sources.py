@@ -7,7 +7,7 @@ from caesura_clients.bridge.batching import Batcher
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST, parse_pace
 from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import CaesuraError
+from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.recording import Recording
 from clients.examples import recording
 
@@ -96,6 +96,29 @@ def test_batching_keeps_every_sample_in_order(sizes, batch_samples):
     batches += batcher.flush()
     assert np.array_equal(np.concatenate(batches) if batches else rows, rows)
     assert batcher.flush() == []
+
+
+@pytest.mark.parametrize("step", [1, 7, 100])
+def test_a_batch_ends_before_a_pause_longer_than_it_may_last(step):
+    batcher = Batcher(("t", "px"), 20)
+    t = 0.01 * np.arange(100) + 100.0 * (np.arange(100) >= 50)
+    rows = np.column_stack([t, t])
+    batches = [b for first in range(0, 100, step) for b in batcher.push(rows[first : first + step])]
+    batches += batcher.flush()
+    assert np.array_equal(np.concatenate(batches), rows)
+    assert [len(b) for b in batches] == [20, 20, 10, 20, 20, 10]
+
+
+def test_times_that_are_no_seconds_are_left_for_the_service_to_refuse():
+    batcher = Batcher(("t", "px"), 20)
+    rows = np.column_stack([1000.0 * np.arange(40)] * 2)
+    assert [len(b) for b in batcher.push(rows)] == [20, 20]
+
+
+@pytest.mark.parametrize("chunk", [[[0.0, 1.0]], np.array([["0", "1"]]), np.array([[0.0, 1j]])])
+def test_a_chunk_that_is_no_array_of_numbers_is_refused(chunk):
+    with pytest.raises(BadSource, match="expected an array of numbers"):
+        Batcher(("t", "px"), 20).push(chunk)
 
 
 def test_a_batch_does_not_share_memory_with_a_driver_that_reuses_its_buffer():

@@ -1,4 +1,8 @@
-"""Samples come as the robot delivers them and go as batches: 20 in one message cost the service a quarter."""
+"""Samples come as the robot delivers them and go as batches: 20 in one message cost the service a quarter.
+
+A batch ends early before a pause that is longer than one may last. Where most of it is pauses, the times are
+not in seconds: then it is left as it is, and the service says so.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.errors import BadSource
-from caesura_protocol.messages import MAX_BATCH_SAMPLES
+from caesura_protocol.messages import MAX_BATCH_SAMPLES, MAX_BATCH_SPAN_S
 
 Matrix = NDArray[np.floating]
 
@@ -29,23 +33,42 @@ class Batcher:
     def push(self, chunk: Matrix) -> list[Matrix]:
         """Take a chunk; returns the batches that are full. Raises BadSource and takes nothing."""
         self._check(chunk)
+        if not len(chunk):
+            return []
         self.seen += len(chunk)
         self._pending.append(np.array(chunk))
         self._count += len(chunk)
-        if self._count < self.batch_samples:
+        span_s = chunk[-1, 0] - self._pending[0][0, 0]
+        if self._count < self.batch_samples and not span_s > MAX_BATCH_SPAN_S:
             return []
-        full = self._count - self._count % self.batch_samples
-        samples = np.concatenate(self._pending)
-        self._pending = [samples[full:]] if full < len(samples) else []
-        self._count = len(samples) - full
-        return [samples[i : i + self.batch_samples] for i in range(0, full, self.batch_samples)]
+        full, rest = self._cut(np.concatenate(self._pending))
+        self._pending = [rest] if len(rest) else []
+        self._count = len(rest)
+        return full
 
     def flush(self) -> list[Matrix]:
         """What is pending, as a batch of its own."""
         pending, self._pending, self._count = self._pending, [], 0
         return [np.concatenate(pending)] if pending else []
 
+    def _cut(self, samples: Matrix) -> tuple[list[Matrix], Matrix]:
+        """Batches, and what is not yet one."""
+        full: list[Matrix] = []
+        while len(samples):
+            batch = samples[: self.batch_samples]
+            pauses = np.flatnonzero(np.diff(batch[:, 0]) > MAX_BATCH_SPAN_S)
+            if 0 < 2 * len(pauses) < len(batch):
+                batch = batch[: pauses[0] + 1]
+            elif len(batch) < self.batch_samples:
+                break
+            full.append(batch)
+            samples = samples[len(batch) :]
+        return full, samples
+
     def _check(self, chunk: Matrix) -> None:
+        if not isinstance(chunk, np.ndarray) or chunk.dtype.kind not in "fiu":
+            what = f"of {chunk.dtype}" if isinstance(chunk, np.ndarray) else f"a {type(chunk).__name__}"
+            raise BadSource(f"chunk is {what}, expected an array of numbers (k, {len(self.columns)})")
         if chunk.ndim != 2 or chunk.shape[1] != len(self.columns):
             raise BadSource(
                 f"chunk has shape {chunk.shape}, expected (k, {len(self.columns)}): {self.columns}"

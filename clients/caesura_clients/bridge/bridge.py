@@ -35,9 +35,10 @@ from caesura_clients.bridge.sender import Sender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
-from caesura_clients.errors import CaesuraError, Unreachable
+from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
+from caesura_clients.recording import OPTIONS
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Open
@@ -181,9 +182,11 @@ class Bridge:
         """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
 
         Raises BadSource for a wrong shape or a value that is not finite, ProtocolError once the service
-        has refused the session.
+        has refused the session, CaesuraError once it is closed.
         """
         self._check()
+        if self._over.is_set():
+            raise CaesuraError(f"{self.station}/{self.session} is closed: it takes no samples")
         step = self.settings.batch_samples
         for start in range(0, len(chunk), step):
             self._sender.push(chunk[start : start + step])
@@ -316,6 +319,9 @@ class Bridge:
 
 
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
+    for name, known in OPTIONS.items():
+        if getattr(source, name) not in known:
+            raise BadSource(f"{name} is {getattr(source, name)!r}, expected one of {', '.join(known)}")
     return Open(
         session=session,
         epoch=epoch,

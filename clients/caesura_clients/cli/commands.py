@@ -37,6 +37,7 @@ from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.query import current_sessions, services, snapshots
 from caesura_clients.results import events
+from caesura_clients.transport import endpoint_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
 
@@ -106,7 +107,7 @@ def bridge(
                 station, samples, session=session, epoch=epoch, preset=preset, settings=settings
             ) as opened,
         ):
-            typer.echo(f"{station}/{opened.session} through {endpoint}", err=True)
+            typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
             with attending(caesura.transport, _teller()), marking(opened) if marker else nullcontext():
                 ack = _run(opened, caesura)
             for unmade in opened.unmarked:
@@ -198,7 +199,7 @@ def _why_it_waits(caesura: Caesura, station: str) -> str:
 def _show_once(caesura: Caesura, station: str | None) -> None:
     found = snapshots(caesura.transport, station or "*")
     if not found:
-        known = [info.station for info in caesura.sessions()]
+        known = ", ".join(sorted({info.station for info in caesura.sessions()}))
         raise Absent(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
         Console().print(segments_view(one.status, one.segments.segments))

@@ -18,6 +18,7 @@ from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recorder import Recorded, Recorder, record
 from caesura_clients.recording import needing
+from caesura_clients.transport import endpoint_of
 
 
 def record_session(
@@ -40,7 +41,8 @@ def record_session(
             with needing("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
                 import_module("caesura_clients.formats.mcap_write")
         with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
-            typer.echo(f"waiting for {station}/{session or '…'} at {endpoint}; Ctrl-C ends it", err=True)
+            where = endpoint_of(endpoint, config)
+            typer.echo(f"waiting for {station}/{session or '…'} at {where}; Ctrl-C ends it", err=True)
             found = record(caesura.transport, station, session, over=over, told=_teller(station))
         try:
             _write(out, station, found)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.doctor.findings import Finding, ok, warn
+from caesura_clients.doctor.findings import Finding, bad, ok, warn
 from caesura_protocol.messages import WrenchSource
 
 Array = NDArray[np.float64]
@@ -57,7 +57,12 @@ def check_rate(samples: Samples, *, station: str | None = None) -> Iterator[Find
     else:
         yield ok("rate", said, station=station)
     yield _regularity(advancing, middle, station)
-    if advancing.size < steps.size:
+    back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
+    if back.max() > PAUSE_LIMIT_S:
+        row = int(back.argmax()) + 1
+        found = f"sample {row}: time goes back by {back.max():.6g} s"
+        yield bad("clock", found, "it was set, or two recordings are one: divide them there", station=station)
+    elif advancing.size < steps.size:
         found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
         yield warn(
             "repeats", found, "the source sends samples twice, or its clock steps back", station=station

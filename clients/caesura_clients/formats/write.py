@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -29,9 +30,14 @@ WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, "
 
 
 def check_writable(path: Path, *others: str) -> None:
-    """Raises CaesuraError for a suffix without a writer (`others` have theirs elsewhere), or no directory."""
+    """Raises CaesuraError for a suffix without a writer (`others` have theirs elsewhere), or no right to."""
     known = (*WRITERS, *others)
     if path.suffix not in known:
         raise CaesuraError(f"cannot write {path}: suffix {path.suffix!r}, expected one of {', '.join(known)}")
-    if not path.resolve().parent.is_dir():
+    directory = path.resolve().parent
+    if not directory.is_dir():
         raise CaesuraError(f"cannot write {path}: no such directory")
+    if path.is_dir():
+        raise CaesuraError(f"cannot write {path}: it is a directory")
+    if not os.access(path if path.exists() else directory, os.W_OK):
+        raise CaesuraError(f"cannot write {path}: permission denied")

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 QUIET_S = 10.0
 GAP_REASONS = {
     "source": "the robot's samples paused",
-    "evicted": "its bridge no longer has the samples",
+    "evicted": "the samples were refused, or nobody has them any more",
 }
 
 

@@ -233,4 +233,5 @@ def _limited(t: float, newton: float | None, shown: Shown) -> float:
 
 
 def _nothing_near(what: str, t: float, nearest: list[Any]) -> ProtocolError:
-    return ProtocolError("conflict", what, value=t, limit=REACH_S, expected=nearest[:NAMED])
+    near = nearest[:NAMED] or "none is there"
+    return ProtocolError("conflict", what, value=t, limit=REACH_S, expected=near)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from caesura_protocol.messages import MAX_BATCH_SPAN_S
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -21,7 +23,7 @@ class Limits:
     # Content of a batch
     time_s: float = 1e10  # magnitude of a sample's time
     value: float = 1e6  # magnitude of everything else, in its unit: no robot measures more
-    batch_span_s: float = 60.0  # first to last sample of a batch
+    batch_span_s: float = MAX_BATCH_SPAN_S  # first to last sample of a batch
 
     # Publishing
     status_interval_s: float = 1.0  # session time between two statuses without an occasion

@@ -134,6 +134,8 @@ def test_a_recording_of_another_time_than_its_annotation_is_refused(tmp_path: Pa
 
 def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
     (tmp_path / "x.npz").touch()
+    with pytest.raises(TruthError, match="not annotated"):
+        read_truth(tmp_path / "x.npz")
     (tmp_path / "x.ann.json").write_text("{")
     with pytest.raises(TruthError, match="not a readable annotation"):
         read_truth(tmp_path / "x.npz")

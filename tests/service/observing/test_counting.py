@@ -120,7 +120,7 @@ def test_a_hole_is_a_question_then_a_gap(caplog):
     assert counted.gap_s == pytest.approx(6 * 0.2, abs=0.11)
     assert lines(caplog)[-2] == "cell-1/s1 asks for batches 3 to 8"
     assert lines(caplog)[-1].startswith("cell-1/s1 gap from 0.")
-    assert "(evicted): its bridge no longer has the samples" in lines(caplog)[-1]
+    assert "(evicted): the samples were refused, or nobody has them" in lines(caplog)[-1]
     assert caplog.records[-1].levelno == logging.WARNING
     assert vars(caplog.records[-1])["station"] == STATION
     assert vars(caplog.records[-1])["session"] == NAME

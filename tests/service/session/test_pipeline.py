@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_clients.recording import Recording, load_recording
+from caesura_clients.recording import Recording, RecordingError, load_recording
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -195,8 +195,20 @@ def test_an_unknown_preset_is_refused_with_those_that_exist(taught: Recording):
 def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording):
     pos = taught.signals["pos"].copy()
     pos[1234, 1] = np.nan
-    with pytest.raises(ProtocolError, match="py is not finite"):
+    with pytest.raises(RecordingError, match="sample 1234: py is nan"):
         segment_recording(changed(taught, pos=pos))
+
+
+def test_an_hour_long_pause_anywhere_is_a_gap(taught: Recording):
+    pause = 3000.0 * (np.arange(taught.t.size) >= 6007)
+    view = segment_recording(replace(taught, t=taught.t + pause))
+    assert [(gap.t0, gap.reason) for gap in view.gaps] == [(pytest.approx(6.006), "source")]
+
+
+def test_a_time_that_goes_back_is_refused_with_its_place(taught: Recording):
+    back = 3.0 * (np.arange(taught.t.size) >= 6001)
+    with pytest.raises(ValueError, match="from sample 6000 on: sample 1: time goes back"):
+        segment_recording(replace(taught, t=taught.t - back))
 
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")

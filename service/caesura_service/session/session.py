@@ -208,7 +208,8 @@ class Session:
             after(self.standing.state, "open")
         except ProtocolError as refusal:
             if again != self._opening:
-                raise
+                why = f"the session is {self.standing.state}: give the new one another name"
+                raise ProtocolError("conflict", why, value=again.session) from refusal
             return [Answer(refusal)]  # told again, it trails behind the close: nobody did wrong
         if again.model_copy(update={"epoch": self._opening.epoch}) != self._opening:
             raise ProtocolError(
@@ -226,9 +227,9 @@ class Session:
         after(self.standing.state, "close")
         reached = self.next_seq - 1
         if close.last_seq < reached or (not self.is_open and close.last_seq > reached):
-            raise ProtocolError(
-                "conflict", "the session has other batches than that", value=close.last_seq, expected=reached
-            )
+            closed = "" if self.is_open else "is closed and "
+            why = f"the session {closed}has other batches than that"
+            raise ProtocolError("conflict", why, value=close.last_seq, expected=reached)
         if not self.is_open:
             return [self._ack()]
         if close.last_seq > reached:

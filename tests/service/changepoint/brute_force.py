@@ -24,12 +24,20 @@ def demonstration(seed: int, n: int = 12) -> list[Observed]:
     return [Observed(*row) for row in zip(position, force, holding, strict=True)]
 
 
-def segment_log_evidence(lattice: Lattice, data: list[Observed], start: int, end: int) -> np.ndarray:
-    """(kinds,) of data[start:end] as one segment, built from scratch; it may look at the sample before."""
-    rows = lattice.empty()
-    for observed in data[max(start - 1, 0) : end]:
-        rows = lattice.extend(rows, observed)
-    return lattice.kind_log_evidence(lattice.select(rows, np.array([min(start, 1)])))[0]
+Kinds = dict[tuple[int, int], np.ndarray]
+
+
+def kind_log_evidence(lattice: Lattice, data: list[Observed]) -> Kinds:
+    """(kinds,) of every data[start:end] as one segment, built alone; it may look at the sample before."""
+    found: Kinds = {}
+    for start in range(len(data)):
+        rows = lattice.empty()
+        for end, observed in enumerate(data[max(start - 1, 0) :], max(start, 1)):
+            rows = lattice.extend(rows, observed)
+            if end > start:
+                alone = lattice.select(rows, np.array([min(start, 1)]))
+                found[start, end] = lattice.kind_log_evidence(alone)[0]
+    return found
 
 
 def segmentations(n: int) -> Iterator[tuple[int, ...]]:
@@ -49,13 +57,18 @@ class BruteForce:
         hazard: Hazard,
         boundaries: Collection[int] = (),
         without: Collection[int] = (),
+        *,
+        kinds: Kinds | None = None,
     ) -> None:
+        """kinds: of these data and perhaps some behind them, where they are known."""
         n = len(data)
         self.n, self.hazard = n, hazard
-        self.kinds = {
-            (s, e): segment_log_evidence(lattice, data, s, e) for s in range(n) for e in range(s + 1, n + 1)
-        }
+        known = kinds or kind_log_evidence(lattice, data)
+        self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= n}
         evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
+        lengths = np.arange(n + 1)
+        self.mass = [-np.inf, *hazard.log_mass(lengths[1:]).tolist()]  # by length
+        self.survival = hazard.log_survival(lengths).tolist()
         self.paths = [
             path for path in segmentations(n) if set(boundaries) <= set(path) and not set(without) & set(path)
         ]
@@ -65,9 +78,9 @@ class BruteForce:
     def log_joint(self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], float]) -> float:
         result = 0.0
         for start, end in pairwise(path):
-            result += float(self.hazard.log_mass(np.array(end - start))) + evidence[start, end]
+            result += self.mass[end - start] + evidence[start, end]
         last = path[-1]
-        return result + float(self.hazard.log_survival(np.array(n - 1 - last))) + evidence[last, n]
+        return result + self.survival[n - 1 - last] + evidence[last, n]
 
     def probability(self, holds: list[bool]) -> float:
         chosen = self.joint[np.array(holds)]

@@ -19,7 +19,7 @@ from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.segments import stretches
 from caesura_service.changepoint.smoothing import INTERVAL_REACH
-from service.changepoint.brute_force import BruteForce, demonstration
+from service.changepoint.brute_force import BruteForce, demonstration, kind_log_evidence
 from service.streams import pieces
 
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
@@ -57,40 +57,41 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
-@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
 @pytest.mark.parametrize(("taken", "at"), [((3,), 4), ((4,), 8), ((2, 6), 9), ((11,), 12)], ids=str)
 def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_the_boundary(
-    lattice: Lattice, made: type[OnlineFilter | CompiledFilter], taken: tuple[int, ...], at: int
+    lattice: Lattice, taken: tuple[int, ...], at: int
 ) -> None:
     data = demonstration(2)
-    online = made(lattice, HAZARD, EXACT)
-    for observed in data:
-        online.step(observed)
-        if online.count == at:
-            for start in taken:
-                online.condition(start)
-            check_against(BruteForce(lattice, data[:at], HAZARD, taken), online)
-    check_against(BruteForce(lattice, data, HAZARD, taken), online)
-    assert online.starts.min() == online.root >= taken[-1]
+    then, in_the_end = (BruteForce(lattice, some, HAZARD, taken) for some in (data[:at], data))
+    for made in (OnlineFilter, CompiledFilter):
+        online = made(lattice, HAZARD, EXACT)
+        for observed in data:
+            online.step(observed)
+            if online.count == at:
+                for start in taken:
+                    online.condition(start)
+                check_against(then, online)
+        check_against(in_the_end, online)
+        assert online.starts.min() == online.root >= taken[-1]
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
-@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
 @pytest.mark.parametrize(
     ("starts", "without"), [((4,), ()), ((), (3, 4, 5)), ((2, 9), (3, 8, 11)), ((1,), ()), ((), (1, 11))]
 )
 def test_what_is_known_of_a_start_is_heeded(
-    lattice: Lattice,
-    made: type[OnlineFilter | CompiledFilter],
-    starts: tuple[int, ...],
-    without: tuple[int, ...],
+    lattice: Lattice, starts: tuple[int, ...], without: tuple[int, ...]
 ) -> None:
-    data, online = demonstration(2), made(lattice, HAZARD, EXACT)
+    data = demonstration(2)
+    kinds = kind_log_evidence(lattice, data)
+    filters = [made(lattice, HAZARD, EXACT) for made in (OnlineFilter, CompiledFilter)]
     for i, observed in enumerate(data):
-        online.step(observed, changepoint=True if i in starts else False if i in without else None)
-        brute = BruteForce(lattice, data[: i + 1], HAZARD, [s for s in starts if s <= i], without)
-        check_against(brute, online)
-    assert online.root >= max(starts, default=0)
+        known = [start for start in starts if start <= i]
+        brute = BruteForce(lattice, data[: i + 1], HAZARD, known, without, kinds=kinds)
+        for online in filters:
+            online.step(observed, changepoint=True if i in starts else False if i in without else None)
+            check_against(brute, online)
+    assert all(online.root >= max(starts, default=0) for online in filters)
 
 
 @pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])

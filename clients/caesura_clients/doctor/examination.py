@@ -75,6 +75,7 @@ def examine_recording(recording: Recording) -> Iterator[Finding]:
     samples = signal.Samples(recording.t, recording.signals, recording.wrench_source, recording.length_unit)
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
+    yield from signal.check_speed(samples)
     yield from signal.check_noise(samples)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S

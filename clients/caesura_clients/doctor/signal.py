@@ -18,6 +18,7 @@ PAUSE_LIMIT_S = 0.25  # a longer one is a gap in the results (conditioning)
 UNEVEN = 0.5  # of the median interval; an interval off by more is irregular
 UNEVEN_SHARE = 0.02
 REST_M_PER_S, REST_RAD_PER_S = 0.005, 0.02
+FASTEST_M_PER_S = 2.0  # what no Panda does
 CELL_S = 0.1  # a movement is between means over cells: a tremor is none
 REST_CELLS = 3  # the fewest that say something of noise
 BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that nobody took off
@@ -141,17 +142,41 @@ def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Fi
         yield ok("wrench bias", said, station=station)
 
 
+def check_speed(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+    """Can a robot move so fast, or is the position in another unit?"""
+    if "pos" not in samples.signals:
+        return
+    cells = _cells(samples)
+    fastest = METRES[samples.length_unit] * max((moved for _, moved in cells), default=0.0) / CELL_S
+    if fastest > FASTEST_M_PER_S:
+        remedy = f"no Panda exceeds 1.7 m/s: is pos in {samples.length_unit}? Else say --length-unit"
+        yield warn("speed", f"up to {fastest:.3g} m/s", remedy, station=station)
+
+
 def cells_at_rest(samples: Samples) -> list[slice]:
     """Cells of CELL_S in which the robot stayed where it was in the cell before."""
-    name, limit = ("pos", REST_M_PER_S) if "pos" in samples.signals else ("q", REST_RAD_PER_S)
+    is_place = "pos" in samples.signals
+    limit = REST_M_PER_S / METRES[samples.length_unit] if is_place else REST_RAD_PER_S
+    return [cell for cell, moved in _cells(samples) if moved <= limit * CELL_S]
+
+
+def _cells(samples: Samples) -> list[tuple[slice, float]]:
+    """Cells of CELL_S, each with how far its mean lies from that of the cell before [length_unit or rad].
+
+    Without those that follow a hole.
+    """
+    name = "pos" if "pos" in samples.signals else "q"
     if name not in samples.signals or not len(samples.t):
         return []
-    scale = METRES[samples.length_unit] if name == "pos" else 1.0
-    ends = np.searchsorted(samples.t, np.arange(samples.t[0] + CELL_S, samples.t[-1], CELL_S))
-    ends = np.unique(ends[ends > 0])
-    if len(ends) < 2:
-        return []
+    edges = np.arange(samples.t[0] + CELL_S, samples.t[-1], CELL_S)
+    ends = np.searchsorted(samples.t, edges)
+    whole = np.diff(ends, prepend=0) > 0
     starts = np.concatenate([[0], ends[:-1]])
-    means = np.add.reduceat(samples.signals[name][: ends[-1]], starts) / (ends - starts)[:, None]
-    speeds = scale * np.linalg.norm(np.diff(means, axis=0), axis=1) / CELL_S
-    return [slice(int(starts[i + 1]), int(ends[i + 1])) for i in np.flatnonzero(speeds <= limit)]
+    if whole.sum() < 2:
+        return []
+    values = samples.signals[name]
+    means = np.array([values[i:j].mean(axis=0) for i, j in zip(starts[whole], ends[whole], strict=True)])
+    moved = np.linalg.norm(np.diff(means, axis=0), axis=1)
+    follows = np.diff(np.flatnonzero(whole)) == 1
+    cells = [slice(int(i), int(j)) for i, j in zip(starts[whole][1:], ends[whole][1:], strict=True)]
+    return [one for one, near in zip(zip(cells, moved.tolist(), strict=True), follows, strict=True) if near]

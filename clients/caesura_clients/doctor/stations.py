@@ -9,7 +9,14 @@ import numpy as np
 
 from caesura_clients.doctor.facts import Facts, Heard
 from caesura_clients.doctor.findings import Finding, bad, ok, warn
-from caesura_clients.doctor.signal import Samples, check_bias, check_noise, check_rate, check_signals
+from caesura_clients.doctor.signal import (
+    Samples,
+    check_bias,
+    check_noise,
+    check_rate,
+    check_signals,
+    check_speed,
+)
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, SampleBatch, SessionStatus
@@ -123,7 +130,7 @@ def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
     if samples is None:
         yield _even(station)
         return
-    for check in (check_rate, check_signals, check_noise):
+    for check in (check_rate, check_signals, check_speed, check_noise):
         yield from check(samples, station=station.name)
 
 

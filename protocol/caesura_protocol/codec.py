@@ -174,10 +174,17 @@ def decode_error(payload: bytes, encoding: str) -> ProtocolError:
 def pack_samples(
     matrix: NDArray[np.floating[Any]], columns: tuple[str, ...], *, session: str, epoch: int, seq: int
 ) -> SampleBatch:
-    """A batch from a matrix (n, columns), session time [s] in its first column. Precision is kept."""
+    """A batch from a matrix (n, columns), session time [s] in its first column.
+
+    Precision is kept, and in double every bit: whatever the batch begins with, `unpack_samples` gives the same
+    times.
+    """
     t0 = float(matrix[0, 0])
     shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)
-    shifted[:, 0] = matrix[:, 0].astype(np.float64) - t0
+    times = matrix[:, 0].astype(np.float64)
+    shifted[:, 0] = times - t0
+    if shifted.dtype == np.float64 and (shifted[:, 0] + t0 != times).any():
+        t0, shifted[:, 0] = 0.0, times
     little = shifted.astype(shifted.dtype.newbyteorder("<"), copy=False)
     return SampleBatch(
         session=session,

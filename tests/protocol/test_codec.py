@@ -160,6 +160,17 @@ def test_samples_round_trip_and_keep_their_precision(dtype):
     assert np.array_equal(unpack_samples(decode(*encode(batch), SampleBatch)), matrix.astype(np.float64))
 
 
+@given(
+    st.lists(st.floats(-1e10, 1e10), min_size=1, max_size=20),
+    st.sampled_from([1e-9, 1e-3, 0.005, 1.0]),
+)
+def test_times_are_the_same_to_the_last_bit_wherever_a_batch_begins(steps, unit):
+    # Else how samples are cut into batches changed results in their last bits.
+    matrix = np.column_stack([unit * np.array(steps)] * 3)
+    batch = pack_samples(matrix, COLUMNS, session="s1", epoch=0, seq=0)
+    assert np.array_equal(unpack_samples(batch), matrix)
+
+
 def test_samples_are_little_endian_whatever_the_machine():
     matrix = np.array([[2.0, 0.5, 0.25]]).astype(">f8")
     batch = pack_samples(matrix, COLUMNS, session="s1", epoch=0, seq=0)

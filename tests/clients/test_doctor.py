@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -241,7 +240,7 @@ EVEN = np.arange(2000) / 1000.0
         (hand(EVEN + np.tile([0, 9e-4], 1000)), "regularity", "warn", "off by more than half"),
         (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 samples"),
         (hand(np.zeros(10)), "rate", "warn", "time does not advance"),
-        (replace(hand(EVEN), signals={"pos": 1e3 * hand(EVEN).signals["pos"]}), "speed", "warn", "is pos in m?"),
+        (hand(EVEN, pos=np.tile(200.0 * EVEN[:, None], 3)), "speed", "warn", "is pos in m?"),
         (
             hand(np.where(EVEN < 1.5, EVEN, EVEN - 0.7)),
             "clock",

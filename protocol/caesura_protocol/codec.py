@@ -176,7 +176,7 @@ def pack_samples(
 ) -> SampleBatch:
     """A batch from a matrix (n, columns), session time [s] in its first column.
 
-    Precision is kept, and in double every bit: `unpack_samples` gives the same times, whatever it begins with.
+    Precision is kept, and in double every bit: `unpack_samples` gives the same times, wherever it begins.
     """
     t0 = float(matrix[0, 0])
     shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)

@@ -34,7 +34,7 @@ from caesura_service.journal import SqliteJournal
 from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
 from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session import results, session
+from caesura_service.session import intake, results
 from caesura_service.session.division import Division
 from caesura_service.session.limits import Limits
 from caesura_service.session.pipeline import SegmentationPipeline
@@ -47,14 +47,14 @@ BATCH_S, BATCHES_PER_S = 0.02, 50
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "reading the message": ((worker, "_batch"),),
-    "checking its samples": ((session, "samples_of"),),
+    "checking its samples": ((intake, "samples_of"),),
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledFilter, "step"),),
     "segments and changepoints": ((Division, "look"), (Division, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
-    "counting and telling": ((Counting, "take"), (Chronicle, "take")),
+    "counting and telling": ((Counting, "take"), (Counting, "hear"), (Chronicle, "take")),
 }
 REST = "order, standing, all else"
 

@@ -178,12 +178,13 @@ def pack_samples(
 
     Precision is kept, and in double every bit: `unpack_samples` gives the same times, wherever it begins.
     """
-    t0 = float(matrix[0, 0])
     shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)
     times = matrix[:, 0].astype(np.float64)
-    shifted[:, 0] = times - t0
-    if shifted.dtype == np.float64 and (shifted[:, 0] + t0 != times).any():
-        t0, shifted[:, 0] = 0.0, times
+    t0 = float(times[0])
+    since = times - t0
+    if shifted.dtype == np.float64 and (since + t0 != times).any():
+        t0, since = 0.0, times
+    shifted[:, 0] = since
     little = shifted.astype(shifted.dtype.newbyteorder("<"), copy=False)
     return SampleBatch(
         session=session,

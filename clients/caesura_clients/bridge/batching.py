@@ -56,9 +56,8 @@ class Batcher:
         full: list[Matrix] = []
         while len(samples):
             batch = samples[: self.batch_samples]
-            pauses = np.flatnonzero(np.diff(batch[:, 0]) > MAX_BATCH_SPAN_S)
-            if 0 < 2 * len(pauses) < len(batch):
-                batch = batch[: pauses[0] + 1]
+            if count := _before_pause(batch[:, 0]):
+                batch = batch[:count]
             elif len(batch) < self.batch_samples:
                 break
             full.append(batch)
@@ -79,3 +78,11 @@ class Batcher:
             raise BadSource(
                 f"sample {self.seen + row}: {self.columns[column]} is {value}, expected a finite number"
             )
+
+
+def _before_pause(times: Matrix) -> int:
+    """How many samples come before a pause longer than a batch; 0 where none is, or most of it is pauses."""
+    if not times[-1] - times[0] > MAX_BATCH_SPAN_S:
+        return 0
+    pauses = np.flatnonzero(np.diff(times) > MAX_BATCH_SPAN_S)
+    return int(pauses[0]) + 1 if 0 < 2 * len(pauses) < len(times) else 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from caesura_clients.silence import LONGEST_S, Silence
 
 
@@ -29,7 +31,7 @@ def times_asked(until: float, *, answers: bool) -> list[float]:
 def test_who_answers_is_asked_ever_less_often():
     asked = times_asked(400.0, answers=True)
     assert asked[:5] == [2.0, 6.0, 14.0, 30.0, 62.0]
-    assert {late - early for early, late in zip(asked[5:], asked[6:], strict=False)} == {LONGEST_S}
+    assert {late - early for early, late in pairwise(asked[5:])} == {LONGEST_S}
 
 
 def test_who_does_not_answer_is_asked_again_as_soon_as_at_first():

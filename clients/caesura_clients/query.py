@@ -94,12 +94,12 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 def stations(transport: Transport) -> list[str]:
     """Stations whose bridge is connected now."""
-    return [parse_station_key(key)[0] for key in transport.alive(station_key("*", "alive"))]
+    return [name for name in map(_station_named, transport.alive(station_key("*", "alive"))) if name]
 
 
 def services(transport: Transport) -> list[str]:
     """Instances of the service that are alive now."""
-    return [parse_service_key(key)[0] for key in transport.alive(service_key("*", "alive"))]
+    return [name for name in map(_service_named, transport.alive(service_key("*", "alive"))) if name]
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
@@ -108,6 +108,20 @@ def service_status(transport: Transport) -> list[ServiceStatus]:
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
+
+
+def _station_named(key: str) -> str | None:
+    """None where a stranger's token is on a key of that form, but for its name."""
+    with suppress(ProtocolError):
+        return parse_station_key(key)[0]
+    return None
+
+
+def _service_named(key: str) -> str | None:
+    """As `_station_named`."""
+    with suppress(ProtocolError):
+        return parse_service_key(key)[0]
+    return None
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:
@@ -134,7 +148,7 @@ def _asked(transport: Transport, key: str, model: type[M]) -> list[M]:
 
 
 def decoded(answers: Answers, model: type[M]) -> list[M]:
-    """The answers; a refusal, or that pieces of an answer were lost, is raised only where nobody answered."""
+    """The answers. What is wrong with one is raised only where there is no other; a newer protocol always."""
     joining = Joining()
     replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     whole = [reply for reply in replies if reply is not None]
@@ -142,7 +156,17 @@ def decoded(answers: Answers, model: type[M]) -> list[M]:
         raise answers.refusals[0]
     if joining.unfinished and not whole:
         raise PiecesLostError("overloaded", "pieces of the answer were lost on the way: ask again")
-    return [decode(*reply, model, limit=MAX_WHOLE_BYTES) for reply in whole]
+    found, spoilt = [], None
+    for reply in whole:
+        try:
+            found.append(decode(*reply, model, limit=MAX_WHOLE_BYTES))
+        except ProtocolError as error:
+            if error.code == "unsupported_version":
+                raise
+            spoilt = error
+    if spoilt is not None and not found:
+        raise spoilt
+    return found
 
 
 def _require_service(transport: Transport) -> None:

@@ -37,6 +37,7 @@ AT_ONCE = 200  # batches in one question
 ATTEMPTS = 3  # without an answer, until it is a gap
 SILENT_S = 2.0  # a bridge says something every half second: without it, the service is asked
 TICK_S = 0.1
+BATCHES_AHEAD = 1_000_000  # further ahead is no number, as for the service
 
 
 @dataclass
@@ -54,8 +55,8 @@ class Recorder:
 
     def take(self, batch: SampleBatch, now_s: float | None = None) -> None:
         """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
-        self.known = max(self.known, batch.seq)
-        if batch.seq in self.batches:
+        self.heard(batch.seq)
+        if batch.seq in self.batches or batch.seq > self.known:
             return
         try:
             end = float(unpack_samples(batch)[-1, 0])
@@ -70,7 +71,8 @@ class Recorder:
 
     def heard(self, seq: int) -> None:
         """The sender has come to this number."""
-        self.known = max(self.known, seq)
+        if seq <= max(self.known, 0) + BATCHES_AHEAD:
+            self.known = max(self.known, seq)
 
     def missing(self) -> ReplayRange | None:
         """The next range to ask for."""
@@ -83,11 +85,11 @@ class Recorder:
             last += 1
         return ReplayRange(first, last, last - first + 1, self.session)
 
-    def unanswered(self, asked: ReplayRange) -> None:
+    def unanswered(self, asked: ReplayRange, *, nobody: bool = False) -> None:
         """Nobody had them this time; after ATTEMPTS they are a gap."""
         tried = self._attempts[asked.first] = self._attempts.get(asked.first, 0) + 1
         if tried >= ATTEMPTS:
-            self.evicted(asked.last + 1)
+            self.evicted(self.known + 1 if nobody else asked.last + 1)
 
     def evicted(self, oldest: int) -> None:
         """Nobody has those before the oldest any more."""
@@ -212,6 +214,8 @@ class _Hearing:
         if message is None or message.session != (self._session or message.session):
             return
         if self.recorder is None:
+            if isinstance(message, SessionStatus) and message.state == "closed":
+                return  # somebody corrects what is over
             self._session, self.recorder = message.session, Recorder(message.session)
         self._heard_s = self._clock()
         self.closed |= _take(self.recorder, message, self._time_of_day)
@@ -273,7 +277,7 @@ def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
         if refusal.code == "evicted" and isinstance(refusal.limit, int):
             recorder.evicted(refusal.limit)
     if len(recorder.batches) == before:
-        recorder.unanswered(wanted)
+        recorder.unanswered(wanted, nobody=not (answers.replies or answers.refusals))
     return True
 
 

@@ -14,6 +14,7 @@ service is there, what is known stays. `events` tells both; `follow` yields the 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
@@ -44,6 +45,7 @@ from caesura_protocol.pieces import Joining
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
 SNAPSHOT_ATTEMPTS = 3
 ALL = ("*", "*")
+ALL_S = 600.0  # after which all are asked for, whatever is heard: some may be forgotten
 
 Published = Changepoints | Segments | Posterior | SessionStatus | Program
 PUBLISHED: tuple[type[Published], ...] = (Changepoints, Segments, Posterior, SessionStatus, Program)
@@ -115,6 +117,8 @@ class SessionReader:
             return "unchanged"
         if self.update is None or owner > self._owner:
             return "hole"
+        if isinstance(message, SessionStatus) and self.update.closed and message.state == "open":
+            return "hole"  # a name that is used again
         number = message.version if isinstance(message, Program) else message.seq
         last = self._last[type(message)]
         if number < last:
@@ -223,6 +227,7 @@ class _Follower:
         self._silence: Silence[tuple[str, str]] = Silence(refresh_s)  # of sessions, and of all of them
         self._attendance = Attendance()
         self._joining = Joining()
+        self._asked_all = float("-inf")  # [s]
 
     def attend(self, presence: Presence) -> Iterator[Event]:
         """A service came or went: say so, and look what it knows."""
@@ -233,6 +238,7 @@ class _Follower:
 
     def refresh(self) -> Iterator[Event]:
         """Ask for snapshots; yields the sessions in which something is new, and those that are gone."""
+        self._asked_all = time.monotonic()
         known = self._ask()
         yield from self._restart(known or ())
         for key in self._readers:
@@ -246,7 +252,7 @@ class _Follower:
     def look_after(self) -> Iterator[Event]:
         """Ask for what has said nothing for a while; yields as `refresh`."""
         due = self._silence.due()
-        if ALL in due:
+        if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
             yield from self.refresh()
             return
         for key in due:

@@ -15,7 +15,7 @@ from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.errors import CaesuraError
 from caesura_clients.recorder import ATTEMPTS, Recorder, record
 from caesura_protocol.codec import encode, pack_samples
-from caesura_protocol.keys import ReplayRange, station_key
+from caesura_protocol.keys import ReplayRange, session_key, station_key
 from caesura_protocol.messages import SampleBatch
 from clients.answering import Answering
 from clients.examples import LiveSource, samples, snapshot
@@ -66,6 +66,37 @@ def test_a_question_that_nobody_answers_is_a_gap_in_the_end():
     assert recorder.lost == 3
     recorder.take(batch(2))  # late, but welcome
     assert recorder.lost == 2
+
+
+def test_a_number_far_ahead_is_none():
+    recorder = Recorder("s1")
+    recorder.take(batch(0))
+    recorder.heard((1 << 53) - 1)
+    recorder.take(batch(0).model_copy(update={"seq": 1 << 50}))
+    assert (recorder.known, recorder.missing()) == (0, None)
+
+
+def test_where_nobody_answers_at_all_an_hour_is_given_up_at_once():
+    recorder = Recorder("s1")
+    recorder.take(batch(180_000))
+    for _ in range(ATTEMPTS):
+        recorder.unanswered(recorder.missing(), nobody=True)
+    assert recorder.missing() is None
+    assert recorder.lost == 180_000
+
+
+def test_a_correction_of_yesterdays_session_is_not_waited_for(memory):
+    over = threading.Event()
+    with ThreadPoolExecutor() as pool:
+        found = pool.submit(record, memory.transport(), "cell-1", over=over)
+        eventually(lambda: memory.subscribers)
+        old = snapshot(1, "motion", session="yesterday", state="closed").status
+        robot = memory.transport()
+        robot.put(session_key("cell-1", "yesterday", "status"), encode(old))
+        robot.put(station_key("cell-1", "samples"), encode(batch(0)))
+        new = snapshot(2, "motion", session="s1", state="closed").status
+        robot.put(session_key("cell-1", "s1", "status"), encode(new))
+        assert found.result(20.0).recorder.session == "s1"
 
 
 def test_a_batch_that_cannot_be_read_is_counted_and_not_kept():

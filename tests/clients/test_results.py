@@ -103,6 +103,21 @@ def test_the_highest_epoch_is_right():
     assert kinds(following.update) == ["hold"]
 
 
+def test_a_name_that_is_used_again_is_a_hole():
+    following = SessionReader()
+    assert following.restart(snapshot(40, "motion", state="closed")) == "changed"
+    assert following.receive(snapshot(0, state="open").status) == "hole"
+
+
+def test_an_answer_that_cannot_be_read_hides_no_other(memory):
+    with Answering(memory.transport()) as publishing:
+        publishing.answers[session_key("cell-9", "bad", "snapshot")] = Encoded(
+            b"\xc1", "application/msgpack;caesura.Snapshot.v1"
+        )
+        publishing.snapshots = [snapshot(4, "motion")]
+        assert kinds(next(follow(memory.transport(), silence_s=0.1))) == ["motion"]
+
+
 @pytest.fixture
 def publisher(network):
     with Answering(network.transport()) as publishing:

@@ -7,17 +7,18 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_clients import connect
+from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
+from caesura_clients.errors import Absent
 from caesura_clients.recording import Recording
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
@@ -26,6 +27,7 @@ from clients.test_bridge import QUICK
 
 pytest.importorskip("caesura_service.commands")
 
+BRIDGE = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "bridge"]
 SERVE = [
     sys.executable,
     "-c",
@@ -110,6 +112,31 @@ def test_a_service_that_is_killed_and_comes_back_has_everything():
             assert bridge.finish().next_seq == 100
             status = caesura.snapshot("cell-3").status
             assert (status.samples, status.gaps) == (2000, ())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bridge_that_is_ended_closes_its_session(endpoint, tmp_path, number):
+    recording(20_000).save(tmp_path / "long.npz")
+    session = f"ended-{int(number)}"
+    options = ["--file", str(tmp_path / "long.npz"), "--session", session, "--connect", endpoint]
+    command = [*BRIDGE, "--station", "cell-5", *options]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    with connect(endpoint) as caesura, subprocess.Popen(command, **pipes) as process:
+        try:
+            eventually(lambda: taken_of(caesura, "cell-5", session) > 0, 30.0)
+            process.send_signal(number)
+            said, _ = process.communicate(timeout=30.0)
+        finally:
+            process.kill()
+        assert (process.returncode, f"cell-5/{session} closed" in said) == (0, True)
+        assert caesura.snapshot("cell-5", session).status.state == "closed"
+
+
+def taken_of(caesura: Caesura, station: str, session: str) -> int:
+    """Samples, none before there is such a session."""
+    with suppress(Absent):
+        return caesura.snapshot(station, session).status.samples
+    return 0
 
 
 def test_bridge_tells_that_the_service_refused_every_batch(endpoint, tmp_path):

@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.gateway import Gateway
-from caesura_protocol.codec import Encoded, encode, pack_samples
+from caesura_clients.query import services, stations
+from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, station_key
-from caesura_protocol.messages import Heartbeat, Posterior, ServiceStatus
+from caesura_protocol.messages import Heartbeat, Posterior, Program, ServiceStatus
 from clients.answering import Answering
 from clients.examples import example, segments, snapshot
 from clients.fake_service import eventually
 
 COLUMNS = ("t", "px", "py", "pz")
+
+
+def failing(*_: object) -> None:
+    raise RuntimeError("no such luck")
+
+
 STATUS = service_key("fake-1", "status")
 
 
@@ -21,9 +29,9 @@ def station():
     return snapshot(1).status.station
 
 
-def samples(count=500, session="s1"):
-    t = np.arange(count) / 1000.0
-    return encode(pack_samples(np.column_stack([t, t, t, t]), COLUMNS, session=session, epoch=0, seq=0))
+def samples(count=500, session="s1", columns=COLUMNS, t0=0.0):
+    t = t0 + np.arange(count) / 1000.0
+    return encode(pack_samples(np.column_stack([t] * len(columns)), columns, session=session, epoch=0, seq=0))
 
 
 @pytest.fixture
@@ -68,6 +76,54 @@ def test_rubbish_and_heartbeats_are_no_samples(gateway, memory):
     robot.put(station_key("cell-8", "samples"), samples())
     eventually(lambda: "cell-8" in gateway.heard)
     assert "cell-7" not in gateway.heard
+
+
+def test_a_bridge_that_changes_its_columns_ends_nobodys_signals(gateway, memory):
+    robot, key = memory.transport(), station_key("cell-7", "samples")
+    robot.put(key, samples())
+    robot.put(key, samples(columns=(*COLUMNS, "fx", "fy", "fz"), t0=0.5))
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: "cell-8" in gateway.heard and gateway.heard["cell-7"].t > 0.9)
+    assert gateway.world.trouble == ""
+
+
+def test_a_strangers_token_troubles_nobody(gateway, memory):
+    robot = memory.transport()
+    with robot.token("caesura/v1/station/Cell-9/alive"), robot.token("caesura/v1/service/Foo/alive"):
+        with robot.token(station_key("cell-7", "alive")):
+            eventually(lambda: "cell-7" in gateway.world.bridges)
+            assert stations(robot) == ["cell-7"]
+            assert services(robot) == ["fake-1"]
+        eventually(lambda: gateway.world.bridges == frozenset())
+    assert gateway.world.trouble == ""
+
+
+def test_what_went_wrong_once_is_got_over(gateway, memory, monkeypatch):
+    robot = memory.transport()
+    with robot.token(station_key("cell-7", "alive")):
+        eventually(lambda: "cell-7" in gateway.world.bridges)
+        with monkeypatch.context() as patch:
+            patch.setattr(gateway, "_sampled", failing)
+            robot.put(station_key("cell-8", "samples"), samples())
+            eventually(lambda: "no such luck" in gateway.world.trouble)
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: gateway.world.trouble == "")
+    assert gateway.world.bridges == frozenset()
+
+
+def test_which_session_is_current_is_asked_until_somebody_says(gateway, answering):
+    program = example(Program)
+    key = station_key(program.station, "program")
+    answering.refusals[key] = encode_error(ProtocolError("overloaded", "not now"))
+    later = snapshot(1, "motion", station=program.station, session="later")
+    answering.put(later.segments)
+    answering.snapshots.append(later)
+    eventually(lambda: (program.station, "later") in gateway.world.updates)
+    del answering.refusals[key]
+    answering.answers[key] = encode(program.model_copy(update={"session": "later"}))
+    for seq in range(2, 4):
+        answering.put(segments(seq, 0, "hold", station=program.station, session="later"))
+    eventually(lambda: gateway.world.current.get(program.station) == "later")
 
 
 def test_a_bridge_comes_and_goes(gateway, memory):

@@ -84,6 +84,14 @@ def test_a_ring_holds_a_minute_and_says_how_many_there_were():
     assert held.rows[-1].t > 79.9
 
 
+def test_who_has_seen_another_session_gets_all_of_this_one():
+    ring = SignalRing()
+    ring.receive("s1", COLUMNS, moving(2.0))
+    seen = ring.after().next
+    ring.receive("s2", COLUMNS, moving(1.0))
+    assert ring.after(seen, "s1").rows == ring.after().rows != ()
+
+
 def test_another_session_begins_anew():
     ring = SignalRing()
     ring.receive("s1", COLUMNS, moving(1.0, t0=50.0))

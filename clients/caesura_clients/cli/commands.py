@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
@@ -87,7 +88,7 @@ def bridge(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Send one robot's samples to the service. Ctrl-C ends the demonstration.
+    """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
 
     The exit code is 1 where the service refused anything of it.
     """
@@ -108,7 +109,11 @@ def bridge(
             ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
-            with attending(caesura.transport, _teller()), marking(opened) if marker else nullcontext():
+            with (
+                attending(caesura.transport, _teller()),
+                marking(opened) if marker else nullcontext(),
+                _ended_by_sigterm(),
+            ):
                 ack = _run(opened, caesura)
             for unmade in opened.unmarked:
                 typer.echo(f"no {unmade}", err=True)
@@ -174,6 +179,16 @@ def _teller() -> Callable[[Change], None]:
         gone = change == "gone"
 
     return say
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Like Ctrl-C, so that the session is closed."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _run(opened: Bridge, caesura: Caesura) -> Ack:

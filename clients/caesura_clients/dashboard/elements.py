@@ -118,6 +118,11 @@ class SessionView(Live, component="web/session_view.js"):
         """How many rows of signals were sent."""
         return self._known.rows
 
+    @property
+    def seen_session(self) -> str:
+        """Of which session."""
+        return self._known.session
+
     def answered(self, message: str, *, failed: bool) -> None:
         """Say what became of a correction."""
         self.run_method("answered", message, failed)

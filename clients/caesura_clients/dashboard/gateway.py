@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
@@ -58,6 +58,7 @@ class Gateway:
         self.began = clock()
         self._refresh_s = refresh_s
         self.world = World()
+        self._unsure = False  # has the service had no time to say which sessions are current?
         self.heard: dict[str, Heard] = {}
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
@@ -82,10 +83,10 @@ class Gateway:
     ) -> None:
         self._stack.close()
 
-    def signals(self, station: str, seen: int = 0) -> Rows:
-        """What is held of a station's signals, from row number `seen` on."""
+    def signals(self, station: str, seen: int = 0, session: str | None = None) -> Rows:
+        """What is held of a station's signals, from row number `seen` on, or all of another session's."""
         ring = self._rings.get(station)
-        return Rows("", "m/s", 0, ()) if ring is None else ring.after(seen)
+        return Rows("", "m/s", 0, ()) if ring is None else ring.after(seen, session)
 
     def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
         """The newest posteriors of a session, in order."""
@@ -97,8 +98,8 @@ class Gateway:
         while not self._over.is_set():
             try:
                 work()
-            except (CaesuraError, ProtocolError) as error:
-                self._trouble(name, str(error))
+            except Exception as error:  # whatever it is, it must be seen, and not end the thread
+                self._trouble(name, str(error) or type(error).__name__)
                 self._over.wait(RETRY_S)
 
     def _trouble(self, name: str, why: str = "") -> None:
@@ -128,7 +129,7 @@ class Gateway:
         key = (update.station, update.session)
         known = self.world.updates
         self._change(updates={**known, key: update})
-        if key not in known:
+        if key not in known or self._unsure:
             self._change(current=self._current())
         if update.posterior is not None:
             self._keep_posterior(update.station, update.posterior)
@@ -136,9 +137,12 @@ class Gateway:
     def _current(self) -> Mapping[str, str]:
         """The session of each station's program; as it was, where nobody has time to say."""
         try:
-            return current_sessions(self.transport)
+            found = current_sessions(self.transport)
         except (CaesuraError, ProtocolError):
+            self._unsure = True
             return self.world.current
+        self._unsure = False
+        return found
 
     def _keep_posterior(self, station: str, posterior: Posterior) -> None:
         with self._changing:
@@ -150,10 +154,12 @@ class Gateway:
 
     def _follow_arrivals(self) -> None:
         inbox = Inbox()
+        self._change(bridges=frozenset(), alive=frozenset())
         with ExitStack() as stack:
             stack.enter_context(self.transport.subscribe(station_key("*", "samples"), inbox))
             stack.enter_context(self.transport.watch(station_key("*", "alive"), inbox))
             stack.enter_context(self.transport.watch(service_key("*", "alive"), inbox))
+            self._trouble("arrivals")
             while not self._over.is_set():
                 item = inbox.get(TICK_S)
                 if isinstance(item, Presence):
@@ -166,8 +172,9 @@ class Gateway:
             bridge = parse_station_key(presence.key)[0]
             self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
         except ProtocolError:
-            instance = parse_service_key(presence.key)[0]
-            self._change(alive=_with(self.world.alive, instance, presence.alive))
+            with suppress(ProtocolError):
+                instance = parse_service_key(presence.key)[0]
+                self._change(alive=_with(self.world.alive, instance, presence.alive))
 
     def _sampled(self, delivery: Delivery) -> None:
         """One bad sender must not end what everybody sees."""

@@ -54,7 +54,7 @@ class Guard:
 
     def __init__(self, app: App, *, names: Iterable[str] | None, password: str | None) -> None:
         self._app = app
-        self._names = None if names is None else frozenset(names)
+        self._names = None if names is None else frozenset(name.lower() for name in names)
         self._password = password
         self._logins: deque[str] = deque(maxlen=LOGINS)
         self._trying = asyncio.Lock()

@@ -50,6 +50,7 @@ class SignalRing:
         self._lock = threading.Lock()
         self._decimator = Decimator()
         self._session, self._unit = "", "m/s"
+        self._columns: tuple[str, ...] = ()
         self._count = 0  # rows ever made of this session
 
     def receive(self, session: str, columns: tuple[str, ...], matrix: Array) -> None:
@@ -58,14 +59,18 @@ class SignalRing:
             if session != self._session:
                 self._rows.clear()
                 self._decimator, self._session, self._count = Decimator(), session, 0
+            elif columns != self._columns:
+                self._decimator = Decimator()
+            self._columns = columns
             self._unit = "m/s" if "px" in columns else "rad/s"
             made = self._decimator.receive(columns, matrix)
             self._rows.extend(made)
             self._count += len(made)
 
-    def after(self, seen: int = 0) -> Rows:
-        """The rows that are held of those from number `seen` on."""
+    def after(self, seen: int = 0, session: str | None = None) -> Rows:
+        """The rows that are held of those from number `seen` on; of all, if that was another session's."""
         with self._lock:
+            seen = seen if session in {None, self._session} else 0
             missing = min(max(0, self._count - seen), len(self._rows))
             rows = tuple(self._rows)[len(self._rows) - missing :]
             return Rows(self._session, self._unit, self._count, rows)

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from caesura_clients.errors import CaesuraError
 from caesura_clients.recording import OPTIONS, Recording
 
 
+@contextmanager
+def _whole(part: Path, path: Path) -> Iterator[None]:
+    """All of it or none."""
+    try:
+        yield
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def write_csv(path: Path, recording: Recording) -> None:
     """One column a component, options in leading comments; numbers as short as reads as equal."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    part = path.with_name(f".{path.name}.part")
+    with _whole(part, path), part.open("w", encoding="utf-8", newline="") as stream:
         for key in OPTIONS:
             stream.write(f"# {key}: {getattr(recording, key)}\n")
         rows = csv.writer(stream, lineterminator="\n")
@@ -23,7 +35,9 @@ def write_csv(path: Path, recording: Recording) -> None:
 
 def write_npz(path: Path, recording: Recording) -> None:
     """Arrays by signal."""
-    recording.save(path)
+    part = path.with_name(f".{path.stem}.part.npz")
+    with _whole(part, path):
+        recording.save(part)
 
 
 WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, ".csv": write_csv}

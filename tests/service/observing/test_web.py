@@ -9,6 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import NetworkError
+from caesura_service.observing import web
 from caesura_service.observing.health import STUCK_S, alive
 from caesura_service.observing.metrics import Observed, ServiceCollector
 from caesura_service.observing.web import CONNECTIONS, Health, Web, WebError, parse_address
@@ -155,6 +157,26 @@ def test_who_sits_on_every_connection_gives_way_once_it_leaves(service):
         with pytest.raises((urllib.error.URLError, ConnectionError)):
             get(f"{service.web.url}/healthz")
     assert eventually_well(service.web.url)
+
+
+def test_who_speaks_too_slowly_is_hung_up_on(service, monkeypatch):
+    monkeypatch.setattr(web, "TIMEOUT_S", 0.3)
+    host, port = service.web.url.removeprefix("http://").split(":")
+    over = threading.Event()
+
+    def dawdle(caller: socket.socket) -> None:
+        with suppress(OSError):
+            caller.sendall(b"GET /healthz HTTP/1.0\r\nX: ")
+            while not over.wait(0.02):
+                caller.sendall(b"a")
+
+    with ExitStack() as stack:
+        callers = [socket.create_connection((host, int(port))) for _ in range(CONNECTIONS)]
+        pool = stack.enter_context(ThreadPoolExecutor(CONNECTIONS))
+        for caller in callers:
+            pool.submit(dawdle, stack.enter_context(caller))
+        stack.callback(over.set)
+        assert eventually_well(service.web.url)
 
 
 def eventually_well(url: str) -> bool:

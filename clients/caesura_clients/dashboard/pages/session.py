@@ -34,6 +34,7 @@ class SessionPage:
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
+        self._columns_of = ""  # which session
         self._tick()
         ui.timer(TICK_S, self._tick)
 
@@ -47,7 +48,7 @@ class SessionPage:
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)
-        signals = gateway.signals(self._station, self._view.seen_rows)
+        signals = gateway.signals(self._station, self._view.seen_rows, self._view.seen_session)
         self._view.follow(update, signals, self._more(update))
         if update is not None:
             self._show_program(update.program)
@@ -70,6 +71,8 @@ class SessionPage:
         return more
 
     def _run_lengths(self, update: Update) -> dict[str, Any]:
+        if update.session != self._columns_of:
+            self._columns_of, self._columns_from = update.session, -1.0
         held = self._gateway.posteriors(self._station, update.session)
         fresh = [one for one in held if one.t > self._columns_from]
         if not fresh:

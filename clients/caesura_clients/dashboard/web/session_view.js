@@ -77,7 +77,7 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, busy: false });
+      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, busy: false, columns: this.columns && [] });
       for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }

@@ -36,10 +36,15 @@ class SessionInfo:
     instance: str
 
 
-def snapshots(transport: Transport, station: str = "*", session: str = "*") -> list[Snapshot]:
-    """Everything about every session that matches, one of the highest epoch each; none is no error."""
+def snapshots(
+    transport: Transport, station: str = "*", session: str = "*", *, complete: bool = False
+) -> list[Snapshot]:
+    """Everything about every session that matches, one of the highest epoch each; none is no error.
+
+    complete: raise, as where nobody answers, also where only some of the instances that are there have.
+    """
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot):
+    for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot, complete=complete):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -139,22 +144,25 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
-def _asked(transport: Transport, key: str, model: type[M]) -> list[M]:
+def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
     """Who answers, with what. Asked again where pieces of the answer were lost: nobody waits to send them."""
     for _ in range(ASKED - 1):
         with suppress(PiecesLostError):
-            return decoded(transport.query(key), model)
-    return decoded(transport.query(key), model)
+            return decoded(transport.query(key), model, complete=complete)
+    return decoded(transport.query(key), model, complete=complete)
 
 
-def decoded(answers: Answers, model: type[M]) -> list[M]:
-    """The answers. What is wrong with one is raised only where there is no other; a newer protocol always."""
+def decoded(answers: Answers, model: type[M], *, complete: bool = False) -> list[M]:
+    """The answers. What is wrong with one is raised only where there is no other; a newer protocol always.
+
+    complete: a refusal, or that pieces were lost, is raised wherever it is.
+    """
     joining = Joining()
     replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     whole = [reply for reply in replies if reply is not None]
-    if answers.refusals and not whole:
+    if answers.refusals and (complete or not whole):
         raise answers.refusals[0]
-    if joining.unfinished and not whole:
+    if joining.unfinished and (complete or not whole):
         raise PiecesLostError("overloaded", "pieces of the answer were lost on the way: ask again")
     found, spoilt = [], None
     for reply in whole:

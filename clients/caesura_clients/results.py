@@ -295,8 +295,8 @@ class _Follower:
             self._silence.answered(key)
 
     def _forget(self, missing: set[tuple[str, str]]) -> Iterator[Forgotten]:
-        """Drop what a second question does not bring up either, though there is a service to answer it."""
-        again = self._ask() if missing else None
+        """Drop what a second question does not bring up either, though every service there answers it."""
+        again = self._ask(complete=True) if missing else None
         if again is None or not self._is_served():
             return
         for key in sorted(missing & self._missing(again)):
@@ -313,10 +313,13 @@ class _Follower:
     def _missing(self, known: list[Snapshot]) -> set[tuple[str, str]]:
         return set(self._readers) - {(one.status.station, one.status.session) for one in known}
 
-    def _ask(self, station: str | None = None, session: str | None = None) -> list[Snapshot] | None:
+    def _ask(
+        self, station: str | None = None, session: str | None = None, *, complete: bool = False
+    ) -> list[Snapshot] | None:
         """The snapshots; None where the service had no time to answer, or went while it was asked."""
+        station, session = station or self._station, session or self._session
         try:
-            return snapshots(self._transport, station or self._station, session or self._session)
+            return snapshots(self._transport, station, session, complete=complete)
         except ProtocolError as error:
             if error.code != "overloaded":
                 raise

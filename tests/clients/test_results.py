@@ -243,6 +243,19 @@ def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
     assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
 
 
+def test_what_an_instance_that_is_busy_knows_is_not_forgotten(memory):
+    # One instance has no time just then, another one answers for its own.
+    theirs = snapshot(4, "hold", station="cell-2", session="theirs")
+    with Answering(memory.transport()) as publishing:
+        publishing.snapshots = [snapshot(4, "motion"), theirs]
+        happening = told(memory, silence_s=0.5)
+        assert {next(happening).station for _ in range(2)} == {"cell-1", "cell-2"}
+        publishing.snapshots.remove(theirs)
+        busy = encode_error(ProtocolError("overloaded", "not now"))
+        publishing.refusals = {session_key("cell-2", "theirs", "snapshot"): busy}
+        assert [event for event in happening if isinstance(event, Forgotten)] == []
+
+
 def test_while_the_service_is_gone_what_is_known_stays(memory):
     with Answering(memory.transport()) as publishing:
         publishing.snapshots = [snapshot(4, "motion")]

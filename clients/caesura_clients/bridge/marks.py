@@ -16,6 +16,7 @@ from caesura_clients.errors import CaesuraError
 from caesura_protocol.errors import ProtocolError
 
 CAPACITY = 64
+LAST_S = 10.0  # for the marks that wait when the demonstration is over
 
 
 class Marks:
@@ -39,9 +40,13 @@ class Marks:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is not None:
-            self._give_up()
-        self._waiting.put(None)
-        self._thread.join()
+            self._give_up("the demonstration was ended")
+        with suppress(queue.Full):
+            self._waiting.put(None, timeout=LAST_S)
+        self._thread.join(LAST_S)
+        if self._thread.is_alive():
+            self._give_up(f"nobody took it within {LAST_S:g} s of the end")
+            self._waiting.put(None)
 
     def put(self, t: float) -> None:
         """A mark at a time [s]. Never blocks."""
@@ -50,11 +55,11 @@ class Marks:
         except queue.Full:
             self.failed.append(f"mark at {t:.2f} s: {CAPACITY} marks wait already")
 
-    def _give_up(self) -> None:
-        """Whoever ends the demonstration in the middle does not wait for marks."""
+    def _give_up(self, why: str) -> None:
+        """The demonstration does not wait for those marks."""
         with suppress(queue.Empty):
             while (t := self._waiting.get_nowait()) is not None:
-                self.failed.append(f"mark at {t:.2f} s: the demonstration was ended")
+                self.failed.append(f"mark at {t:.2f} s: {why}")
 
     def _run(self) -> None:
         while (t := self._waiting.get()) is not None:

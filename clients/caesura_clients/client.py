@@ -10,9 +10,10 @@ from typing import Self
 from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
+from caesura_clients.following import follow
 from caesura_clients.network import Transport
 from caesura_clients.query import SessionInfo
-from caesura_clients.results import Update, follow
+from caesura_clients.results import Update
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.messages import (
     Ack,

@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from caesura_clients.results import Forgotten, ServiceIs, SessionReader, Update, events, follow
+from caesura_clients.following import Forgotten, ServiceIs, events, follow
+from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key

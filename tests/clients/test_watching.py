@@ -4,7 +4,8 @@ import pytest
 from rich.console import Console
 
 from caesura_clients.cli.watching import Watching
-from caesura_clients.results import Forgotten, ServiceIs, SessionReader
+from caesura_clients.following import Forgotten, ServiceIs
+from caesura_clients.results import SessionReader
 from clients.examples import snapshot
 
 

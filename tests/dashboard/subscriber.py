@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from caesura_clients import Caesura
-from caesura_clients.results import Update, events
+from caesura_clients.following import events
+from caesura_clients.results import Update
 
 
 class Subscriber:

@@ -36,8 +36,8 @@ from caesura_clients.cli.show import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
+from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
-from caesura_clients.results import events
 from caesura_clients.transport import endpoint_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus

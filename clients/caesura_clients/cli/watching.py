@@ -15,7 +15,8 @@ from rich.text import Text
 
 from caesura_clients.attendance import Change
 from caesura_clients.cli.show import segments_view
-from caesura_clients.results import Event, Forgotten, ServiceIs, Update
+from caesura_clients.following import Event, Forgotten, ServiceIs
+from caesura_clients.results import Update
 
 LEAST_ROWS = 1
 SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}

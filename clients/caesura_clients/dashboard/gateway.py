@@ -23,10 +23,11 @@ from caesura_clients.dashboard.glance import Heard, World
 from caesura_clients.dashboard.signals import Rows, SignalRing
 from caesura_clients.dashboard.system import rates
 from caesura_clients.errors import CaesuraError
+from caesura_clients.following import Event, Forgotten, events
 from caesura_clients.inbox import Delivery, Inbox, Presence
 from caesura_clients.network import Transport
 from caesura_clients.query import current_sessions, service_status
-from caesura_clients.results import Event, Forgotten, Update, events
+from caesura_clients.results import Update
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key

@@ -1,0 +1,237 @@
+"""Following sessions: start from the snapshot, apply what is published, start again where something was lost.
+
+A lost last message shows no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked
+for: once where it is closed, else again and again, ever less often.
+
+A session that the service, asked twice, no longer knows is dropped: it was restarted without it. While no
+service is there, what is known stays. `events` tells both; `follow` yields the updates alone.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+
+from caesura_clients.attendance import Attendance, Change
+from caesura_clients.errors import Unreachable
+from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.network import Transport
+from caesura_clients.query import services, snapshots
+from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
+from caesura_clients.silence import Silence
+from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
+from caesura_protocol.messages import MAX_WHOLE_BYTES, Snapshot
+from caesura_protocol.pieces import Joining
+
+STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
+SNAPSHOT_ATTEMPTS = 3
+ALL = ("*", "*")
+ALL_S = 600.0  # after which all are asked for, whatever is heard: some may be forgotten
+
+
+@dataclass(frozen=True)
+class Forgotten:
+    """The service no longer knows a session."""
+
+    station: str
+    session: str
+
+
+@dataclass(frozen=True)
+class ServiceIs:
+    """The last service went, or the first one came."""
+
+    state: Change
+
+
+Event = Update | Forgotten | ServiceIs
+
+
+def follow(
+    transport: Transport,
+    station: str = "*",
+    session: str = "*",
+    *,
+    refresh_s: float = 2.0,
+    silence_s: float | None = None,
+) -> Iterator[Update]:
+    """Updates of all sessions that match, as they happen, beginning with what is known already.
+
+    refresh_s: silence of a session after which its snapshot is asked for again; silence_s: silence of all of
+    them after which the iteration ends, None for never. Raises ProtocolError `unsupported_version` where the
+    service is newer.
+    """
+    told = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
+    with closing(told):
+        for event in told:
+            if isinstance(event, Update):
+                yield event
+
+
+def events(
+    transport: Transport,
+    station: str = "*",
+    session: str = "*",
+    *,
+    refresh_s: float = 2.0,
+    silence_s: float | None = None,
+    over: threading.Event | None = None,
+) -> Generator[Event, None, None]:
+    """As `follow`, and also when a session is forgotten, when the service goes and when it comes.
+
+    over: ends the iteration from another thread, `refresh_s` after it is set at the latest.
+    """
+    with _listening(transport, station, session) as inbox:
+        follower = _Follower(transport, station, session, refresh_s)
+        yield from follower.refresh()
+        silent_s = 0.0
+        while (silence_s is None or silent_s < silence_s) and not (over and over.is_set()):
+            wait_s = refresh_s if silence_s is None else min(refresh_s, silence_s)
+            item = inbox.get(wait_s)
+            if item is None:
+                silent_s += wait_s
+            if isinstance(item, Delivery):
+                silent_s = 0.0
+                yield from follower.receive(item)
+            elif isinstance(item, Presence):
+                yield from follower.attend(item)
+            yield from follower.look_after()
+
+
+class _Follower:
+    """The readers of all sessions that were met, and the way to their snapshots."""
+
+    def __init__(self, transport: Transport, station: str, session: str, refresh_s: float) -> None:
+        self._transport = transport
+        self._station = station
+        self._session = session
+        self._readers: dict[tuple[str, str], SessionReader] = {}
+        self._silence: Silence[tuple[str, str]] = Silence(refresh_s)  # of sessions, and of all of them
+        self._attendance = Attendance()
+        self._joining = Joining()
+        self._asked_all = float("-inf")  # [s]
+
+    def attend(self, presence: Presence) -> Iterator[Event]:
+        """A service came or went: say so, and look what it knows."""
+        change = self._attendance.receive(presence)
+        if change is not None:
+            yield ServiceIs(change)
+        yield from self.refresh()
+
+    def refresh(self) -> Iterator[Event]:
+        """Ask for snapshots; yields the sessions in which something is new, and those that are gone."""
+        self._asked_all = time.monotonic()
+        known = self._ask()
+        yield from self._restart(known or ())
+        for key in self._readers:
+            self._has_asked(key, answered=known is not None)
+        if known is None:
+            self._silence.unanswered(ALL)
+            return
+        self._silence.ended(ALL)
+        yield from self._forget(self._missing(known))
+
+    def look_after(self) -> Iterator[Event]:
+        """Ask for what has said nothing for a while; yields as `refresh`."""
+        due = self._silence.due()
+        if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
+            yield from self.refresh()
+            return
+        for key in due:
+            known = self._ask(*key)
+            yield from self._restart(known or ())
+            self._has_asked(key, answered=known is not None)
+            if known == []:
+                yield from self._forget({key})
+
+    def receive(self, delivery: Delivery) -> Iterator[Event]:
+        """Apply what was published; yields the session if something in it is new."""
+        message = self._read(delivery)
+        if message is None or self._session not in {"*", message.session}:
+            return  # a station's program may be that of another session
+        self._silence.heard(ALL)
+        self._silence.heard((message.station, message.session))
+        reader = self._reader(message.station, message.session)
+        before = reader.update
+        for _ in range(SNAPSHOT_ATTEMPTS):
+            if reader.receive(message) != "hole":
+                break
+            for snapshot in self._ask(message.station, message.session) or ():
+                reader.restart(snapshot)
+        if reader.update is not None and reader.update != before:
+            yield reader.update
+
+    def _restart(self, known: Iterable[Snapshot]) -> Iterator[Update]:
+        for snapshot in known:
+            reader = self._reader(snapshot.status.station, snapshot.status.session)
+            if reader.restart(snapshot) == "changed" and reader.update is not None:
+                yield reader.update
+
+    def _has_asked(self, key: tuple[str, str], *, answered: bool) -> None:
+        update = self._reader(*key).update
+        if not answered:
+            self._silence.unanswered(key)
+        elif update is not None and update.closed:
+            self._silence.ended(key)
+        else:
+            self._silence.answered(key)
+
+    def _forget(self, missing: set[tuple[str, str]]) -> Iterator[Forgotten]:
+        """Drop what a second question does not bring up either, though every service there answers it."""
+        again = self._ask(complete=True) if missing else None
+        if again is None or not self._is_served():
+            return
+        for key in sorted(missing & self._missing(again)):
+            del self._readers[key]
+            self._silence.ended(key)
+            yield Forgotten(*key)
+
+    def _is_served(self) -> bool:
+        try:
+            return bool(services(self._transport))
+        except Unreachable:
+            return False
+
+    def _missing(self, known: list[Snapshot]) -> set[tuple[str, str]]:
+        return set(self._readers) - {(one.status.station, one.status.session) for one in known}
+
+    def _ask(
+        self, station: str | None = None, session: str | None = None, *, complete: bool = False
+    ) -> list[Snapshot] | None:
+        """The snapshots; None where the service had no time to answer, or went while it was asked."""
+        station, session = station or self._station, session or self._session
+        try:
+            return snapshots(self._transport, station, session, complete=complete)
+        except ProtocolError as error:
+            if error.code != "overloaded":
+                raise
+            return None
+
+    def _read(self, delivery: Delivery) -> Published | None:
+        """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
+        try:
+            whole = self._joining.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
+            return whole and decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
+        except ProtocolError as error:
+            if error.code == "unsupported_version":
+                raise
+            return None
+
+    def _reader(self, station: str, session: str) -> SessionReader:
+        return self._readers.setdefault((station, session), SessionReader())
+
+
+@contextmanager
+def _listening(transport: Transport, station: str, session: str) -> Iterator[Inbox]:
+    inbox = Inbox()
+    with ExitStack() as stack:
+        for stream in STREAMS:
+            stack.enter_context(transport.subscribe(session_key(station, session, stream), inbox))
+        stack.enter_context(transport.subscribe(station_key(station, "program"), inbox))
+        stack.enter_context(transport.watch(service_key("*", "alive"), inbox))
+        yield inbox

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, TypeVar
@@ -99,12 +99,12 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 def stations(transport: Transport) -> list[str]:
     """Stations whose bridge is connected now."""
-    return [name for name in map(_station_named, transport.alive(station_key("*", "alive"))) if name]
+    return _named(transport.alive(station_key("*", "alive")), parse_station_key)
 
 
 def services(transport: Transport) -> list[str]:
     """Instances of the service that are alive now."""
-    return [name for name in map(_service_named, transport.alive(service_key("*", "alive"))) if name]
+    return _named(transport.alive(service_key("*", "alive")), parse_service_key)
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
@@ -115,18 +115,13 @@ def service_status(transport: Transport) -> list[ServiceStatus]:
     return sorted(found, key=lambda one: one.instance)
 
 
-def _station_named(key: str) -> str | None:
-    """None where a stranger's token is on a key of that form, but for its name."""
-    with suppress(ProtocolError):
-        return parse_station_key(key)[0]
-    return None
-
-
-def _service_named(key: str) -> str | None:
-    """As `_station_named`."""
-    with suppress(ProtocolError):
-        return parse_service_key(key)[0]
-    return None
+def _named(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
+    """Whose tokens these are, without a stranger's on a key of that form, but for its name."""
+    names = []
+    for key in keys:
+        with suppress(ProtocolError):
+            names.append(parse(key)[0])
+    return names
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:

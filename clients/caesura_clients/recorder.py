@@ -26,6 +26,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
+    MAX_BATCHES_AHEAD,
     Heartbeat,
     SampleBatch,
     SessionStatus,
@@ -37,7 +38,6 @@ AT_ONCE = 200  # batches in one question
 ATTEMPTS = 3  # without an answer, until it is a gap
 SILENT_S = 2.0  # a bridge says something every half second: without it, the service is asked
 TICK_S = 0.1
-BATCHES_AHEAD = 1_000_000  # further ahead is no number, as for the service
 
 
 @dataclass
@@ -71,7 +71,7 @@ class Recorder:
 
     def heard(self, seq: int) -> None:
         """The sender has come to this number."""
-        if seq <= max(self.known, 0) + BATCHES_AHEAD:
+        if seq <= max(self.known, 0) + MAX_BATCHES_AHEAD:
             self.known = max(self.known, seq)
 
     def missing(self) -> ReplayRange | None:

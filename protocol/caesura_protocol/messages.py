@@ -20,6 +20,7 @@ MAX_WHOLE_BYTES = 1 << 26  # of a message that goes in pieces
 PIECE_BYTES = 1 << 19  # of its bytes in one of them
 MAX_BATCH_SAMPLES = 1000
 MAX_BATCH_SPAN_S = 60.0  # first to last sample of a batch
+MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a sequence number
 MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
 

@@ -10,8 +10,11 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
+
+from caesura_clients.errors import CaesuraError
 
 T = TypeVar("T")
 
@@ -20,7 +23,7 @@ LEVELS = ("major", "optional")
 SUFFIX = ".ann.json"
 
 
-class TruthError(ValueError):
+class TruthError(CaesuraError, ValueError):
     """There is no truth to judge by; the message names the file, the value and what was expected."""
 
 
@@ -110,13 +113,14 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
     try:
         if not isinstance(content, Mapping):
             raise ValueError(f"is a {type(content).__name__}, expected an object")
+        content = {"segments": (), "loads": (), "forces": (), **content}
         return Truth(
             name=name,
             window=_window(content["window"]),
             points=tuple(sorted(_each(content, "changepoints", _point), key=lambda point: point.t)),
-            spans=_each(content, "segments", _span) if "segments" in content else (),
-            loads=_each(content, "loads", _load) if "loads" in content else (),
-            forces=_each(content, "forces", _force) if "forces" in content else (),
+            spans=_each(content, "segments", _span),
+            loads=_each(content, "loads", partial(_quantity, unit="kg")),
+            forces=_each(content, "forces", partial(_quantity, unit="newton")),
             hand_in_wrench=bool(content.get("hand_force_in_wrench", False)),
         )
     except KeyError as error:
@@ -173,14 +177,6 @@ def _span(segment: Mapping[str, Any]) -> Span:
     if kind not in KINDS:
         raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
     return Span(*_ends(segment), kind)
-
-
-def _load(entry: Mapping[str, Any]) -> Quantity:
-    return _quantity(entry, "kg")
-
-
-def _force(entry: Mapping[str, Any]) -> Quantity:
-    return _quantity(entry, "newton")
 
 
 def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:

@@ -13,10 +13,11 @@ from caesura_clients.recording import OPTIONS, Recording
 
 
 @contextmanager
-def _whole(part: Path, path: Path) -> Iterator[None]:
-    """All of it or none."""
+def _whole(path: Path) -> Iterator[Path]:
+    """Where to write it: all of it is there in the end, or none."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
-        yield
+        yield part
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -24,8 +25,7 @@ def _whole(part: Path, path: Path) -> Iterator[None]:
 
 def write_csv(path: Path, recording: Recording) -> None:
     """One column a component, options in leading comments; numbers as short as reads as equal."""
-    part = path.with_name(f".{path.name}.part")
-    with _whole(part, path), part.open("w", encoding="utf-8", newline="") as stream:
+    with _whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         for key in OPTIONS:
             stream.write(f"# {key}: {getattr(recording, key)}\n")
         rows = csv.writer(stream, lineterminator="\n")
@@ -35,8 +35,7 @@ def write_csv(path: Path, recording: Recording) -> None:
 
 def write_npz(path: Path, recording: Recording) -> None:
     """Arrays by signal."""
-    part = path.with_name(f".{path.stem}.part.npz")
-    with _whole(part, path):
+    with _whole(path) as part:
         recording.save(part)
 
 

@@ -16,7 +16,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
-from caesura_service.truth import Truth, TruthError, read_annotation, truth_file
+from caesura_service.truth import Truth, read_annotation, truth_file
 
 
 def report(
@@ -48,11 +48,7 @@ def _writable(out: Path) -> None:
 
 
 def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
-    try:
-        truth = None if annotation is None else read_annotation(annotation)
-    except TruthError as error:
-        raise CaesuraError(str(error)) from error
-    content = _gathered(recording, preset, truth)
+    content = _gathered(recording, preset, None if annotation is None else read_annotation(annotation))
     try:
         _writers().write_report(content, out)
     except OSError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from caesura_protocol.messages import MAX_BATCH_SPAN_S
+from caesura_protocol.messages import MAX_BATCH_SPAN_S, MAX_BATCHES_AHEAD
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Limits:
     # Ordering and replay
     held_batches: int = 128  # that came before their turn; further ones are asked for again
     held_bytes: int = 1 << 23  # of their samples
-    batches_ahead: int = 1_000_000  # of the expected one; further ahead is not a sequence number
+    batches_ahead: int = MAX_BATCHES_AHEAD  # of the expected one; further ahead is not a sequence number
     replay_batches: int = 256  # asked for at once
     replay_retry_s: float = 0.5  # after an answer that brought nothing
     replay_patience_s: float = 5.0  # for an answer that never ends

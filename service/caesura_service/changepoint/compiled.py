@@ -43,8 +43,8 @@ class CompiledFilter(Smoothed):
         self.boundaries: list[int] = []
         self._smoothing = Smoothing()
         model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
-        kinds, channels, fields = len(lattice.kinds), len(lattice.channels), fields_of(lattice)
-        self._keep(model, fresh_state(model.settings, kinds, channels, fields, profiled_of(lattice)))
+        sizes = len(lattice.kinds), len(lattice.log_transition), len(lattice.channels), fields_of(lattice)
+        self._keep(model, fresh_state(model.settings, *sizes, profiled_of(lattice)))
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
 
     def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
@@ -107,8 +107,8 @@ class CompiledFilter(Smoothed):
 
     @property
     def log_evidence(self) -> Array:
-        """(h,) the same over all kinds."""
-        return self._state.evidence[: self._living].copy()
+        """(h, groups) the same over the kinds of a group."""
+        return self._state.evidence[:, : self._living].T.copy()
 
     @property
     def log_joint(self) -> Array:
@@ -119,12 +119,16 @@ class CompiledFilter(Smoothed):
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         state, living = self._state, slice(self._living)
         survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
-        best = np.argmax(state.priors[1, living] + survived + state.evidence[living])
-        path = [Ended(int(state.starts[best]), state.kinds[:, best].copy())]
-        node, root = state.nodes[best], state.counters["root"][0]
+        scores = (state.priors[1, :, living] + survived + state.evidence[:, living]).T
+        best, group = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
+        node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
+        before = int(state.node_group[node])
+        path = [Ended(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]
         while node != root:
-            parent = state.node_parent[node]
-            path.append(Ended(int(state.node_start[parent]), state.node_kinds[node].copy()))
+            parent, group = int(state.node_parent[node]), before
+            before = int(state.node_group[parent])
+            start = int(state.node_start[parent])
+            path.append(Ended(start, state.node_kinds[node].copy(), group, before))
             node = parent
         return path[::-1]
 
@@ -141,15 +145,16 @@ class CompiledFilter(Smoothed):
     def _settle(self) -> None:
         """Take over what has become final."""
         count = self._state.counters["settled"][0]
-        settled = zip(self._state.settled_start[:count], self._state.settled_kinds[:count], strict=True)
-        self.final.extend(Ended(int(start), kinds) for start, kinds in settled)
+        state = self._state
+        settled = (getattr(state, f"settled_{name}")[:count] for name in ("start", "kinds", "group"))
+        self.final.extend(Ended(int(s), kinds, int(group)) for s, kinds, group in zip(*settled, strict=True))
 
     def _make_room(self) -> None:
         """For some steps, and for a decision after each of them."""
-        spare = self.parameters.window + 2
-        while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare:
+        spare, each = self.parameters.window + 2, len(self.lattice.log_transition) + 1
+        while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare * each:
             self._keep(self._model, with_more_nodes(self._state))
-        nodes = self._state.node_start.size - int(self._state.counters["nodes"][0]) - spare
+        nodes = (self._state.node_start.size - int(self._state.counters["nodes"][0])) // each - spare
         longest = self.count - int(self._state.starts[0]) if self._living else 0
         reach = self._model.log_mass.size
         if longest + 2 * spare > reach:

@@ -1,9 +1,11 @@
-"""Our own preset, all six kinds of segment, and what each of its principles is worth.
+"""The preset `default` with all six kinds of segment, the preset `strokes`, and `default` without each
+principle.
 
-DESIGN, "What real robots teach": noise from the sensor, misfit that grows with the movement, free space with
-a bias, contact as a change, correlated residuals. A sixth is that speed tells movement from rest, a seventh
-that a surface never drives whoever slides along it. `WITHOUT` has each left out, everything else being as
-it is.
+The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library
+of strokes does; a movement ends at a corner, and everything else inside it is a via point; noise comes from
+the sensor and grows with speed; free space has a bias, and contact is a change; residuals are correlated;
+speed tells movement from rest; a surface never drives what slides along it; two rests, or two contacts, do
+not follow each other; nothing lasts less than 0.4 s. `WITHOUT` leaves each of them out and keeps the others.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ from functools import partial
 
 import numpy as np
 
+from caesura_service.changepoint.corner import CornerStart
 from caesura_service.changepoint.friction import Friction
+from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.levels import Biased, Constant, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise
@@ -30,14 +34,22 @@ def correlation(time_s: float) -> float:
     return float(np.exp(-STEP_S / time_s))
 
 
-# How long residuals stay alike: what a person does wrong on the way he does for about one submovement, and
-# a sensor's bias wanders with the pose, that is with the movement.
+# A hand's velocity, its errors on the way, and a sensor's bias that wanders with the pose all last about one
+# submovement.
 MEMORY_S = 0.5
-DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of movements; real ones last 0.3–3.4 s
-REFRACTORY_S = 0.2  # the shortest submovements; nobody does two things within one
+REST_SPEED_M_PER_S = 0.005
+SLOW = REST_SPEED_M_PER_S * STEP_S  # [m] the longest step of a rest
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
-CALM = 0.3  # a movement's residuals at rest, as a share of those at its fastest
+REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
+STROKES_REFRACTORY_S = 0.2
+DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of strokes; real ones last 0.3–3.4 s
+CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
+
+
+def guided_motion() -> GuidedMotion:
+    """A hand on a robot: it wanders by 0.5 mm a step, errs by a fifth of its speed, starts by 2 mm."""
+    return GuidedMotion(correlation(MEMORY_S), floor=0.0005, share=0.2, burst=0.002, pace=SLOW)
 
 
 def even_moves() -> list[Profile]:
@@ -51,31 +63,35 @@ def early_moves() -> list[Profile]:
 
 
 def human_motion_library() -> ProfileLibrary:
-    """Movements of 16 durations, even and early ones."""
+    """Strokes of 16 durations, even and early ones."""
     return ProfileLibrary([*even_moves(), *early_moves()], STEP_S, correlation(MEMORY_S), CALM)
 
 
+def stroke() -> Profiled:
+    """A movement along one profile of the library: it leaves its profile by about 4 % of its length."""
+    path = Noise(nu0=5.0, floor=0.0007, shares=(0.02, 0.06), joint=True, correlation=correlation(MEMORY_S))
+    return Profiled(
+        "position", human_motion_library(), path, origin="previous", target=Target(0.2, 0.005), pace=SLOW
+    )
+
+
 def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    """Scales from what sensors and hands do (statistics of real recordings), none from our scenarios.
+    """Scales from what sensors and hands do (statistics of real recordings), none from a scenario.
 
     A hand at rest keeps within 0.3–1 mm and shifts by a tenth of that from one observation to the next;
     slower than 5 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias wanders by
-    2.3 N within a recording. A path leaves its profile by about 4 % of its length, give or take a half. How
-    much is known to about a third (nu0 = 5: the log scale has a deviation of 1/√(2 nu0)). A teacher reaches
-    0.2 m, give or take a factor of two.
+    2.3 N within a recording. How much is known to about a third (nu0 = 5: the log scale has a deviation of
+    1/√(2 nu0)).
     """
-    path = Noise(nu0=5.0, floor=0.0007, shares=(0.02, 0.06), joint=True, correlation=correlation(MEMORY_S))
-    slow = 0.005 * STEP_S
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
-        "moving": Profiled(
-            "position", human_motion_library(), path, origin="previous", target=Target(0.2, 0.005), pace=slow
-        ),
-        "still": Walk("position", scale=REST_STEP_M, still=slow),
+        "moving": guided_motion(),
+        "corner": CornerStart(gamma=30.0, pace=SLOW),
+        "still": Walk("position", scale=REST_STEP_M, still=SLOW),
         "stopped": Walk("position", scale=REST_STEP_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
         "pressed": Walk("force", scale=0.5, presence=beyond),
-        "slid_along": Friction(least=beyond, pace=slow),
+        "slid_along": Friction(least=beyond, pace=SLOW),
         "laden": Laden(QUIET, bias=bias_n, absence=beyond),
         "empty": Held(0.03),
         "gripping": Held(0.5, change=0.05),
@@ -83,9 +99,15 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     }
 
 
+def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
+    """The same with movements along a library of strokes, and without corners."""
+    channels = {**default_channels(bias_n), "moving": stroke()}
+    return {name: model for name, model in channels.items() if name != "corner"}
+
+
 # Where no gripper tells, a hand is empty nine times of ten: a load and a wandering bias look alike.
 _LADEN_WEIGHT = 0.1
-ALL_KINDS = (
+STROKE_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
     Kind("steady", "steady", "free", ("still", "untouched", "empty")),
     Kind("sliding", "motion", "contact", ("moving", "pressed", "slid_along", "gripping")),
@@ -94,34 +116,49 @@ ALL_KINDS = (
     Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
 )
 
-DEFAULT = Preset("default", default_channels, ALL_KINDS, continuous=True, refractory_s=REFRACTORY_S)
+ALL_KINDS = tuple(
+    replace(kind, channels=(*kind.channels, "corner")) if kind.motion == "motion" else kind
+    for kind in STROKE_KINDS
+)
+UNREPEATED = tuple(kind.name for kind in ALL_KINDS if kind.motion == "steady")
+
+DEFAULT = Preset(
+    "default",
+    default_channels,
+    ALL_KINDS,
+    continuous=True,
+    refractory_s=REFRACTORY_S,
+    unrepeated=UNREPEATED,
+)
+STROKES = Preset("strokes", stroke_channels, STROKE_KINDS, continuous=True, refractory_s=STROKES_REFRACTORY_S)
 
 Channels = Mapping[str, ChannelModel]
 
 
-def _moving(bias_n: float) -> Profiled:
-    moving = default_channels(bias_n)["moving"]
-    assert isinstance(moving, Profiled)
-    return moving
+def _strokes(bias_n: float) -> Channels:
+    """Movements follow a library of strokes."""
+    return {"moving": stroke()}
+
+
+def _cornerless(bias_n: float) -> Channels:
+    """A turn is no reason for a movement to end."""
+    return {"corner": CornerStart(gamma=0.0, pace=SLOW)}
 
 
 def _thesis_scales(bias_n: float) -> Channels:
     """25 mm and 1.25 N whatever the sensor, Tab. 4.5."""
-    moving = _moving(bias_n)
     place = Constant("position", Noise(1.0, 0.025, joint=True), origin="previous")
     return {
-        "moving": replace(moving, noise=replace(moving.noise, nu0=1.0, floor=0.025)),
+        "moving": replace(guided_motion(), floor=0.025),
         "still": place,
         "stopped": place,
         "pressed": Walk("force", scale=1.25, presence=2.0 * bias_n),
     }
 
 
-def _even_misfit(bias_n: float) -> Channels:
-    """The same however far and fast a movement goes."""
-    moving = _moving(bias_n)
-    even = replace(moving.library, calm=1.0)
-    return {"moving": replace(moving, library=even, noise=replace(moving.noise, shares=(0.0,)))}
+def _even_noise(bias_n: float) -> Channels:
+    """Noise is the same however fast the movement."""
+    return {"moving": replace(guided_motion(), share=0.0)}
 
 
 def _unbiased(bias_n: float) -> Channels:
@@ -136,17 +173,10 @@ def _rising_contact(bias_n: float) -> Channels:
 
 
 def _white(bias_n: float) -> Channels:
-    """What is left over is new at every observation."""
-    moving, white = _moving(bias_n), replace(QUIET, correlation=0.0)
-    place = Constant("position", replace(moving.noise, shares=(0.0,), correlation=0.0), origin="previous")
+    """Steps, and residuals of the force, are new at every observation."""
+    white = replace(QUIET, correlation=0.0)
     return {
-        "moving": replace(
-            moving,
-            library=replace(moving.library, correlation=0.0),
-            noise=replace(moving.noise, correlation=0.0),
-        ),
-        "still": place,
-        "stopped": place,
+        "moving": replace(guided_motion(), correlation=0.0),
         "untouched": Biased(white, bias=bias_n, absence=2.0 * bias_n),
         "pressed": Constant("force", white, origin="previous"),
         "laden": Laden(white, bias=bias_n, absence=2.0 * bias_n),
@@ -155,30 +185,37 @@ def _white(bias_n: float) -> Channels:
 
 def _paceless(bias_n: float) -> Channels:
     """Movement and rest differ by their course alone."""
-    return {"moving": replace(_moving(bias_n), pace=0.0), "still": Walk("position", scale=REST_STEP_M)}
+    return {"moving": replace(guided_motion(), pace=0.0), "still": Walk("position", scale=REST_STEP_M)}
 
 
 def _frictionless(bias_n: float) -> Channels:
-    """Whoever moves under a force that no bias explains slides, wherever that points."""
-    return {"slid_along": Friction(least=0.0, pace=0.005 * STEP_S)}
+    """A movement under a force that no bias explains slides, wherever the force points."""
+    return {"slid_along": Friction(least=0.0, pace=SLOW)}
 
 
 def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
     return {**default_channels(bias_n), **changes(bias_n)}
 
 
+_CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
+    "guided_motion": _strokes,
+    "corners": _cornerless,
+    "sensor_noise": _thesis_scales,
+    "speed_noise": _even_noise,
+    "bias": _unbiased,
+    "change": _rising_contact,
+    "correlation": _white,
+    "pace": _paceless,
+    "friction": _frictionless,
+}
 WITHOUT: Mapping[str, Preset] = {
     preset.name: preset
     for preset in (
-        replace(DEFAULT, name=f"without_{principle}", channels=partial(_with, changes))
-        for principle, changes in (
-            ("sensor_noise", _thesis_scales),
-            ("growing_misfit", _even_misfit),
-            ("bias", _unbiased),
-            ("change", _rising_contact),
-            ("correlation", _white),
-            ("pace", _paceless),
-            ("friction", _frictionless),
-        )
+        *(
+            replace(DEFAULT, name=f"without_{principle}", channels=partial(_with, changes))
+            for principle, changes in _CHANGED_CHANNELS.items()
+        ),
+        replace(DEFAULT, name="without_transitions", unrepeated=()),
+        replace(DEFAULT, name="without_refractory", refractory_s=0.0),
     )
 }

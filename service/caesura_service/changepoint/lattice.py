@@ -7,7 +7,7 @@ shared, so a lattice costs what its channels cost.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -37,17 +37,43 @@ class Lattice:
 
     `choice`: the evidence of a segment is the prior-weighted mixture over its kinds, or their maximum
     (thesis (3.64)).
+
+    `unrepeated` names kinds of which no two segments follow each other: two rests in a row are one rest. The
+    filters keep apart what such a prior needs: each of these kinds is a group of its own, all others together
+    are one group. Without unrepeated kinds there is a single group, and every kind may follow every other.
+
+    groups: (kinds,) the group of each kind; log_transition: (groups, groups) log weight of the second after
+    the first, which replaces the prior weights of the kinds by those that may follow, normalised.
     Raises ValueError where a kind names a channel that is not there.
     """
 
     channels: Mapping[str, ChannelModel]
     kinds: tuple[Kind, ...]
     choice: Choice = "mixture"
+    unrepeated: tuple[str, ...] = ()
+    groups: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    log_transition: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
         if unknown or not self.kinds:
             raise ValueError(f"kinds name channels {sorted(unknown)}, known: {sorted(self.channels)}")
+        groups = _groups(self.kinds, self.unrepeated)
+        object.__setattr__(self, "groups", groups)
+        object.__setattr__(self, "log_transition", self._log_transition(groups))
+
+    def _log_transition(self, groups: NDArray[np.int64]) -> Array:
+        """(groups, groups): 0 between groups, −inf for an unrepeated kind after itself, rows normalised."""
+        weights = np.array([kind.weight for kind in self.kinds])
+        total = np.bincount(groups, weights) / weights.sum()
+        allowed = np.ones((total.size, total.size))
+        for group in {int(groups[i]) for i, kind in enumerate(self.kinds) if kind.name in self.unrepeated}:
+            allowed[group, group] = 0.0
+        if total.size == 1:
+            return np.zeros((1, 1))
+        with np.errstate(divide="ignore"):
+            result: Array = np.log(allowed) - np.log(allowed @ total)[:, None]
+        return result
 
     def empty(self) -> LatticeRows:
         """Rows of no hypothesis, one entry a channel."""
@@ -74,8 +100,25 @@ class Lattice:
         return np.column_stack(columns)
 
     def combine(self, kind_log_evidence: Array) -> Array:
-        """(h,) log evidence of each hypothesis over all kinds."""
+        """(h, groups) log evidence of each hypothesis over the kinds of each group; (h, kinds) is given."""
+        columns = [
+            self._over(kind_log_evidence[:, self.groups == group])
+            for group in range(len(self.log_transition))
+        ]
+        return np.column_stack(columns)
+
+    def _over(self, kind_log_evidence: Array) -> Array:
+        """(h,) over some kinds."""
         if self.choice == "maximum":
             best: Array = kind_log_evidence.max(axis=1)
             return best
         return log_sum_exp(kind_log_evidence, axis=1)
+
+
+def _groups(kinds: tuple[Kind, ...], unrepeated: tuple[str, ...]) -> NDArray[np.int64]:
+    """(kinds,) the group of each kind; those that may be repeated are the first group."""
+    apart = [kind.name for kind in kinds if kind.name in unrepeated]
+    first = int(len(apart) < len(kinds))
+    return np.array(
+        [first + apart.index(kind.name) if kind.name in apart else 0 for kind in kinds], dtype=np.int64
+    )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.filters import filter_for
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.models import ChannelModel
+from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
 
 SEGMENTATION_HZ = 10.0
@@ -17,8 +17,11 @@ STEP_S = 1.0 / SEGMENTATION_HZ
 TARED_BIAS_N = 1.5  # what wanders within a recording
 UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free space
 
-# What is left where the force cannot tell contact.
-MOVEMENT = (Kind("motion", "motion", "free", ("moving",)), Kind("steady", "steady", "free", ("still",)))
+# What is left where the force cannot tell contact: the kinds, and the channels that look at the position.
+MOVEMENT = (
+    Kind("motion", "motion", "free", ("moving", "corner")),
+    Kind("steady", "steady", "free", ("still",)),
+)
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class Preset:
     midway between that and its own first; otherwise it begins with its own first sample, as in the thesis.
     `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
     best segmentation does.
+
+    `unrepeated` names kinds of which no two segments follow each other.
     """
 
     name: str
@@ -44,6 +49,7 @@ class Preset:
     refractory_s: float = 0.0
     least_segment_s: float = 0.3
     threshold: float | None = None
+    unrepeated: tuple[str, ...] = ()
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(
@@ -58,14 +64,16 @@ class Preset:
         if contact:
             kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         else:
-            kinds = tuple(kind for kind in MOVEMENT if set(kind.channels) <= set(channels))
+            found = (replace(k, channels=tuple(c for c in k.channels if c in channels)) for k in MOVEMENT)
+            kinds = tuple(kind for kind in found if kind.channels and kind.channels != ("corner",))
         if not kinds:
             raise ValueError(
                 f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
             )
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}
-        return Lattice(channels, kinds, "maximum" if self.maximum else "mixture")
+        choice: Choice = "maximum" if self.maximum else "mixture"
+        return Lattice(channels, kinds, choice, self.unrepeated)
 
     def online(self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N) -> Filter:
         """A filter at its beginning; arguments as for `lattice`."""

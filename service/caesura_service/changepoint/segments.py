@@ -10,15 +10,12 @@ from itertools import accumulate
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.lattice import Kind
+from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.smoothing import INTERVAL_REACH
 from caesura_service.changepoint.threshold import OnlineThreshold
-from caesura_service.changepoint.window import Ended
-
-Array = NDArray[np.float64]
+from caesura_service.changepoint.window import NOTHING, Ended
 
 INTERVAL_PROBABILITY = 0.9
 
@@ -52,10 +49,17 @@ class Stretch:
         return self.start_stands and self.end_final
 
 
-def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
-    """The most probable kind; kind_log_evidence: (kinds,)."""
-    values = kind_log_evidence.tolist()
-    best, *others = sorted(range(len(kinds)), key=values.__getitem__, reverse=True)
+def verdict(lattice: Lattice, ended: Ended) -> Verdict:
+    """The best kind of the group that the best segmentation has, and the probability of every kind.
+
+    Given where the segment begins and ends, and the group of the segment before it: a kind that may not
+    follow that one has no probability, unless the best segmentation repeats it, as it may after a gap.
+    """
+    kinds, values = lattice.kinds, ended.kind_log_evidence
+    if ended.before not in (NOTHING, ended.group):
+        values = values + lattice.log_transition[ended.before][lattice.groups]
+    values, best = values.tolist(), _best(lattice, ended)
+    others = sorted(set(range(len(kinds))) - {best}, key=values.__getitem__, reverse=True)
     odds_against = sum([math.exp(values[kind] - values[best]) for kind in others])
     probability = 1.0 / (1.0 + odds_against)
     if not others:
@@ -64,10 +68,18 @@ def verdict(kinds: tuple[Kind, ...], kind_log_evidence: Array) -> Verdict:
     return Verdict(kinds[best], probability, kinds[second], values[best] - values[second])
 
 
+def _best(lattice: Lattice, ended: Ended) -> int:
+    """The number of a segment's kind: the most probable one of its group, or of all where it has no group."""
+    inside = (
+        range(len(lattice.kinds)) if ended.group is None else np.flatnonzero(lattice.groups == ended.group)
+    )
+    return max(map(int, inside), key=ended.kind_log_evidence.__getitem__)
+
+
 def outline(online: Filter, decided: OnlineThreshold | None = None) -> tuple[int, list[tuple[int, int]]]:
     """How many segments are final; of each that is not, where it starts and the number of its kind."""
     final, growing = _ended(online, decided)
-    return len(final), [(ended.start, int(ended.kind_log_evidence.argmax())) for ended in growing]
+    return len(final), [(ended.start, _best(online.lattice, ended)) for ended in growing]
 
 
 def stretches(
@@ -90,7 +102,7 @@ def stretches(
         stretch = known.get(ended.start)
         if stretch is None or not stretch.stands:
             around = starts[i], starts[i + 1], starts[i + 2]
-            stretch = _stretch(online, ended.kind_log_evidence, around, first + i, settled, stretch)
+            stretch = _stretch(online, ended, around, first + i, settled, stretch)
         found.append(stretch)
     return found
 
@@ -102,7 +114,7 @@ def _ended(online: Filter, decided: OnlineThreshold | None) -> tuple[Sequence[En
 
 def _stretch(
     online: Filter,
-    kinds: Array,
+    ended: Ended,
     starts: tuple[int, int, int],
     number: int,
     settled: int,
@@ -110,7 +122,7 @@ def _stretch(
 ) -> Stretch:
     """starts: of the segment before, of this one, and of the one after; known: what it was before."""
     before, start, after = starts
-    found, is_over = verdict(online.lattice.kinds, kinds), number < settled
+    found, is_over = verdict(online.lattice, ended), number < settled
     if known is not None and known.start_stands and min(known.end, after) > start + INTERVAL_REACH:
         return replace(known, end=after, verdict=found, end_final=is_over)
     return Stretch(

@@ -23,6 +23,7 @@ from caesura_service.changepoint.window import Ended
 Array = NDArray[np.float64]
 
 THRESHOLD = 0.2
+LOOK_BACK = 8  # samples before its start that a segment's models look at, at most
 
 
 class Run(NamedTuple):
@@ -76,9 +77,14 @@ def threshold_path(
     runs = runs_above(probability, level, boundaries=boundaries)
     starts = sorted({0, *(run.start for run in runs)})
     return tuple(
-        Ended(start, _Tape(lattice, data[:end], start, joins=start not in boundaries).kinds[-1])
+        Ended(start, _Tape(lattice, data[:end], start, _last_gap(start, boundaries)).kinds[-1])
         for start, end in pairwise([*starts, len(data)])
     )
+
+
+def _last_gap(start: int, boundaries: Collection[int]) -> int:
+    """The latest boundary up to a start; 0 where there is none."""
+    return max((boundary for boundary in boundaries if boundary <= start), default=0)
 
 
 @dataclass
@@ -132,7 +138,7 @@ class OnlineThreshold:
         self._tapes = {start: self._tapes.get(start) or self._tape(start) for start in self._starts}
 
     def _tape(self, start: int) -> _Tape:
-        return _Tape(self.online.lattice, self._data, start, joins=start not in self.online.boundaries)
+        return _Tape(self.online.lattice, self._data, start, _last_gap(start, self.online.boundaries))
 
     def _settle(self) -> None:
         left = max(0, self.online.count - self.online.parameters.window)  # the window; what is before stands
@@ -151,14 +157,15 @@ class OnlineThreshold:
 class _Tape:
     """The evidence of each kind from one start on, up to every sample after it.
 
-    joins: the segment may look at the sample before its start.
+    since: the segment may look at the last samples before its start, from this one on.
     """
 
-    def __init__(self, lattice: Lattice, data: Sequence[Observed], start: int, *, joins: bool) -> None:
+    def __init__(self, lattice: Lattice, data: Sequence[Observed], start: int, since: int) -> None:
         self.kinds: list[Array] = []  # (kinds,) log evidence of data[start : start + 1 + i]
         self._lattice = lattice
-        before = data[start - 1 : start] if joins and start else []
-        self._rows = lattice.extend(lattice.empty(), before[0]) if before else lattice.empty()
+        self._rows = lattice.empty()
+        for observed in data[max(start - LOOK_BACK, since) : start]:
+            self._rows = lattice.select(lattice.extend(self._rows, observed), np.array([-1]))
         for observed in data[start:]:
             self.extend(observed)
 

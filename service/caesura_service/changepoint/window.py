@@ -1,13 +1,11 @@
-"""The evidence of the last few seconds, kept: what smoothing looks back on, and what taking a boundary for
-certain sums anew.
-"""
+"""The evidence of the last few seconds: smoothing looks back on it, and conditioning sums it again."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +15,29 @@ from caesura_service.changepoint.hazard import Hazard
 
 Array = NDArray[np.float64]
 Starts = NDArray[np.int64]
+Groups = NDArray[np.int64]
+Node = tuple[int, int]  # a start, and the group of the segment that ends there
+
+NOTHING = -1  # the group before the first segment
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """A segment of the best segmentation up to some start: where it began, and what it was."""
+    """A segment of the best segmentation up to some start: where it began, and what it was.
+
+    kind_log_evidence: (kinds,); group: of its kind, None where groups play no part; before: the group of the
+    segment that ends at its start.
+    """
 
     start: int
-    kind_log_evidence: Array  # (kinds,)
+    kind_log_evidence: Array
+    group: int | None = None
+    before: int = NOTHING
+
+    @property
+    def node(self) -> Node:
+        """Where the best segmentation before it is kept."""
+        return self.start, self.before
 
 
 class FinalPath(Sequence[Ended]):
@@ -32,6 +45,7 @@ class FinalPath(Sequence[Ended]):
 
     def __init__(self, kinds: int) -> None:
         self._starts = array("q")
+        self._groups = array("q")
         self._evidence = array("d")  # row by row, one of `kinds` each
         self._kinds = kinds
 
@@ -54,42 +68,85 @@ class FinalPath(Sequence[Ended]):
         """These are final too."""
         for ended in settled:
             self._starts.append(ended.start)
+            self._groups.append(NOTHING if ended.group is None else ended.group)
             self._evidence.extend(ended.kind_log_evidence.tolist())
 
     def _read(self, i: int) -> Ended:
-        return Ended(self._starts[i], np.array(self._evidence[i * self._kinds : (i + 1) * self._kinds]))
+        kinds = np.array(self._evidence[i * self._kinds : (i + 1) * self._kinds])
+        return Ended(self._starts[i], kinds, self._groups[i], self._groups[i - 1] if i else NOTHING)
+
+
+class Links(NamedTuple):
+    """What every group of a segment that starts somewhere descends from.
+
+    prior, best: (groups,) A(start), and the same with maximum; before: (groups,) the group of the segment
+    that the best segmentation has before it; total, ended: (groups,) log sum, and log maximum, over the
+    segmentations that end there, by the group of their last segment, of which `likeliest` has the largest
+    maximum; free: whether every group may follow every other here.
+    """
+
+    prior: Array
+    best: Array
+    before: Groups
+    total: Array
+    ended: Array
+    likeliest: int
+    free: bool
+
+    @property
+    def nodes(self) -> set[int]:
+        """Groups of segments that end here and that something descends from, the likeliest included."""
+        return {*self.before[self.best > -np.inf].tolist(), self.likeliest}
+
+
+def first_links(groups: int) -> Links:
+    """Of the first segment."""
+    zero = np.zeros(groups)
+    return Links(zero, zero, np.full(groups, NOTHING), zero, zero, NOTHING, free=True)
+
+
+def link(total: Array, ended: Array, log_transition: Array, *, free: bool) -> Links:
+    """Join what ends at a start with what begins there."""
+    log_transition = _weights(log_transition, free=free)
+    scores = ended[:, None] + log_transition
+    before = scores.argmax(axis=0)
+    best = scores[before, np.arange(before.size)]
+    prior = log_sum_exp(total[:, None] + log_transition, axis=0)
+    return Links(prior, best, before, total, ended, int(ended.argmax()), free)
+
+
+def _weights(log_transition: Array, *, free: bool) -> Array:
+    """(groups, groups) log weight of a group after another at a start, 0 where that is free."""
+    return np.zeros_like(log_transition) if free else log_transition
 
 
 class Window:
-    """Of every start among the last `size` observations: its priors, and its evidence at every age since."""
+    """Of every start among the last `size` observations: its links, and its evidence at every age since."""
 
-    def __init__(self, size: int, kinds: int) -> None:
+    def __init__(self, size: int, kinds: int, groups: int) -> None:
         self.size = size
-        self._evidence = np.full((size, size), -np.inf)  # [start mod size, age]
+        self._evidence = np.full((size, size, groups), -np.inf)  # [start mod size, age]
         self._kinds = np.zeros((size, size, kinds))  # the same of each kind
-        self._prior = np.full(size, -np.inf)  # A(start) at [start mod size]
-        self._map = np.full(size, -np.inf)  # the same with maximum
+        self._links: list[Links] = [first_links(groups)] * size  # at [start mod size]
 
     def oldest(self, count: int) -> int:
         """The first observation still in the window, of `count`."""
         return max(0, count - self.size)
 
-    def priors(self, starts: Starts) -> tuple[Array, Array]:
-        """A of some starts (h,), and the same with maximum."""
-        return self._prior[starts % self.size], self._map[starts % self.size]
+    def links(self, start: int) -> Links:
+        """What a segment from this start descends from."""
+        return self._links[start % self.size]
 
-    def remember(
-        self, now: int, starts: Starts, log_evidence: Array, kinds: Array, log_prior: float, map_prior: float
-    ) -> None:
-        """Evidence (h,), and that of each kind (h, kinds), of what ends now; the priors of a start there."""
+    def remember(self, now: int, starts: Starts, log_evidence: Array, kinds: Array, links: Links) -> None:
+        """Keep the evidence (h, groups) and (h, kinds) of what ends now, and a start's links."""
         self._evidence[now % self.size] = -np.inf
-        self._prior[now % self.size], self._map[now % self.size] = log_prior, map_prior
+        self._links[now % self.size] = links
         recent = starts > now - self.size
         starts = starts[recent]
         self._evidence[starts % self.size, now - starts] = log_evidence[recent]
         self._kinds[starts % self.size, now - starts] = kinds[recent]
 
-    def smoothed(self, count: int, hazard: Hazard, log_total: float) -> Array:
+    def smoothed(self, count: int, hazard: Hazard, log_transition: Array, log_total: float) -> Array:
         """(size,) probability that a segment starts, at every observation still in the window.
 
         log_total: log evidence of everything.
@@ -97,35 +154,54 @@ class Window:
         first = self.oldest(count)
         size = count - first
         ages = np.arange(size)
-        log_mass, log_survival = hazard.log_mass(ages + 1), hazard.log_survival(ages)
-        backward = np.empty(size)
+        log_mass, log_survival = hazard.log_mass(ages + 1)[:, None], hazard.log_survival(ages)
+        followed = np.empty((size, len(log_transition)))  # [start], by the group of the segment before
+        probability = np.empty(size)
         for i in range(size - 1, -1, -1):
-            evidence = self._evidence[(first + i) % self.size, : size - i]
+            evidence, links = self._evidence[(first + i) % self.size, : size - i], self.links(first + i)
             terms = log_mass[: size - i] + evidence
-            terms[:-1] += backward[i + 1 :]
+            terms[:-1] += followed[i + 1 :]
             terms[-1] = log_survival[size - 1 - i] + evidence[-1]
-            backward[i] = log_sum_exp(terms)
-        prior = self._prior[(first + ages) % self.size]
-        result: Array = np.exp(np.minimum(prior + backward - log_total, 0.0))
+            backward = log_sum_exp(terms, axis=0)
+            followed[i] = log_sum_exp(backward + _weights(log_transition, free=links.free), axis=1)
+            probability[i] = log_sum_exp(links.prior + backward)
+        result: Array = np.exp(np.minimum(probability - log_total, 0.0))
         return result
 
-    def sum_from(self, start: int, count: int, hazard: Hazard) -> tuple[dict[int, Ended], float, float]:
-        """Keep only the segmentations with a boundary at `start`, and sum priors anew from there.
+    def sum_from(
+        self, start: int, before: int | None, count: int, hazard: Hazard, log_transition: Array
+    ) -> tuple[dict[Node, Ended], Links]:
+        """Keep only the segmentations with a boundary at `start`, and sum again from there.
 
-        Returns what ends at each later start of the best segmentation, and the next start's two priors.
+        before: the group of the segment that ends at `start`, where it is certain from now on. Returns what
+        ends at each later start, and the next start's links.
         """
-        for before in range(self.oldest(count), start):
-            self._evidence[before % self.size, start - before :] = -np.inf
-        ended: dict[int, Ended] = {}
+        for earlier in range(self.oldest(count), start):
+            self._evidence[earlier % self.size, start - earlier :] = -np.inf
+        if before is not None:
+            self._links[start % self.size] = _with_past(self.links(start), before, log_transition)
+        ended: dict[Node, Ended] = {}
         starts = np.arange(start, count)
         rows, log_mass = starts % self.size, hazard.log_mass(1 + np.arange(starts.size))
         for end in range(start + 1, count + 1):
             size = end - start
-            mass = log_mass[:size][::-1] + self._evidence[rows[:size], end - 1 - starts[:size]]
-            total = float(log_sum_exp(self._prior[rows[:size]] + mass))
-            scores = self._map[rows[:size]] + mass
-            best = int(np.argmax(scores))
-            ended[end] = Ended(start + best, self._kinds[rows[best], size - 1 - best].copy())
+            mass = log_mass[:size][::-1, None] + self._evidence[rows[:size], end - 1 - starts[:size]]
+            past = [self.links(s) for s in range(start, end)]
+            total = log_sum_exp(np.array([one.prior for one in past]) + mass, axis=0)
+            scores = np.array([one.best for one in past]) + mass
+            best = scores.argmax(axis=0)
+            free = end < count and self.links(end).free
+            links = link(total, scores.max(axis=0), log_transition, free=free)
+            for group in links.nodes:
+                s = int(best[group])
+                kinds = self._kinds[rows[s], size - 1 - s].copy()
+                ended[end, group] = Ended(start + s, kinds, group, int(past[s].before[group]))
             if end < count:
-                self._prior[end % self.size], self._map[end % self.size] = total, scores[best]
-        return ended, total, float(scores[best])
+                self._links[end % self.size] = links
+        return ended, links
+
+
+def _with_past(links: Links, before: int, log_transition: Array) -> Links:
+    """The same, where the group of the segment that ends here is certain."""
+    best: Array = links.ended[before] + _weights(log_transition, free=links.free)[before]
+    return links._replace(best=best, before=np.full(best.size, before))

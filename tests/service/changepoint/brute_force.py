@@ -28,15 +28,15 @@ Kinds = dict[tuple[int, int], np.ndarray]
 
 
 def kind_log_evidence(lattice: Lattice, data: list[Observed]) -> Kinds:
-    """(kinds,) of every data[start:end] as one segment, built alone; it may look at the sample before."""
+    """(kinds,) of every data[start:end] as one segment, built alone; it may look at the samples before."""
     found: Kinds = {}
     for start in range(len(data)):
         rows = lattice.empty()
-        for end, observed in enumerate(data[max(start - 1, 0) :], max(start, 1)):
-            rows = lattice.extend(rows, observed)
-            if end > start:
-                alone = lattice.select(rows, np.array([min(start, 1)]))
-                found[start, end] = lattice.kind_log_evidence(alone)[0]
+        for observed in data[:start]:  # of what comes before only the last hypothesis is left
+            rows = lattice.select(lattice.extend(rows, observed), np.array([-1]))
+        for end, observed in enumerate(data[start:], start + 1):
+            rows = lattice.select(lattice.extend(rows, observed), np.array([-1 if end == start + 1 else 0]))
+            found[start, end] = lattice.kind_log_evidence(rows)[0]
     return found
 
 
@@ -58,29 +58,39 @@ class BruteForce:
         boundaries: Collection[int] = (),
         without: Collection[int] = (),
         *,
+        free: Collection[int] = (),
         kinds: Kinds | None = None,
     ) -> None:
-        """kinds: of these data and perhaps some behind them, where they are known."""
+        """free: starts at which every kind may follow every other; kinds: of these data and perhaps more."""
         n = len(data)
-        self.n, self.hazard = n, hazard
+        self.n, self.hazard, self.free, self.transition = n, hazard, free, lattice.log_transition
         known = kinds or kind_log_evidence(lattice, data)
         self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= n}
-        evidence = {key: float(lattice.combine(kinds[None])[0]) for key, kinds in self.kinds.items()}
+        evidence = {key: lattice.combine(kinds[None])[0] for key, kinds in self.kinds.items()}
         lengths = np.arange(n + 1)
         self.mass = [-np.inf, *hazard.log_mass(lengths[1:]).tolist()]  # by length
         self.survival = hazard.log_survival(lengths).tolist()
         self.paths = [
             path for path in segmentations(n) if set(boundaries) <= set(path) and not set(without) & set(path)
         ]
-        self.joint = np.array([self.log_joint(path, n, evidence) for path in self.paths])
+        each = [self.log_joints(path, n, evidence) for path in self.paths]
+        self.joint = np.array([total for total, _ in each])
+        self.best_joint = np.array([best for _, best in each])
         self.total = float(log_sum_exp(self.joint))
 
-    def log_joint(self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], float]) -> float:
-        result = 0.0
+    def log_joints(
+        self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], np.ndarray]
+    ) -> tuple[float, float]:
+        """The sum, and the largest, over all sequences of groups along a path."""
+        total = best = np.zeros(len(self.transition))
         for start, end in pairwise(path):
-            result += self.mass[end - start] + evidence[start, end]
+            weight = np.zeros_like(self.transition) if end in self.free else self.transition
+            mass = self.mass[end - start] + evidence[start, end]
+            total = log_sum_exp((total + mass)[:, None] + weight, axis=0)
+            best = ((best + mass)[:, None] + weight).max(axis=0)
         last = path[-1]
-        return result + self.survival[n - 1 - last] + evidence[last, n]
+        mass = self.survival[n - 1 - last] + evidence[last, n]
+        return float(log_sum_exp(total + mass)), float((best + mass).max())
 
     def probability(self, holds: list[bool]) -> float:
         chosen = self.joint[np.array(holds)]
@@ -93,4 +103,4 @@ class BruteForce:
     @property
     def best(self) -> tuple[int, ...]:
         """Starts of the most probable segmentation."""
-        return self.paths[int(np.argmax(self.joint))]
+        return self.paths[int(np.argmax(self.best_joint))]

@@ -17,7 +17,10 @@ import numpy as np
 
 from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
 from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.corner import CornerStart
+from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.friction import Friction
+from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
@@ -78,7 +81,7 @@ class Whole:
         return sum(self.lattice.extend(self._divided(rows), observed), ())
 
     def log_evidence(self, rows: Rows) -> np.ndarray:
-        return self.lattice.combine(self.lattice.kind_log_evidence(self._divided(rows)))
+        return log_sum_exp(self.lattice.combine(self.lattice.kind_log_evidence(self._divided(rows))))
 
 
 ORIGINS: tuple[Origin, ...] = get_args(Origin)
@@ -158,6 +161,14 @@ def _walks() -> Iterator[tuple[str, Entry]]:
     yield "walk, presence", Entry(replace(walk, presence=2.0), WEIGHTED, "force")
 
 
+def _guided() -> Iterator[tuple[str, Entry]]:
+    model = GuidedMotion(0.8, floor=0.2, share=0.3, burst=0.4, nu0=4.0)
+    yield "guided motion", Entry(model, DENSITY)
+    one = replace(model, scales=(1.0,), burst_steps=1)
+    yield "guided motion, one scale", Entry(one, DENSITY, size=0.8)
+    yield "guided motion, pace", Entry(replace(model, pace=0.5), WEIGHTED)
+
+
 def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
     for preset in PRESETS.values():
         for name, model in preset.channels(1.5).items():
@@ -183,6 +194,7 @@ MODELS: dict[str, Entry] = {
     **dict(_free_space()),
     **dict(_profiled()),
     **dict(_walks()),
+    **dict(_guided()),
     **{
         f"contact, state {state}": Entry(ContactShare(state, contact2=1.5), DENSITY, "force")
         for state in (FREE, CONTACT, TRANSPORT)
@@ -196,6 +208,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     **{name: entry.model for name, entry in MODELS.items()},
     "held": Held(0.2, change=0.1),
     "friction": Friction(least=2.0, pace=0.002),
+    "corner": CornerStart(gamma=30.0, pace=0.0005),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
 }

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from caesura_service.changepoint import evidence
 from caesura_service.changepoint.compiled import CompiledFilter, can_compile
 from caesura_service.changepoint.filters import filter_for
+from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
 from caesura_service.changepoint.kernels.elementary import (
     exp_of_negative,
@@ -113,7 +114,8 @@ def test_a_segment_longer_than_the_tables_and_no_node_too_many() -> None:
     still = [(Observed(np.zeros(3), np.zeros(3)), False)] * 700
     compiled = follow(PRESETS["default"].lattice(), still, FilterParameters(window=10))
     assert compiled.root == 0
-    assert compiled._state.counters["nodes"][0] <= compiled.starts.size + 2
+    groups = len(compiled.lattice.log_transition)
+    assert compiled._state.counters["nodes"][0] <= groups * (compiled.starts.size + 2)
 
 
 SHORT = ProfileLibrary([minimum_jerk(0.3), minimum_jerk(0.6)], 0.1, 0.6, 0.3)
@@ -225,10 +227,13 @@ def test_what_has_no_compiled_twin_gets_the_reference() -> None:
 
 
 def test_more_shares_than_there_is_room_for_have_no_compiled_twin() -> None:
-    moving = PRESETS["default"].lattice().channels["moving"]
+    moving = PRESETS["strokes"].lattice().channels["moving"]
     assert isinstance(moving, Profiled)
     crowded: Noise = replace(moving.noise, shares=(0.1, 0.2, 0.3, 0.4, 0.5))
     assert not can_compile(alone(replace(moving, noise=crowded)))
+    guided = PRESETS["default"].lattice().channels["moving"]
+    assert isinstance(guided, GuidedMotion)
+    assert not can_compile(alone(replace(guided, scales=(0.25, 0.5, 1.0, 2.0, 4.0))))
 
 
 def test_presets_are_compiled() -> None:

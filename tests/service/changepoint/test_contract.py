@@ -14,6 +14,7 @@ from scipy import integrate
 
 from caesura_service.changepoint import contract
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
+from caesura_service.changepoint.corner import CornerStart
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
 from caesura_service.changepoint.friction import Friction
 from caesura_service.changepoint.levels import Held
@@ -281,5 +282,5 @@ def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:
 
 def test_the_catalogue_has_every_model_of_every_preset() -> None:
     used = {type(model) for preset in PRESETS.values() for model in preset.channels(1.5).values()}
-    listed = {type(entry.model) for entry in MODELS.values()} | {Held, Friction}
+    listed = {type(entry.model) for entry in MODELS.values()} | {Held, Friction, CornerStart}
     assert used <= listed

@@ -15,14 +15,22 @@ from caesura_service.recordings import segment_recording
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 
 TOUCHED = {
+    "without_guided_motion": {"moving"},
+    "without_corners": {"corner"},
     "without_sensor_noise": {"moving", "still", "stopped", "pressed"},
-    "without_growing_misfit": {"moving"},
+    "without_speed_noise": {"moving"},
     "without_bias": {"untouched"},
     "without_change": {"pressed"},
-    "without_correlation": {"moving", "still", "stopped", "untouched", "pressed", "laden"},
+    "without_correlation": {"moving", "untouched", "pressed", "laden"},
     "without_pace": {"moving", "still"},
     "without_friction": {"slid_along"},
+    "without_transitions": set(),
+    "without_refractory": set(),
 }
+
+
+def test_every_principle_is_left_out_once() -> None:
+    assert set(WITHOUT) == set(TOUCHED)
 
 
 @pytest.mark.parametrize("name", WITHOUT)
@@ -31,6 +39,14 @@ def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str
     assert set(full) == set(less)
     assert {channel for channel in full if full[channel] != less[channel]} == TOUCHED[name]
     assert WITHOUT[name].kinds == DEFAULT.kinds
+    changed = {
+        field
+        for field in ("unrepeated", "refractory_s", "mean_segment_s", "filter")
+        if getattr(WITHOUT[name], field) != getattr(DEFAULT, field)
+    }
+    assert changed == {"without_transitions": {"unrepeated"}, "without_refractory": {"refractory_s"}}.get(
+        name, set()
+    )
 
 
 @pytest.mark.parametrize("name", WITHOUT)

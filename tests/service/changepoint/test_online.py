@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.offline import segment_offline
 from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.segments import stretches
 from caesura_service.changepoint.smoothing import INTERVAL_REACH
-from service.changepoint.brute_force import BruteForce, demonstration, kind_log_evidence
+from service.changepoint.brute_force import BruteForce, demonstration, kind_log_evidence, segmentations
 from service.streams import pieces
 
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
@@ -87,7 +89,7 @@ def test_what_is_known_of_a_start_is_heeded(
     filters = [made(lattice, HAZARD, EXACT) for made in (OnlineFilter, CompiledFilter)]
     for i, observed in enumerate(data):
         known = [start for start in starts if start <= i]
-        brute = BruteForce(lattice, data[: i + 1], HAZARD, known, without, kinds=kinds)
+        brute = BruteForce(lattice, data[: i + 1], HAZARD, known, without, free=known, kinds=kinds)
         for online in filters:
             online.step(observed, changepoint=True if i in starts else False if i in without else None)
             check_against(brute, online)
@@ -106,9 +108,9 @@ def test_what_is_known_holds_when_something_else_is_taken_for_certain(
             start = online.map_path()[-1].start
             if start > online.root:
                 online.condition(start)
-    check_against(BruteForce(lattice, data, HAZARD, [7], [9, 10]), online)
+    check_against(BruteForce(lattice, data, HAZARD, [7], [9, 10], free=[7]), online)
     online.condition(11)
-    check_against(BruteForce(lattice, data, HAZARD, [7, 11], [9, 10]), online)
+    check_against(BruteForce(lattice, data, HAZARD, [7, 11], [9, 10], free=[7]), online)
 
 
 class Recorded(OnlineFilter):
@@ -138,7 +140,7 @@ def test_how_probable_a_certain_changepoint_was_is_not_forgotten() -> None:
     for observed in demonstration(2):
         online.step(observed)
     before = [online.changepoint_probability(s) for s in range(online.count)]
-    start = int(np.argmin(np.abs(np.array(before) - 0.5)))
+    start = int(np.argmin(np.abs(np.array(before[:-INTERVAL_REACH]) - 0.5)))
     event = online.event_probability(start)
     online.condition(start)
     assert online.changepoint_probability(start) == pytest.approx(1.0, abs=1e-12)
@@ -262,3 +264,54 @@ def test_a_value_that_is_not_finite_is_refused_and_changes_nothing() -> None:
         online.step(Observed(np.zeros(3), np.array([0.0, np.nan, 0.0])))
     assert online.count == 1
     assert online.starts.tolist() == [0]
+
+
+def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds() -> None:
+    """Every sequence of kinds, each with its prior given the kind before, in one product."""
+    lattice, data = PRESETS["default"].lattice(), demonstration(5, 5)
+    kinds, names = kind_log_evidence(lattice, data), [kind.name for kind in lattice.kinds]
+    weights = np.array([kind.weight for kind in lattice.kinds])
+
+    def log_prior(kind: int, before: int | None) -> float:
+        allowed = [name not in lattice.unrepeated or i != before for i, name in enumerate(names)]
+        return float(np.log(weights[kind] / weights[allowed].sum())) if allowed[kind] else -np.inf
+
+    prior = np.log(weights / weights.sum())
+    joints = []
+    for path in segmentations(len(data)):
+        spans = list(pairwise([*path, len(data)]))
+        for labels in product(range(len(names)), repeat=len(spans)):
+            total = 0.0
+            for i, ((start, end), kind) in enumerate(zip(spans, labels, strict=True)):
+                length = np.array([end - start])
+                last = i == len(spans) - 1
+                mass = HAZARD.log_survival(length - 1) if last else HAZARD.log_mass(length)
+                total += float(mass[0]) + kinds[start, end][kind] - prior[kind]
+                total += log_prior(kind, labels[i - 1] if i else None)
+            joints.append((total, path, labels))
+    values = np.array([total for total, _, _ in joints])
+    expected = float(log_sum_exp(values))
+    starts = [
+        float(np.exp(log_sum_exp(values[[s in path for _, path, _ in joints]]) - expected)) for s in range(5)
+    ]
+    assert segment_offline(lattice, HAZARD, data).log_evidence == pytest.approx(expected, abs=1e-9)
+    for made in (OnlineFilter, CompiledFilter):
+        online = made(lattice, HAZARD, EXACT)
+        for observed in data:
+            online.step(observed)
+        assert float(log_sum_exp(online.log_joint)) == pytest.approx(expected, abs=1e-9)
+        np.testing.assert_allclose([online.changepoint_probability(s) for s in range(5)], starts, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_two_rests_and_no_two_contacts_follow_each_other(seed: int) -> None:
+    preset = PRESETS["default"]
+    online = preset.online()
+    for observed, boundary in pieces(np.random.default_rng(seed), 120):
+        online.step(observed, boundary=boundary)
+        shown = stretches(online)
+        for one, other in pairwise(shown):
+            same = one.verdict.kind.name == other.verdict.kind.name
+            assert (
+                not same or one.verdict.kind.name not in preset.unrepeated or other.start in online.boundaries
+            )

@@ -16,7 +16,9 @@ from caesura_service.changepoint.kernels.layout import (
     CARRIED,
     CONSTANT,
     CONTACT,
+    CORNER,
     FRICTION,
+    GUIDED,
     HELD,
     LADEN,
     PROFILED,
@@ -24,6 +26,7 @@ from caesura_service.changepoint.kernels.layout import (
     VELOCITY,
     WALK,
 )
+from caesura_service.changepoint.kernels.movement import corner, guided
 from caesura_service.changepoint.kernels.profiles import profiled
 from caesura_service.changepoint.kernels.residuals import (
     LOG_2PI,
@@ -64,8 +67,20 @@ def take(here, c, joins):
         contact(here, c)
     elif which == VELOCITY:
         velocity(here, c)
-    elif which == FRICTION:
+    else:
+        take_weighing(here, c, joins)
+
+
+@compiled
+def take_weighing(here, c, joins):
+    """The same of a channel that weighs steps."""
+    which = model_at(here).channels[c].model
+    if which == FRICTION:
         friction(here, c, joins)
+    elif which == GUIDED:
+        guided(here, c, joins)
+    elif which == CORNER:
+        corner(here, c)
 
 
 @compiled

@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from caesura_service.changepoint.contact import ContactShare
+from caesura_service.changepoint.corner import CornerStart
 from caesura_service.changepoint.friction import Friction
+from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.kernels import layout
 from caesura_service.changepoint.kernels.layout import (
     BLOCK,
     CHANNEL,
     MOST_SHARES,
+    PAST,
     SETTINGS,
     Floats,
     Ints,
@@ -43,10 +46,18 @@ FORCE = SIGNALS["force"]
 
 def can_compile(lattice: Lattice) -> bool:
     """Whether every channel has a twin."""
-    return all(
-        type(model) in RECORDS and len(_noise(model).shares) <= MOST_SHARES
-        for model in lattice.channels.values()
-    )
+    return all(type(model) in RECORDS and _fits(model) for model in lattice.channels.values())
+
+
+def _fits(model: ChannelModel) -> bool:
+    """Whether the options of a model are within what the arrays have room for."""
+    match model:
+        case GuidedMotion():
+            return len(model.scales) <= MOST_SHARES
+        case CornerStart():
+            return model.memory <= PAST and model.chord <= model.reach
+        case _:
+            return len(_noise(model).shares) <= MOST_SHARES
 
 
 def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
@@ -58,6 +69,8 @@ def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, len
         channels,
         np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
         _log_weights(lattice),
+        np.ascontiguousarray(lattice.groups),
+        np.ascontiguousarray(lattice.log_transition),
         *_stacked([model for model in models if isinstance(model, Profiled)], n),
         np.array([by_length(channel, n[:MOST_LENGTHS]) for channel in channels]),
         hazard.log_mass(np.maximum(n, 1)),
@@ -262,6 +275,41 @@ def _friction(model: Friction) -> Record:
     return {"model": layout.FRICTION, "least": model.least, "pace": model.pace}
 
 
+def _guided(model: GuidedMotion) -> Record:
+    scales2 = np.zeros(MOST_SHARES)
+    scales2[: len(model.scales)] = np.square(model.scales)
+    return {
+        "model": layout.GUIDED,
+        "signal": SIGNALS["position"],
+        "joint": True,
+        "pooled": AXES,
+        "nu0": model.nu0,
+        "rho": model.correlation,
+        "floor2": model.floor**2,
+        "scale2": model.share**2,
+        "shares": len(model.scales),
+        "share2": scales2,
+        "burst2": model.burst**2,
+        "burst_steps": model.burst_steps,
+        "pace": model.pace,
+        "offset": -np.log(len(model.scales)),
+    }
+
+
+def _corner(model: CornerStart) -> Record:
+    return {
+        "model": layout.CORNER,
+        "gamma": model.gamma,
+        "pace": model.pace,
+        "turn": model.turn_deg,
+        "turn_width": model.turn_width_deg,
+        "dip": model.dip,
+        "dip_width": model.dip_width,
+        "chord": model.chord,
+        "reach": model.reach,
+    }
+
+
 RECORDS: Mapping[type, Callable[[Any], Record]] = {
     Profiled: _profiled,
     Walk: _walk,
@@ -273,6 +321,8 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     ContactShare: _contact,
     ConstantVelocity: _velocity,
     Friction: _friction,
+    GuidedMotion: _guided,
+    CornerStart: _corner,
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
@@ -286,6 +336,8 @@ _WIDTHS: Mapping[type, int] = {
     ContactShare: 2 + layout.STATES,
     ConstantVelocity: 12,
     Friction: 1,
+    GuidedMotion: 3,
+    CornerStart: 10,
 }
 
 

@@ -4,7 +4,8 @@ Living hypotheses stand in places, oldest first and without a gap, so that a loo
 what stands behind them is anything. A hypothesis' sums over profiles are too many to move up when another
 one goes: they stay in its slot. A node is what is known at a start: which node the best segmentation before
 it goes back to, and what the segment in between was. Living hypotheses, the next one, and later nodes refer
-to it; a node that nobody refers to is free. The root is the node that all of them descend from.
+to it; a node without a reference is free. The root is the node that all of them descend from. A hypothesis is
+a start with a group of kinds; each group descends from a node of its own.
 
 What is kept of an observation in the window stands in row or column (observation mod w).
 """
@@ -19,17 +20,21 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+FREE = -1  # no node, or no group
 VECTOR = 8  # numbers that a loop takes at once; what is left over it takes one by one
 AXES = 3
 BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
 STATES = 3  # of the contact model
+PAST = 16  # positions that a model may look back on
 
 # Rows of a library's table: φw, w, Σφ²w, Σ log scale.
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
-PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION = range(10)
+PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION, GUIDED, CORNER = range(
+    12
+)
 PREVIOUS, FIRST, ZERO = range(3)
 
 CHANNEL = np.dtype(
@@ -76,6 +81,15 @@ CHANNEL = np.dtype(
         ("unit", "f8"),
         ("step", "f8"),
         ("kappa0", "f8"),
+        ("burst2", "f8"),
+        ("burst_steps", "i8"),
+        ("gamma", "f8"),
+        ("turn", "f8"),  # [°]
+        ("turn_width", "f8"),
+        ("dip", "f8"),
+        ("dip_width", "f8"),
+        ("chord", "i8"),
+        ("reach", "i8"),
     ]
 )
 
@@ -96,13 +110,10 @@ COUNTERS = np.dtype(
         ("count", "i8"),  # observations taken
         ("living", "i8"),  # hypotheses
         ("root", "i8"),  # node
-        ("next", "i8"),  # node of the next hypothesis
         ("capped", "i8"),
         ("settled", "i8"),  # segments that became final in this step
         ("left", "f8"),  # smoothed probability of the observation that left the window last
         ("nodes", "i8"),  # that are not free
-        ("next_prior", "f8"),
-        ("next_map", "f8"),
     ]
 )
 
@@ -114,6 +125,8 @@ class Model(NamedTuple):
     channels: NDArray[Any]  # (c,) CHANNEL
     members: NDArray[np.bool_]  # (kinds, c)
     log_weight: Floats  # (kinds,)
+    groups: Ints  # (kinds,) group of each kind
+    transition: Floats  # (groups, groups) `Lattice.log_transition`
     profiles: Floats  # (libraries, samples, blocks, 4, BLOCK) whitened
     steps: Floats  # (libraries, blocks, 2, BLOCK) by which the last two go on where the table ends
     by_length: Floats  # (c, n) what of the evidence depends on the number of samples alone, up to some number
@@ -122,19 +135,23 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a step changes. s: places or slots, n: nodes, w: window; s and W ≥ w in whole vectors."""
+    """What a step changes. s: places or slots, n: nodes, g: groups, w: window; s and W ≥ w in whole
+    vectors.
+    """
 
     counters: NDArray[Any]  # (1,) COUNTERS
     now: Floats  # (7,) the observation: position 3, force 3, whether the gripper holds something
     previous: Floats  # (7,) the one before
+    past: Floats  # (PAST, 3) the last positions, this one included
     starts: Ints  # (s,)
-    nodes: Ints  # (s,)
+    nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned
     slots: Ints  # (s,) those of the living, then the free ones
     ages: Floats  # (s,) samples, the last one included
-    rows: Floats  # (rows, s) the next five, one after the other
-    priors: Floats  # (2, s) A(start), and the same with maximum
+    rows: Floats  # (rows, s) the next six, one after the other
+    priors: Floats  # (2, g, s) A(start), and the same with maximum
     joint: Floats  # (s,)
-    evidence: Floats  # (s,) over all kinds
+    evidence: Floats  # (g, s) over the kinds of a group
+    pairs: Floats  # (g, s) joint of each group
     kinds: Floats  # (kinds, s) log evidence of each kind
     sums: Floats  # (fields, s) what the channel models keep
     channel: Floats  # (c, s) log evidence of each channel
@@ -144,39 +161,56 @@ class State(NamedTuple):
     told: Floats  # (blocks · MOST_SHARES, BLOCK) scratch
     continued: Floats  # (2, BLOCK) scratch
     scratch: Floats
+    ended: Floats  # (2, g) log sum, and log maximum, of what ends before the next start, by its last group
+    ended_at: Ints  # (g,) the place, or the start, of that last segment in the maximum
+    next: Floats  # (2, g) A(next start), and the same with maximum
+    next_before: Ints  # (g + 1,) the group before it in the maximum; last the likeliest of all
+    next_nodes: Ints  # (g + 1,) their nodes
     node_start: Ints  # (n,) -1: free
     node_parent: Ints  # (n,)
     node_references: Ints  # (n,)
-    node_kinds: Floats  # (n, kinds) of the segment that ended here
-    window_evidence: Floats  # (w, W) of the segment [end, start]
+    node_group: Ints  # (n,) of the segment that ended here
+    node_kinds: Floats  # (n, kinds) of that segment
+    window_evidence: Floats  # (w, g, W) of the segment [end, group, start]
     window_kinds: Floats  # (w, w, kinds) the same of each kind
-    window_shares: Floats  # (w, W) probability [next, start] that what ends before `next` began at `start`
-    window_priors: Floats  # (2, W)
-    begun: Floats  # (W,) scratch
+    window_shares: (
+        Floats  # (w, g, W) probability [next, group, start] that what ends before `next` began at `start`
+    )
+    window_flow: (
+        Floats  # (w, g, g) probability [start, before, group] of the group before a segment of a group
+    )
+    window_priors: Floats  # (2, g, W)
+    window_ended: Floats  # (2, g, W) `ended` at each start
+    window_before: Ints  # (g, W) `next_before` at each start
+    window_free: Ints  # (W,) whether every group may follow every other at a start
+    begun: Floats  # (g, W) scratch
     smoothed: Floats  # (w,)
     terms: Floats  # scratch
-    anew: Ints  # (w + 2,) scratch
+    anew: Ints  # (w + 2, g + 1) scratch
     counted: Ints  # (w + 2,) scratch
     settled_start: Ints  # (n,)
+    settled_group: Ints  # (n,)
     settled_kinds: Floats  # (n, kinds)
 
 
 WORK = 7 + 2 * MOST_SHARES
-PLAIN_ROWS = 4  # of `State.rows`: priors, joint and evidence
 
 
 def fresh_state(
-    settings: NDArray[Any], kinds: int, channels: int, fields: int, profiled: tuple[int, int]
+    settings: NDArray[Any], kinds: int, groups: int, channels: int, fields: int, profiled: tuple[int, int]
 ) -> State:
     """Before the first observation: one node, the root, where the first segment starts."""
     window = int(settings["window"][0])
-    slots, nodes = whole(int(settings["cap"][0]) + 1), 4 * (window + 2)
+    slots, nodes = whole(int(settings["cap"][0]) + 1), (groups + 1) * 4 * (window + 2)
     libraries, blocks = profiled
+    plain = 4 * groups + 1  # rows of priors, joint, evidence and pairs
+    wide = whole(window)
     shapes: dict[str, tuple[int, ...]] = {
         "now": (7,),
         "previous": (7,),
+        "past": (PAST, AXES),
         "ages": (slots,),
-        "rows": (PLAIN_ROWS + kinds + fields, slots),
+        "rows": (plain + kinds + fields, slots),
         "channel": (channels, slots),
         "work": (WORK, slots),
         "profiles": (libraries, slots, blocks, 6, BLOCK),
@@ -184,12 +218,16 @@ def fresh_state(
         "told": (blocks * MOST_SHARES, BLOCK),
         "continued": (2, BLOCK),
         "scratch": (2 * STATES,),
+        "ended": (2, groups),
+        "next": (2, groups),
         "node_kinds": (nodes, kinds),
-        "window_evidence": (window, whole(window)),
+        "window_evidence": (window, groups, wide),
         "window_kinds": (window, window, kinds),
-        "window_shares": (window, whole(window)),
-        "window_priors": (2, whole(window)),
-        "begun": (whole(window),),
+        "window_shares": (window, groups, wide),
+        "window_flow": (window, groups, groups),
+        "window_priors": (2, groups, wide),
+        "window_ended": (2, groups, wide),
+        "begun": (groups, wide),
         "smoothed": (window,),
         "terms": (max(whole(window + 1), slots),),
         "settled_kinds": (nodes, kinds),
@@ -200,23 +238,31 @@ def fresh_state(
         **arrays,
         counters=np.zeros(1, COUNTERS),
         starts=np.zeros(slots, np.int64),
-        nodes=np.zeros(slots, np.int64),
+        nodes=np.full((groups, slots), FREE),
         slots=np.arange(slots),
-        priors=rows[:2],
-        joint=rows[2],
-        evidence=rows[3],
-        kinds=rows[PLAIN_ROWS : PLAIN_ROWS + kinds],
-        sums=rows[PLAIN_ROWS + kinds :],
-        node_start=np.full(nodes, -1),
-        node_parent=np.full(nodes, -1),
+        priors=rows[: 2 * groups].reshape(2, groups, slots),
+        joint=rows[2 * groups],
+        evidence=rows[2 * groups + 1 : 3 * groups + 1],
+        pairs=rows[3 * groups + 1 : plain],
+        kinds=rows[plain : plain + kinds],
+        sums=rows[plain + kinds :],
+        ended_at=np.zeros(groups, np.int64),
+        next_before=np.full(groups + 1, FREE),
+        next_nodes=np.zeros(groups + 1, np.int64),
+        node_start=np.full(nodes, FREE),
+        node_parent=np.full(nodes, FREE),
         node_references=np.zeros(nodes, np.int64),
-        anew=np.zeros(window + 2, np.int64),
+        node_group=np.full(nodes, FREE),
+        window_before=np.full((groups, wide), FREE),
+        window_free=np.ones(wide, np.int64),
+        anew=np.zeros((window + 2, groups + 1), np.int64),
         counted=np.zeros(window + 2, np.int64),
         settled_start=np.zeros(nodes, np.int64),
+        settled_group=np.zeros(nodes, np.int64),
     )
     state.window_evidence[:] = state.window_priors[:] = -np.inf
     state.counters["nodes"] = 1
-    state.node_start[0], state.node_references[0] = 0, 1
+    state.node_start[0], state.node_references[0] = 0, groups + 1
     return state
 
 
@@ -253,13 +299,15 @@ def _examples() -> tuple[Model, State]:
         np.zeros(1, CHANNEL),
         np.zeros((1, 1), np.bool_),
         np.zeros(1),
+        np.zeros(1, np.int64),
+        np.zeros((1, 1)),
         np.zeros((1, 1, 1, 4, BLOCK)),
         np.zeros((1, 1, 2, BLOCK)),
         np.zeros((1, 1)),
         np.zeros(1),
         np.zeros(1),
     )
-    return model, fresh_state(settings, 1, 1, 1, (1, 1))
+    return model, fresh_state(settings, 1, 1, 1, 1, (1, 1))
 
 
 A_MODEL, A_STATE = _examples()

@@ -2,10 +2,9 @@
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
+from caesura_service.changepoint.kernels.layout import FREE
 from caesura_service.changepoint.kernels.unpacking import state_at
 from caesura_service.compiling.decorators import compiled
-
-FREE = -1
 
 
 @compiled
@@ -17,8 +16,10 @@ def copy(target, source):
 
 @compiled
 def release(here, node):
-    """One reference less; what nobody refers to is free, and lets go of its parent. The root stays."""
+    """One reference less; a node without one is free, and its parent has one less. The root stays."""
     state = state_at(here)
+    if node == FREE:
+        return
     state.node_references[node] -= 1
     while state.node_references[node] == 0:
         parent = state.node_parent[node]
@@ -31,8 +32,8 @@ def release(here, node):
 
 
 @compiled
-def new_node(here, start, parent, kinds):
-    """A node with one reference, that of whoever asked for it."""
+def new_node(here, start, parent, group, kinds):
+    """A node with one reference, the caller's."""
     state = state_at(here)
     node = 0
     while state.node_start[node] != FREE:
@@ -40,6 +41,7 @@ def new_node(here, start, parent, kinds):
     state.node_start[node] = start
     state.node_parent[node] = parent
     state.node_references[node] = 1
+    state.node_group[node] = group
     state.node_references[parent] += 1
     copy(state.node_kinds[node], kinds)
     state.counters[0].nodes += 1
@@ -47,13 +49,22 @@ def new_node(here, start, parent, kinds):
 
 
 @compiled
-def node_at(here, start):
-    """The node of a start that the best segmentation has."""
+def node_at(here, start, group):
+    """The node of a start after a segment of this group; FREE without one."""
     state = state_at(here)
     for node in range(state.node_start.shape[0]):
-        if state.node_start[node] == start:
+        if state.node_start[node] == start and state.node_group[node] == group:
             return node
     return FREE
+
+
+@compiled
+def refer(here, node):
+    """One reference more; returns the node."""
+    state = state_at(here)
+    if node != FREE:
+        state.node_references[node] += 1
+    return node
 
 
 @compiled
@@ -66,6 +77,7 @@ def settle(here):
         if child == FREE:
             return
         state.settled_start[me.settled] = state.node_start[me.root]
+        state.settled_group[me.settled] = state.node_group[child]
         copy(state.settled_kinds[me.settled], state.node_kinds[child])
         me.settled += 1
         state.node_parent[child] = FREE

@@ -6,10 +6,11 @@ import math
 
 from caesura_service.changepoint.kernels.channels import take
 from caesura_service.changepoint.kernels.elementary import exponentials, logarithms, most_of, shares_of
-from caesura_service.changepoint.kernels.nodes import copy, new_node, release, settle
+from caesura_service.changepoint.kernels.layout import FREE
+from caesura_service.changepoint.kernels.nodes import copy, new_node, refer, release, settle
 from caesura_service.changepoint.kernels.residuals import whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.changepoint.kernels.window import keep_shares, remember, smooth, sum_from
+from caesura_service.changepoint.kernels.window import keep_shares, link, remember, smooth, sum_from
 from caesura_service.compiling.decorators import compiled
 
 HOLDING = 6  # place in an observation; before it what has to be finite
@@ -35,6 +36,9 @@ def step(here, boundary, changepoint):
         if not math.isfinite(state.now[i]):
             return 0, REFUSED
     me.settled = 0
+    if me.count and (boundary or changepoint == 1):
+        link(here, me.count, True)
+        take_likeliest(here)
     if boundary:
         while me.living:
             drop(here, me.living - 1)
@@ -54,31 +58,55 @@ def condition(here, start):
     state = state_at(here)
     me = state.counters[0]
     me.settled = 0
-    sum_from(here, start)
-    while me.living and state.starts[0] < start:
-        drop(here, 0)
-    for place in range(me.living):
-        row = state.starts[place] % state.smoothed.shape[0]
-        state.priors[0, place], state.priors[1, place] = (
-            state.window_priors[0, row],
-            state.window_priors[1, row],
-        )
-    join(here)
+    before = group_before(here, start)
+    keep_from(here, start, before)
+    if before == FREE:  # now that the best segmentation has this start
+        keep_from(here, start, group_before(here, start))
     settle(here)
     smooth(here)
 
 
 @compiled
+def keep_from(here, start, before):
+    """`OnlineFilter._sum_from`, and the joints of what is left."""
+    state = state_at(here)
+    me = state.counters[0]
+    sum_from(here, start, before)
+    while me.living and state.starts[0] < start:
+        drop(here, 0)
+    for place in range(me.living):
+        row = state.starts[place] % state.smoothed.shape[0]
+        for group in range(state.nodes.shape[0]):
+            state.priors[0, group, place] = state.window_priors[0, group, row]
+            state.priors[1, group, place] = state.window_priors[1, group, row]
+    join(here)
+
+
+@compiled
+def group_before(here, start):
+    """`OnlineFilter._group_before`; FREE where the best segmentation has no such start."""
+    state = state_at(here)
+    node = best_node(here)
+    while node != state.counters[0].root:
+        if state.node_start[node] == start:
+            return state.node_group[node]
+        node = state.node_parent[node]
+    return FREE
+
+
+@compiled
 def drop(here, place):
-    """Let go of the hypothesis in this place, and move those behind it up."""
+    """Remove the hypothesis in this place, and move those behind it up."""
     state = state_at(here)
     me = state.counters[0]
     me.living -= 1
-    living, slot, rows = me.living, state.slots[place], state.rows
-    release(here, state.nodes[place])
+    living, slot, rows, nodes = me.living, state.slots[place], state.rows, state.nodes
+    for group in range(nodes.shape[0]):
+        release(here, nodes[group, place])
+        for i in range(place, living):
+            nodes[group, i] = nodes[group, i + 1]
     for i in range(place, living):
         state.starts[i] = state.starts[i + 1]
-        state.nodes[i] = state.nodes[i + 1]
         state.slots[i] = state.slots[i + 1]
     state.slots[living] = slot
     for row in range(rows.shape[0]):
@@ -100,8 +128,8 @@ def grow(here, changepoint):
     joins, newborn = me.living > 0, me.living
     me.living += 1
     state.starts[newborn] = me.count
-    state.nodes[newborn] = me.next  # its reference goes over
-    state.priors[0, newborn], state.priors[1, newborn] = me.next_prior, me.next_map
+    take_next(here, newborn)
+    follow_path(here, joins)
     state.sums[:, newborn] = 0.0
     state.profiles[:, state.slots[newborn]] = 0.0
     for place in range(me.living):
@@ -114,33 +142,68 @@ def grow(here, changepoint):
             drop(here, 0)
     elif changepoint == 0 and me.living > 1:
         drop(here, me.living - 1)
-        me.next_prior = me.next_map = -math.inf
+        state.next[:] = -math.inf
     remember(here)
     copy(state.previous, state.now)
     me.count += 1
 
 
 @compiled
+def take_next(here, place):
+    """The priors and nodes of the next start go over to the hypothesis in this place."""
+    state = state_at(here)
+    groups = state.nodes.shape[0]
+    for group in range(groups):
+        node, best = state.next_nodes[group], state.next[1, group]
+        state.priors[0, group, place], state.priors[1, group, place] = state.next[0, group], best
+        if best == -math.inf:
+            release(here, node)
+            node = FREE
+        state.nodes[group, place] = node
+    release(here, state.next_nodes[groups])
+
+
+@compiled
+def follow_path(here, joins):
+    """Keep the last positions; before the first one all are where that is."""
+    state = state_at(here)
+    past = state.past
+    last = past.shape[0] - 1
+    for i in range(last + 1):
+        for a in range(past.shape[1]):
+            past[i, a] = past[i + 1, a] if joins and i < last else state.now[a]
+
+
+@compiled
 def weigh_kinds(here):
     """`Lattice.kind_log_evidence` and `combine`."""
     model, state = model_at(here), state_at(here)
-    lanes, kinds, evidence = whole(state.counters[0].living), state.kinds, state.evidence
-    evidence[:lanes] = -math.inf
+    lanes, kinds = whole(state.counters[0].living), state.kinds
+    state.evidence[:, :lanes] = -math.inf
     for k in range(kinds.shape[0]):
         kinds[k, :lanes] = model.log_weight[k]
         for c in range(model.members.shape[1]):
             if model.members[k, c]:
                 add(kinds[k], state.channel[c], lanes)
-        most(evidence, kinds[k], lanes)
+        most(state.evidence[model.groups[k]], kinds[k], lanes)
     if not model.settings[0].maximum:
-        total, each = state.work[0], state.work[1]
-        total[:lanes] = 0.0
-        for k in range(kinds.shape[0]):
+        for group in range(state.evidence.shape[0]):
+            mix_kinds(here, group, lanes)
+
+
+@compiled
+def mix_kinds(here, group, lanes):
+    """The mixture of a group's kinds, given their maximum."""
+    model, state = model_at(here), state_at(here)
+    kinds, evidence, total, each = state.kinds, state.evidence[group], state.work[0], state.work[1]
+    total[:lanes] = 0.0
+    for k in range(kinds.shape[0]):
+        if model.groups[k] == group:
             beside(each, kinds[k], evidence, lanes)
             exponentials(each, 0.0, lanes)
             add(total, each, lanes)
-        logarithms(total, lanes)
-        add(evidence, total, lanes)
+    logarithms(total, lanes)
+    add(evidence, total, lanes)
 
 
 @compiled
@@ -166,30 +229,75 @@ def beside(difference, values, largest, lanes):
 
 @compiled
 def prepare_next(here):
-    """A and its maximum for the hypothesis that the next observation starts, and its node."""
+    """What ends now, by group, and the links of the next observation's start."""
     model, state = model_at(here), state_at(here)
     me, terms = state.counters[0], state.terms
-    best, chosen = -math.inf, 0
-    for place in range(me.living):
-        mass = model.log_mass[me.count - state.starts[place]] + state.evidence[place]
-        terms[place] = state.priors[0, place] + mass
-        score = state.priors[1, place] + mass
-        if score > best:
-            best, chosen = score, place
-    me.next_map = best
-    me.next_prior = shares_of(terms, me.living)
-    keep_shares(here, me.count, state.starts, terms, me.living)
-    me.next = new_node(here, me.count, state.nodes[chosen], state.kinds[:, chosen])
+    for group in range(state.nodes.shape[0]):
+        best, chosen = -math.inf, 0
+        for place in range(me.living):
+            mass = model.log_mass[me.count - state.starts[place]] + state.evidence[group, place]
+            terms[place] = state.priors[0, group, place] + mass
+            score = state.priors[1, group, place] + mass
+            if score > best:
+                best, chosen = score, place
+        state.ended[1, group], state.ended_at[group] = best, chosen
+        state.ended[0, group] = shares_of(terms, me.living)
+        keep_shares(here, me.count, group, state.starts, terms, me.living)
+    link(here, me.count, False)
+    make_nodes(here)
+
+
+@compiled
+def make_nodes(here):
+    """The next start's nodes, one for each group that something descends from."""
+    state = state_at(here)
+    count, nodes = state.counters[0].count, state.next_nodes
+    for i in range(nodes.size):
+        before, node = state.next_before[i], FREE
+        for other in range(i):
+            if state.next_before[other] == before and nodes[other] != FREE:
+                node = nodes[other]
+        if i < nodes.size - 1 and state.next[1, i] == -math.inf:
+            nodes[i] = FREE
+        elif node != FREE:
+            nodes[i] = refer(here, node)
+        else:
+            at = state.ended_at[before]
+            nodes[i] = new_node(here, count, state.nodes[before, at], before, state.kinds[:, at])
+
+
+@compiled
+def take_likeliest(here):
+    """Every group of the next start descends from the likeliest segment that ends there."""
+    state = state_at(here)
+    groups = state.nodes.shape[0]
+    for group in range(groups):
+        release(here, state.next_nodes[group])
+        state.next_nodes[group] = refer(here, state.next_nodes[groups])
 
 
 @compiled
 def join(here):
     """`OnlineFilter.log_joint`."""
     model, state = model_at(here), state_at(here)
-    me = state.counters[0]
+    me, pairs = state.counters[0], state.pairs
     for place in range(me.living):
         survived = model.log_survival[me.count - 1 - state.starts[place]]
-        state.joint[place] = state.priors[0, place] + survived + state.evidence[place]
+        for group in range(pairs.shape[0]):
+            pairs[group, place] = state.priors[0, group, place] + survived + state.evidence[group, place]
+        sum_pairs(here, place)
+
+
+@compiled
+def sum_pairs(here, place):
+    """The joint of a hypothesis over its groups."""
+    state = state_at(here)
+    pairs, peak, total = state.pairs, -math.inf, 0.0
+    for group in range(pairs.shape[0]):
+        peak = max(peak, pairs[group, place])
+    for group in range(pairs.shape[0]):
+        total += math.exp(pairs[group, place] - peak) if peak > -math.inf else 1.0
+    state.joint[place] = peak + math.log(total)
 
 
 @compiled
@@ -198,19 +306,34 @@ def prune(here):
     model, state = model_at(here), state_at(here)
     me, settings = state.counters[0], model.settings[0]
     join(here)
-    best = most_of(state.joint, me.living)
+    least = most_of(state.joint, me.living) + settings.log_prune
     before = me.living
     for place in range(before - settings.keep_youngest - 1, -1, -1):
-        if not state.joint[place] >= best + settings.log_prune:
+        if not state.joint[place] >= least:
             drop(here, place)
+        else:
+            drop_pairs(here, place, least)
     if me.living > settings.cap:
         me.capped += 1
     while me.living > settings.cap:
-        least = 0
+        least_at = 0
         for place in range(1, me.living - settings.keep_youngest):
-            if state.joint[place] < state.joint[least]:
-                least = place
-        drop(here, least)
+            if state.joint[place] < state.joint[least_at]:
+                least_at = place
+        drop(here, least_at)
+
+
+@compiled
+def drop_pairs(here, place, least):
+    """Follow the groups of a hypothesis no further whose joint is below this."""
+    state = state_at(here)
+    for group in range(state.nodes.shape[0]):
+        if state.pairs[group, place] < least:
+            state.priors[0, group, place] = state.priors[1, group, place] = -math.inf
+            state.pairs[group, place] = -math.inf
+            release(here, state.nodes[group, place])
+            state.nodes[group, place] = FREE
+    sum_pairs(here, place)
 
 
 # --- what is certain ------------------------------------------------------------------------------------
@@ -239,15 +362,23 @@ def certain(here):
 @compiled
 def best_node(here):
     """Where the last segment of the best segmentation starts."""
+    place, group = best_pair(here)
+    return state_at(here).nodes[group, place]
+
+
+@compiled
+def best_pair(here):
+    """Place and group of the last segment of the best segmentation."""
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
-    best, chosen = -math.inf, 0
+    best, chosen, of_group = -math.inf, 0, 0
     for place in range(me.living):
         survived = model.log_survival[me.count - 1 - state.starts[place]]
-        score = state.priors[1, place] + survived + state.evidence[place]
-        if score > best:
-            best, chosen = score, place
-    return state.nodes[chosen]
+        for group in range(state.nodes.shape[0]):
+            score = state.priors[1, group, place] + survived + state.evidence[group, place]
+            if score > best:
+                best, chosen, of_group = score, place, group
+    return chosen, of_group
 
 
 @compiled

@@ -1,9 +1,10 @@
 """The window: the evidence of its segments, what a start taken for certain sums anew, and smoothing.
 
-`window.Window` goes back over the evidence in logarithms. Here it is done with probabilities: what ends
-before u began at s with probability A(s) g(u−s) L(s,u−1) / A(u), which never changes any more. So a segment
-starts at s with the probability that the last one did, and for every start u after it with the probability of
-u times that of its forerunner having begun at s. Only the last segment's exponentials have to be taken anew.
+`window.Window` goes back over the evidence in logarithms. Here it is done with probabilities. A segment of
+group j that starts at u follows one of group i with probability E_i(u) R_ij / A_j(u) (`window_flow`). That
+one began at s with probability A_i(s) g(u−s) L_i(s,u−1) / E_i(u) (`window_shares`). Neither changes any more.
+So a segment of group i starts at s with the probability that the last one did, and for every later start u
+with that of u, times flow and share. Only the last segment's exponentials are new at each step.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -11,7 +12,8 @@ u times that of its forerunner having begun at s. Only the last segment's expone
 import math
 
 from caesura_service.changepoint.kernels.elementary import exponentials, log_sum_exp, shares_of
-from caesura_service.changepoint.kernels.nodes import new_node, node_at, release
+from caesura_service.changepoint.kernels.layout import FREE
+from caesura_service.changepoint.kernels.nodes import new_node, node_at, refer, release
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.compiling.decorators import compiled
 
@@ -25,22 +27,35 @@ def remember(here):
     row = now % size
     evidence, kinds, starts = state.window_evidence[row], state.window_kinds[row], state.starts
     evidence[:] = -math.inf
-    state.window_priors[0, row], state.window_priors[1, row] = me.next_prior, me.next_map
+    remember_links(here, row)
     for place in range(me.living - 1, -1, -1):
         start = starts[place]
         if start <= now - size:
             break
-        evidence[start % size] = state.evidence[place]
+        for group in range(evidence.shape[0]):
+            if state.priors[0, group, place] > -math.inf:
+                evidence[group, start % size] = state.evidence[group, place]
         for k in range(kinds.shape[1]):
             kinds[start % size, k] = state.kinds[k, place]
 
 
 @compiled
-def keep_shares(here, start, starts, shares, n):
-    """Of the segments that may have ended before `start`, the probability that they began at `starts`."""
+def remember_links(here, row):
+    """The links of the next start, at this row."""
+    state = state_at(here)
+    for group in range(state.next.shape[1]):
+        for i in range(2):
+            state.window_priors[i, group, row] = state.next[i, group]
+            state.window_ended[i, group, row] = state.ended[i, group]
+        state.window_before[group, row] = state.next_before[group]
+
+
+@compiled
+def keep_shares(here, start, group, starts, shares, n):
+    """Of the segments of a group that may have ended before `start`, the probability that each began."""
     state = state_at(here)
     size = state.window_shares.shape[0]
-    row = state.window_shares[start % size]
+    row = state.window_shares[start % size, group]
     row[:] = 0.0
     for i in range(n - 1, -1, -1):
         if starts[i] <= start - size:
@@ -49,26 +64,65 @@ def keep_shares(here, start, starts, shares, n):
 
 
 @compiled
+def link(here, start, free):
+    """`window.link`, of what has ended before a start. It is that of the next one."""
+    model, state = model_at(here), state_at(here)
+    ended, following, before = state.ended, state.next, state.next_before
+    groups, row = ended.shape[1], start % state.window_evidence.shape[0]
+    flow = state.window_flow[row]
+    state.window_free[row] = free
+    likeliest = 0
+    for i in range(groups):
+        if ended[1, i] > ended[1, likeliest]:
+            likeliest = i
+    before[groups] = likeliest
+    for j in range(groups):
+        best, chosen, peak = -math.inf, 0, -math.inf
+        for i in range(groups):
+            weight = 0.0 if free else model.transition[i, j]
+            flow[i, j] = ended[0, i] + weight
+            peak = max(peak, flow[i, j])
+            if ended[1, i] + weight > best:
+                best, chosen = ended[1, i] + weight, i
+        following[1, j], before[j] = best, chosen
+        total = 0.0
+        for i in range(groups):
+            flow[i, j] = math.exp(flow[i, j] - peak) if peak > -math.inf else 0.0
+            total += flow[i, j]
+        following[0, j] = peak + math.log(total) if peak > -math.inf else peak
+        for i in range(groups):
+            flow[i, j] /= total if total > 0.0 else 1.0
+
+
+@compiled
 def smooth(here):
     """`Window.smoothed`, given the joints of the living."""
     model, state = model_at(here), state_at(here)
     me, begun, terms = state.counters[0], state.begun, state.terms
-    size = state.window_evidence.shape[0]
+    size, groups = state.window_evidence.shape[0], begun.shape[0]
     now, span = me.count - 1, min(me.count, size)
     evidence, priors = state.window_evidence[now % size], state.window_priors[0]
     for place in range(me.living):
         terms[place] = state.joint[place]
     total = log_sum_exp(terms, me.living)
-    row = now % size
-    for age in range(span):
-        begun[row] = priors[row] + model.log_survival[age] + evidence[row]
-        row = row - 1 if row else size - 1
-    exponentials(begun, total, begun.size)
+    for group in range(groups):
+        row = now % size
+        for age in range(span):
+            begun[group, row] = priors[group, row] + model.log_survival[age] + evidence[group, row]
+            row = row - 1 if row else size - 1
+        exponentials(begun[group], total, begun.shape[1])
     row = now % size
     for i in range(span - 1, -1, -1):
-        probability = begun[row]
+        probability, flow = 0.0, state.window_flow[row]
+        for group in range(groups):
+            probability += begun[group, row]
         state.smoothed[i] = min(probability, 1.0)
-        go_back(begun, state.window_shares[row], probability)
+        if probability > 0.0:
+            for before in range(groups):
+                through = 0.0
+                for group in range(groups):
+                    through += begun[group, row] * flow[before, group]
+                go_back(begun[before], state.window_shares[row, before], through)
         row = row - 1 if row else size - 1
 
 
@@ -80,48 +134,103 @@ def go_back(begun, shares, probability):
 
 
 @compiled
-def sum_from(here, start):
+def sum_from(here, start, before):
     """`Window.sum_from`, and the nodes that follow from it."""
-    model, state = model_at(here), state_at(here)
-    me, terms = state.counters[0], state.terms
-    size, priors = state.window_evidence.shape[0], state.window_priors
+    state = state_at(here)
+    me, size = state.counters[0], state.window_evidence.shape[0]
     for end in range(start, me.count):
-        for before in range(max(0, me.count - size), start):
-            state.window_evidence[end % size, before % size] = -math.inf
-    anew, starts = state.anew, state.counted  # nodes of start, start + 1, …
-    anew[0] = node_at(here, start)
+        for earlier in range(max(0, me.count - size), start):
+            state.window_evidence[end % size, :, earlier % size] = -math.inf
+    begin_anew(here, start, before)
     for end in range(start + 1, me.count + 1):
-        best, chosen, evidence = -math.inf, start, state.window_evidence[(end - 1) % size]
-        for s in range(start, end):
-            mass = model.log_mass[end - s] + evidence[s % size]
-            terms[s - start] = priors[0, s % size] + mass
-            score = priors[1, s % size] + mass
-            if score > best:
-                best, chosen = score, s
-            starts[s - start] = s
-        total = shares_of(terms, end - start)
-        keep_shares(here, end, starts, terms, end - start)
-        kinds = state.window_kinds[(end - 1) % size, chosen % size]
-        anew[end - start] = new_node(here, end, anew[chosen - start], kinds)
+        for group in range(state.begun.shape[0]):
+            end_anew(here, start, end, group)
+        free = end < me.count and state.window_free[end % size] == 1
+        link(here, end, free)
+        nodes_anew(here, start, end)
         if end < me.count:
-            priors[0, end % size], priors[1, end % size] = total, best
-        else:
-            me.next_prior, me.next_map = total, best
+            remember_links(here, end % size)
     refer_anew(here, start)
 
 
 @compiled
-def refer_anew(here, start):
-    """Hypotheses behind `start`, and the next one, go over to the nodes that were made anew."""
+def begin_anew(here, start, before):
+    """The nodes of the start; with `before` certain, every group descends from that one."""
+    model, state = model_at(here), state_at(here)
+    row, groups = start % state.window_evidence.shape[0], state.begun.shape[0]
+    for group in range(groups):
+        if before != FREE:
+            weight = 0.0 if state.window_free[row] else model.transition[before, group]
+            state.window_priors[1, group, row] = state.window_ended[1, before, row] + weight
+            state.window_before[group, row] = before
+        state.anew[0, group] = node_at(here, start, state.window_before[group, row])
+
+
+@compiled
+def end_anew(here, start, end, group):
+    """What ends before `end` with a segment of this group, all from `start` on."""
+    model, state = model_at(here), state_at(here)
+    size, priors, terms, starts = (
+        state.window_evidence.shape[0],
+        state.window_priors,
+        state.terms,
+        state.counted,
+    )
+    best, chosen, evidence = -math.inf, start, state.window_evidence[(end - 1) % size, group]
+    for s in range(start, end):
+        mass = model.log_mass[end - s] + evidence[s % size]
+        terms[s - start] = priors[0, group, s % size] + mass
+        score = priors[1, group, s % size] + mass
+        if score > best:
+            best, chosen = score, s
+        starts[s - start] = s
+    state.ended[1, group], state.ended_at[group] = best, chosen
+    state.ended[0, group] = shares_of(terms, end - start)
+    keep_shares(here, end, group, starts, terms, end - start)
+
+
+@compiled
+def nodes_anew(here, start, end):
+    """The nodes of a later start, to `state.anew`: one for each group that something descends from."""
     state = state_at(here)
-    me, anew = state.counters[0], state.anew
+    size, nodes = state.window_evidence.shape[0], state.anew[end - start]
+    for i in range(nodes.size):
+        before, node = state.next_before[i], FREE
+        for other in range(i):
+            if state.next_before[other] == before and nodes[other] != FREE:
+                node = nodes[other]
+        if i < nodes.size - 1 and state.next[1, i] == -math.inf:
+            nodes[i] = FREE
+        elif node != FREE:
+            nodes[i] = refer(here, node)
+        else:
+            at = state.ended_at[before]
+            kinds = state.window_kinds[(end - 1) % size, at % size]
+            nodes[i] = new_node(here, end, state.anew[at - start, before], before, kinds)
+
+
+@compiled
+def refer_anew(here, start):
+    """Hypotheses from `start` on, and the next one, go over to the nodes that were made."""
+    state = state_at(here)
+    me, anew, groups, size = (
+        state.counters[0],
+        state.anew,
+        state.begun.shape[0],
+        state.window_evidence.shape[0],
+    )
     for place in range(me.living):
-        if state.starts[place] > start:
-            before, state.nodes[place] = state.nodes[place], anew[state.starts[place] - start]
-            state.node_references[state.nodes[place]] += 1
-            release(here, before)
-    before, me.next = me.next, anew[me.count - start]
-    state.node_references[me.next] += 1
-    release(here, before)
+        at = state.starts[place] - start
+        if at >= 0:
+            for group in range(groups):
+                possible = state.window_priors[1, group, state.starts[place] % size] > -math.inf
+                node = refer(here, anew[at, group] if possible else FREE)
+                release(here, state.nodes[group, place])
+                state.nodes[group, place] = node
+    for i in range(groups + 1):
+        node = refer(here, anew[me.count - start, i])
+        release(here, state.next_nodes[i])
+        state.next_nodes[i] = node
     for end in range(me.count, start, -1):
-        release(here, anew[end - start])
+        for i in range(groups + 1):
+            release(here, anew[end - start, i])

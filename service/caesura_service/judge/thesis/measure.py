@@ -193,7 +193,7 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     offline = segment_offline(online.lattice, hazard, rows)
     path = offline.path if threshold is None else offline.threshold_path(threshold)
     starts = [ended.start for ended in path]
-    kinds = [verdict(online.lattice.kinds, ended.kind_log_evidence).kind for ended in path]
+    kinds = [verdict(online.lattice, ended).kind for ended in path]
     joins = int(preset.continuous)
     forces_n = np.array([row.force[2] for row in rows])
     parts = [forces_n[a:b] for a, b in pairwise([*starts, len(rows)])]

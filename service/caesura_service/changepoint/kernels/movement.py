@@ -1,0 +1,193 @@
+"""`GuidedMotion` and `CornerStart`: sums over steps, and what the path before a start and after it are like.
+
+The steps are the same for every hypothesis. Only the youngest differ: their velocity before the start is 0,
+their noise has a burst, and their corner may still change.
+"""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+
+import math
+
+from caesura_service.changepoint.kernels.elementary import exp_of_negative, larger, logarithms
+from caesura_service.changepoint.kernels.layout import AXES
+from caesura_service.changepoint.kernels.residuals import BY_LENGTH, log_presence, tell_length, whole
+from caesura_service.changepoint.kernels.unpacking import model_at, state_at
+from caesura_service.compiling.decorators import compiled
+
+SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion
+PEAK, TOTAL = 5, 6  # rows of the work; those before `BY_LENGTH` hold one scale each
+OWN_STEPS = 2  # observations of a segment after which the steps before it play no part
+START, BEFORE, SPEED, PEAK_BEFORE, PEAK_AFTER, WEIGHT = 0, 3, 6, 7, 8, 9  # fields of a corner
+LENGTH_FLOOR_M = 1e-9
+MOST = 50.0  # of the logistic function's argument
+
+
+@compiled
+def guided(here, c, joins):
+    """`GuidedMotion`. Fields: Σ|ε|², Σ log w, Σ log pace."""
+    model, state = model_at(here), state_at(here)
+    channel, living = model.channels[c], state.counters[0].living
+    sums = state.sums[channel.field : channel.field + 3]
+    settled = max(OWN_STEPS, channel.burst_steps)
+    old = living
+    while old and state.ages[old - 1] <= settled:
+        old -= 1
+    square, log_scale = innovation(here, channel, settled)
+    add_step(sums, square, log_scale, 0, old)
+    for place in range(old, living):
+        square, log_scale = innovation(here, channel, int(state.ages[place]) - 1)
+        add_step(sums, square, log_scale, place, place + 1)
+    paced = log_presence(step_squared_at(state.past, 1), channel.pace) if joins else 0.0
+    for place in range(living):
+        sums[PACED, place] += paced
+    tell_length(here, c)
+    mix_scales(here, channel, sums, state.channel[c])
+
+
+@compiled
+def innovation(here, channel, n):
+    """|ε|² and log w of the last step, for a segment that had n observations before it."""
+    past = state_at(here).past
+    last = past.shape[0] - 1
+    error2 = own2 = 0.0
+    for a in range(AXES):
+        step = past[last, a] - past[last - 1, a]
+        own_1 = past[last - 1, a] - past[last - 2, a] if n >= 1 else 0.0
+        own_2 = past[last - 2, a] - past[last - 3, a] if n >= OWN_STEPS else 0.0
+        error2 += (step - 2.0 * channel.rho * own_1 + channel.rho**2 * own_2) ** 2
+        own2 += own_1**2
+    scale2 = channel.floor2 + channel.scale2 * own2
+    if n < channel.burst_steps:
+        scale2 += channel.burst2
+    return error2 / scale2, 0.5 * math.log(scale2)
+
+
+@compiled
+def add_step(sums, square, log_scale, first, last):
+    """To the sums of some hypotheses."""
+    for i in range(first, last):
+        sums[SQUARES, i] += square
+        sums[LOG_SCALES, i] += log_scale
+
+
+@compiled
+def mix_scales(here, channel, sums, told):
+    """The mean over scales; what depends on length alone has been told."""
+    state = state_at(here)
+    work, lanes = state.work, whole(state.counters[0].living)
+    half0, half = 0.5 * channel.nu0, 0.5 * channel.pooled
+    work[PEAK, :lanes] = -math.inf
+    for k in range(channel.shares):
+        prior = channel.nu0 * channel.share2[k]
+        with_prior(work[k], sums[SQUARES], prior, lanes)
+        logarithms(work[k], lanes)
+        under_scale(work[k], work[PEAK], state.ages, half0 * math.log(prior), half0, half, lanes)
+    work[TOTAL, :lanes] = 0.0
+    for k in range(channel.shares):
+        add_exponentials(work[TOTAL], work[k], work[PEAK], lanes)
+    logarithms(work[TOTAL], lanes)
+    add_up(told, work, sums, lanes)
+
+
+@compiled
+def with_prior(values, squares, prior, lanes):
+    """ν₀ s² + Σ|ε|²."""
+    for i in range(lanes):
+        values[i] = prior + squares[i]
+
+
+@compiled
+def under_scale(values, peak, ages, constant, half0, half, lanes):
+    """Log evidence from logarithms, in their place, and the largest so far."""
+    for i in range(lanes):
+        values[i] = constant - (half0 + half * ages[i]) * values[i]
+        peak[i] = larger(peak[i], values[i])
+
+
+@compiled
+def add_exponentials(total, values, peak, lanes):
+    """Σ exp(value − peak)."""
+    for i in range(lanes):
+        total[i] += exp_of_negative(values[i] - peak[i])
+
+
+@compiled
+def add_up(told, work, sums, lanes):
+    """The whole."""
+    by_length, peak, logs = work[BY_LENGTH], work[PEAK], work[TOTAL]
+    for i in range(lanes):
+        told[i] = by_length[i] + peak[i] + logs[i] - AXES * sums[LOG_SCALES, i] + sums[PACED, i]
+
+
+# --- corners --------------------------------------------------------------------------------------------
+
+
+@compiled
+def corner(here, c):
+    """`CornerStart`. Fields: position at the start 3, path before it 3, step at it, peaks 2, log weight."""
+    model, state = model_at(here), state_at(here)
+    channel, living, past = model.channels[c], state.counters[0].living, state.past
+    sums = state.sums[channel.field : channel.field + 10]
+    begin(sums, past, living - 1, channel)
+    step = math.sqrt(step_squared_at(past, 1))
+    place = living - 2
+    while place >= 0 and state.ages[place] - 1 <= channel.reach:
+        sums[PEAK_AFTER, place] = max(sums[PEAK_AFTER, place], step)
+        if state.ages[place] - 1 >= channel.chord:
+            sums[WEIGHT, place] = corner_weight(sums, past, place, channel)
+        place -= 1
+    told = state.channel[c]
+    for i in range(living):
+        told[i] = sums[WEIGHT, i]
+
+
+@compiled
+def begin(sums, past, place, channel):
+    """A start here: what it looks back on."""
+    last = past.shape[0] - 1
+    for a in range(AXES):
+        sums[START + a, place] = past[last, a]
+        sums[BEFORE + a, place] = past[last - 1, a] - past[last - 1 - channel.chord, a]
+    sums[SPEED, place] = math.sqrt(step_squared_at(past, 1))
+    peak = 0.0
+    for back in range(2, channel.reach + 2):
+        peak = max(peak, math.sqrt(step_squared_at(past, back)))
+    sums[PEAK_BEFORE, place] = peak
+
+
+@compiled
+def step_squared_at(past, back):
+    """Squared length of the last step, or of one before it."""
+    last = past.shape[0] - back
+    total = 0.0
+    for a in range(AXES):
+        total += (past[last, a] - past[last - 1, a]) ** 2
+    return total
+
+
+@compiled
+def corner_weight(sums, past, place, channel):
+    """`CornerStart._log_weight`."""
+    last = past.shape[0] - 1
+    before2 = after2 = product = 0.0
+    for a in range(AXES):
+        before, after = sums[BEFORE + a, place], past[last, a] - sums[START + a, place]
+        before2 += before**2
+        after2 += after**2
+        product += before * after
+    peak, lengths = (
+        min(sums[PEAK_BEFORE, place], sums[PEAK_AFTER, place]),
+        math.sqrt(before2) * math.sqrt(after2),
+    )
+    if peak <= channel.pace or math.sqrt(before2) <= LENGTH_FLOOR_M or math.sqrt(after2) <= LENGTH_FLOOR_M:
+        return 0.0
+    turn = math.degrees(math.acos(min(max(product / lengths, -1.0), 1.0)))
+    turned = (turn - channel.turn) / channel.turn_width
+    dipped = (channel.dip - sums[SPEED, place] / peak) / channel.dip_width
+    return channel.gamma * logistic(turned) * logistic(dipped)
+
+
+@compiled
+def logistic(x):
+    """1/(1 + exp(−x))."""
+    return 1.0 / (1.0 + math.exp(-min(max(x, -MOST), MOST)))

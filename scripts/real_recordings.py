@@ -3,9 +3,9 @@
     python scripts/real_recordings.py [DIRECTORY]
     python scripts/real_recordings.py --copy DIRECTORY    # also puts the annotations beside the recordings
 
-DIRECTORY: where the recordings lie; else CAESURA_REAL_DATA, else ../shared/data/real. Each annotation names its
-recording, the SHA-256 of the file, the repository it comes from and its licence. The exit code is 1 where a
-recording is missing or differs from the one that was annotated.
+DIRECTORY: where the recordings lie; else CAESURA_REAL_DATA, else ../shared/data/real. Each annotation names
+its recording, the SHA-256 of the file, the repository it comes from and its licence. The exit code is 1 where
+a recording is missing or differs from the one that was annotated.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ class Wanted(NamedTuple):
         if not path.is_file():
             return "missing"
         found = sha256_of(path)
-        return "ok" if found == self.sha256 else f"differs: SHA-256 {found[:12]}…, expected {self.sha256[:12]}…"
+        return (
+            "ok" if found == self.sha256 else f"differs: SHA-256 {found[:12]}…, expected {self.sha256[:12]}…"
+        )
 
 
 def recordings(annotations: Path = ANNOTATIONS) -> Iterator[Wanted]:
@@ -89,8 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _advice(absent: Sequence[Wanted], directory: Path) -> str:
     repositories = sorted({wanted.source.partition(":")[0] for wanted in absent})
     return (
-        f"To get the others: clone {', '.join(repositories)} from GitHub, and convert each source to npz with "
-        f"the arrays t, pos, quat, force, torque, wrench_source and source_file (docs/annotation.md).\n"
+        f"To get the others: clone {', '.join(repositories)} from GitHub, and convert each source to npz "
+        f"with the arrays t, pos, quat, force, torque, wrench_source and source_file (docs/annotation.md).\n"
+        f"A file that is converted anew holds the same signals under another hash.\n"
         f"Put the files into {directory}, or name their directory: an argument, or {VARIABLE}."
     )
 

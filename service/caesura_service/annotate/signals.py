@@ -69,7 +69,7 @@ def drawn_signals(recording: Recording) -> Drawn:
 def _grid(t: Array) -> Array:
     """Return the times of the grid: as fine as the samples, RATE_HZ and MAX_ROWS at most."""
     span = float(t[-1] - t[0])
-    steps = min(max(t.size - 1, 1), max(int(span * RATE_HZ), 1), MAX_ROWS - 1)
+    steps = min(t.size - 1, max(int(span * RATE_HZ), 1), MAX_ROWS - 1)
     return np.linspace(float(t[0]), float(t[-1]), steps + 1)
 
 
@@ -94,7 +94,7 @@ def _interpolate(grid: Array, t: Array, values: Array) -> Array:
 
 def _cell_means(grid: Array, t: Array, values: Array) -> Array:
     """Return the mean of the samples in each cell of the grid, interpolated where a cell has none."""
-    step = (grid[-1] - grid[0]) / (grid.size - 1) or 1.0
+    step = grid[1] - grid[0] if grid.size > 1 else 1.0
     cell = np.clip(np.rint((t - grid[0]) / step).astype(np.intp), 0, grid.size - 1)
     count = np.bincount(cell, minlength=grid.size)
     full = count > 0

@@ -2,6 +2,7 @@
 
     python scripts/real_recordings.py [DIRECTORY]
     python scripts/real_recordings.py --copy DIRECTORY    # also puts the annotations beside the recordings
+    python scripts/real_recordings.py --counts            # what is annotated, by repository
 
 DIRECTORY: where the recordings lie; else CAESURA_REAL_DATA, else ../shared/data/real. Each annotation names
 its recording, the SHA-256 of the file, the repository it comes from and its licence. The exit code is 1 where
@@ -37,6 +38,11 @@ class Wanted(NamedTuple):
     source: str
     licence: str
 
+    @property
+    def repository(self) -> str:
+        """Owner and name."""
+        return self.source.partition(":")[0]
+
     def state(self, directory: Path) -> str:
         """Return "ok", "missing", or how the file differs from the one that was annotated."""
         path = directory / self.file
@@ -69,12 +75,36 @@ def directory_of(given: Path | None) -> Path:
     return given or Path(os.environ.get(VARIABLE) or DEFAULT)
 
 
+def counts(annotations: Path = ANNOTATIONS) -> dict[str, list[float]]:
+    """Count by repository: recordings, seconds, major points, optional points, seconds with a class."""
+    total: dict[str, list[float]] = {}
+    for wanted in recordings(annotations):
+        content = json.loads(wanted.annotation.read_text(encoding="utf-8"))
+        levels = [point["level"] for point in content["changepoints"]]
+        row = (
+            1,
+            content["window"][1] - content["window"][0],
+            levels.count("major"),
+            levels.count("optional"),
+            sum(segment["t1"] - segment["t0"] for segment in content["segments"]),
+        )
+        before = total.get(wanted.repository, [0.0] * len(row))
+        total[wanted.repository] = [a + b for a, b in zip(before, row, strict=True)]
+    return total
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line a recording. Returns 1 where one is missing or differs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("directory", type=Path, nargs="?")
     parser.add_argument("--copy", action="store_true", help="put the annotations beside the recordings")
+    parser.add_argument("--counts", action="store_true", help="print what is annotated")
     options = parser.parse_args(arguments)
+    if options.counts:
+        print(f"{'repository':38s} recordings  seconds  major  optional  seconds with a class")
+        for repository, row in counts().items():
+            print("{:38s} {:10.0f} {:8.0f} {:6.0f} {:9.0f} {:10.0f}".format(repository, *row))
+        return 0
     directory = directory_of(options.directory)
     states = {wanted: wanted.state(directory) for wanted in recordings()}
     for wanted, state in states.items():
@@ -89,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _advice(absent: Sequence[Wanted], directory: Path) -> str:
-    repositories = sorted({wanted.source.partition(":")[0] for wanted in absent})
+    repositories = sorted({wanted.repository for wanted in absent})
     return (
         f"To get the others: clone {', '.join(repositories)} from GitHub, and convert each source to npz "
         f"with the arrays t, pos, quat, force, torque, wrench_source and source_file (docs/annotation.md).\n"

@@ -77,6 +77,17 @@ def test_every_published_annotation_says_what_it_is_of(real):
         assert "/" in each.source.partition(":")[0]
 
 
+@pytest.mark.parametrize("path", sorted(ANNOTATIONS.glob("*.ann.json")), ids=lambda path: path.stem)
+def test_a_published_annotation_keeps_to_the_protocol(path):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert content["hand_on_robot"] in {"yes", "no", "unknown"}
+    for point in content["changepoints"]:
+        assert point.get("kind", "dip") in {"start", "stop", "contact_on", "contact_off", "corner", "dip"}
+        assert point["level"] == "optional" or "kind" in point
+        assert point["tol"] >= 0.15
+        assert "t_alt" not in point or point["t"] - point["t_alt"] > 0.2
+
+
 @pytest.mark.parametrize("path", sorted(ANNOTATIONS.rglob("*.ann.json")), ids=lambda path: path.stem)
 def test_an_annotation_lies_within_its_recording(real, path):
     directory = real.directory_of(None)

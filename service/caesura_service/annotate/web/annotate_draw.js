@@ -92,7 +92,7 @@ function line(context, scale, t, { values, colour, dash, width }, [begin, end], 
 function frame(context, scale, [y0, y1], title, ink) {
   context.strokeStyle = ink.rule;
   context.strokeRect(scale.x0 + 0.5, Math.round(y0) + 0.5, scale.x1 - scale.x0 - 1, Math.round(y1 - y0) - 1);
-  context.globalAlpha = 0.8;
+  context.globalAlpha = 0.4;
   context.fillStyle = ink.paper;
   context.fillRect(scale.x0 + 4, y0 + 3, context.measureText(title).width + 8, 16);
   context.globalAlpha = 1;

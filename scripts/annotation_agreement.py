@@ -5,7 +5,7 @@
 
 Boundaries: F1 of major points, one to one, within the larger of the two tolerances. A major point that lies
 on an optional point of the other annotator is neither agreement nor disagreement. "strict" counts it as a
-disagreement. median |Δt|: over all major points that pair within GATE_S, whatever their tolerances.
+disagreement. median |Δt|: over all major points that pair within GATE_S; tolerances play no part.
 Classes: Cohen's kappa (1960) of the classes every 10 ms, where both annotators give one.
 """
 

@@ -58,11 +58,11 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def annotation(file: Path) -> Path:
-    """An annotation that is there already, with a key that the page knows nothing of."""
+    """An annotation that is there already, with a key of which the page has no edit."""
     path = file.with_suffix(".ann.json")
     point = {"t": 0.5, "kind": "start", "tol": 0.15, "level": "major", "seen_by": "B"}
     path.write_text(
-        json.dumps({"window": [0.0, 5.0], "changepoints": [point], "segments": [], "note": "ours"})
+        json.dumps({"window": [0.0, 5.0], "changepoints": [point], "segments": [], "note": "kept"})
     )
     return path
 
@@ -104,7 +104,7 @@ def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Vi
     ]
 
 
-def test_an_annotation_that_is_there_is_gone_on_with(file: Path, annotation: Path, visitor: Visitor):
+def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visitor: Visitor):
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
         expect(page.locator(".selection")).to_contain_text("1 changepoints, saved")
@@ -113,7 +113,7 @@ def test_an_annotation_that_is_there_is_gone_on_with(file: Path, annotation: Pat
         page.reload()
         expect(page.locator(".selection")).to_contain_text("± 0.10 s")
     content = json.loads(annotation.read_text(encoding="utf-8"))
-    assert content["note"] == "ours"
+    assert content["note"] == "kept"
     assert content["changepoints"] == [
         {"t": 0.5, "kind": "start", "tol": 0.1, "level": "major", "seen_by": "B"}
     ]

@@ -135,7 +135,7 @@ def test_an_annotation_is_unsaved_from_an_edit_to_the_next_save():
 
 
 @given(st.lists(st.tuples(st.sampled_from(sorted(EDITS)), st.floats(-1.0, 11.0)), max_size=30))
-def test_whatever_is_edited_the_judge_reads_it_and_undo_returns_to_the_start(steps):
+def test_after_any_edits_the_judge_reads_it_and_undo_returns_to_the_start(steps):
     editor, untouched = Editor(EMPTY), copy.deepcopy(EMPTY)
     done = 0
     for name, t in steps:

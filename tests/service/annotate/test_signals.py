@@ -23,7 +23,7 @@ def test_a_constant_speed_is_shown_as_it_is(rate_hz: float):
     assert np.diff(shown.t).min() >= 0.0099
 
 
-def test_lengths_are_shown_in_millimetres_whatever_the_unit_is():
+def test_lengths_are_shown_in_millimetres_for_any_unit():
     t = np.arange(0.0, 2.0, 0.01)
     shown = drawn_signals(recording(t, 50.0 * t, length_unit="mm"))
     assert shown.speed == pytest.approx(50.0, rel=1e-6)

@@ -67,6 +67,11 @@ def check_free(address: Address) -> None:
 def serve(site: Site, address: Address) -> None:
     """Serve until the process is told to end."""
     declare(site)
+    run(address)
+
+
+def run(address: Address) -> None:
+    """Serve the pages that are declared, behind the guard, until the process is told to end."""
     app.add_middleware(Guard, names=address.known_as, password=address.password)
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(

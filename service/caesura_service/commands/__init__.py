@@ -2,6 +2,7 @@
 
 import typer
 
+from caesura_service.commands import annotate
 from caesura_service.commands.certs import certs
 from caesura_service.commands.check import check, execute
 from caesura_service.commands.demo import demo
@@ -20,3 +21,4 @@ def register(app: typer.Typer) -> None:
     for command in (serve, certs, segment, check, execute, evaluate, report, demo):
         app.command(command.__name__)(command)
     app.command("export")(export_recording)
+    annotate.register(app)

@@ -1,0 +1,145 @@
+"""`caesura annotate` as an annotator has it: a real process, a real browser, a file on disk."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, Page, expect
+
+from caesura_service.truth import read_annotation
+from clients.conftest import free_port
+from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.stage import CAESURA, PYTEST
+from harness.demonstrations import guided
+from harness.processes import Process, running
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
+)
+expect.set_options(timeout=PATIENCE_MS)
+STEPS_TO_A_SECOND = 20  # of 0.05 s
+
+
+class Annotate(Process):
+    """`caesura annotate FILE` on a free port."""
+
+    def __init__(self, file: Path) -> None:
+        port = free_port()
+        self.url = f"http://127.0.0.1:{port}"
+        super().__init__(["env", "-u", PYTEST, *CAESURA, "annotate", str(file), "--port", str(port)])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def visitor(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Visitor]:
+    visitor = Visitor(browser, getattr(request, "param", "light"))
+    yield visitor
+    visitor.close()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    guided().save(tmp_path / "guided.npz")
+    return tmp_path / "guided.npz"
+
+
+@pytest.fixture
+def annotation(file: Path) -> Path:
+    """An annotation that is there already, with a key of which the page has no edit."""
+    path = file.with_suffix(".ann.json")
+    point = {"t": 0.5, "kind": "start", "tol": 0.15, "level": "major", "seen_by": "B"}
+    path.write_text(
+        json.dumps({"window": [0.0, 5.0], "changepoints": [point], "segments": [], "note": "kept"})
+    )
+    return path
+
+
+def opened(tool: Annotate, visitor: Visitor) -> Page:
+    visitor.page.goto(tool.url)
+    visitor.page.locator("canvas").focus()
+    return visitor.page
+
+
+def press(page: Page, *keys: str) -> None:
+    for key in keys:
+        page.keyboard.press(key)
+
+
+@pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
+def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "Shift+ArrowRight", "q", "+")
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "c", "o", "z", "v")
+        expect(page.locator(".selection")).to_contain_text("2 changepoints, not saved")
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "d", "[", "2", "[", "1", "s")
+        expect(page.locator(".message")).to_contain_text("saved")
+        visitor.picture("annotate")
+        assert visitor.barriers() == []
+        assert visitor.hosts == {"127.0.0.1"}
+        assert visitor.errors == []
+    truth = read_annotation(file.with_suffix(".ann.json"))
+    assert [(point.t, point.kind, point.optional) for point in truth.points] == [
+        (1.005, "start", False),
+        (2.005, "corner", False),
+        (3.005, "optional", True),
+    ]
+    assert truth.points[0].tolerance_s == pytest.approx(0.2)
+    assert [(span.t0, span.t1, span.kind) for span in truth.spans] == [
+        (1.005, 2.005, "steady"),
+        (2.005, truth.window[1], "motion"),
+    ]
+
+
+def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        expect(page.locator(".selection")).to_contain_text("1 changepoints, saved")
+        press(page, "]", "-", "s")
+        expect(page.locator(".message")).to_contain_text("guided.ann.json")
+        page.reload()
+        expect(page.locator(".selection")).to_contain_text("± 0.10 s")
+    content = json.loads(annotation.read_text(encoding="utf-8"))
+    assert content["note"] == "kept"
+    assert content["changepoints"] == [
+        {"t": 0.5, "kind": "start", "tol": 0.1, "level": "major", "seen_by": "B"}
+    ]
+
+
+def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(file: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        box = page.locator("canvas").bounding_box()
+        assert box is not None
+        page.locator("canvas").click(position={"x": box["width"] / 2, "y": 100})
+        page.get_by_role("button", name="corner").click()
+        said = page.locator(".selection")
+        expect(said).to_contain_text(re.compile(r"nearest: corner at \d\.\d{3} s"))
+        at = float(re.search(r"Time (\d\.\d{3})", said.inner_text()).group(1))  # type: ignore[union-attr]
+        assert at == pytest.approx(guided().t[-1] / 2, rel=0.1)
+
+
+def test_an_edit_that_does_not_apply_says_why(file: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(page, "x")
+        expect(page.locator(".message.failed")).to_contain_text("no changepoint within")
+
+
+def test_the_page_answers_no_other_host_name(file: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        answer = visitor.page.request.get(tool.url, headers={"Host": "example.org"})
+        assert answer.status == 403

@@ -38,10 +38,10 @@ from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
-from caesura_clients.recording import OPTIONS
+from caesura_clients.recording import OPTIONS, option_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
-from caesura_protocol.messages import Ack, Close, Open
+from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
@@ -319,14 +319,18 @@ class Bridge:
 
 
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
-    for name, known in OPTIONS.items():
-        if getattr(source, name) not in known:
-            raise BadSource(f"{name} is {getattr(source, name)!r}, expected one of {', '.join(known)}")
+    # A source that was written for an earlier version does not state whether a hand is on the robot.
+    hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
+    options = {key: getattr(source, key) for key in OPTIONS if key != "hand_on_robot"}
+    wrong = option_error({**options, "hand_on_robot": hand_on_robot})
+    if wrong is not None:
+        raise BadSource(wrong)
     return Open(
         session=session,
         epoch=epoch,
         columns=source.columns,
         wrench_source=source.wrench_source,
+        hand_on_robot=hand_on_robot,
         force_frame=source.force_frame,
         length_unit=source.length_unit,
         preset=preset,

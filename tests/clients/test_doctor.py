@@ -222,7 +222,9 @@ def hand(t: np.ndarray, **changes: object) -> Recording:
     x = np.clip(t - t[0] - 1.0, 0.0, None) * 0.2
     pos = np.column_stack([x, 0 * x, 0 * x + 0.3])
     force = 0.1 * np.random.default_rng(0).standard_normal((len(t), 3))
-    return Recording(t, {"pos": pos, "force": force, "gripper": 0 * x[:, None], **changes})
+    return Recording(
+        t, {"pos": pos, "force": force, "gripper": 0 * x[:, None], **changes}, wrench_source="flange_sensor"
+    )
 
 
 EVEN = np.arange(2000) / 1000.0

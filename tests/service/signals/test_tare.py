@@ -146,7 +146,7 @@ def test_every_source_says_what_it_carries() -> None:
         assert "assumed" not in found.note
 
 
-@pytest.mark.parametrize(("source", "hand"), product(WRENCH_SOURCES, HANDS_ON_ROBOT))
+@pytest.mark.parametrize(("source", "hand"), [*product(WRENCH_SOURCES, HANDS_ON_ROBOT)])
 def test_an_assumed_source_supports_neither_contact_nor_load_and_says_assumed(source: str, hand: str) -> None:
     found = wrench_capabilities(source, hand, stated=False)
     assert (found.contact_models, found.transport_models, found.bias) == (False, False, "tare")

@@ -97,8 +97,15 @@ class Recording:
                 raise RecordingError(
                     f"{self.name}: sample {row}: {name} is {values[row, column]}, expected a finite number"
                 )
-        wrong = option_error({key: getattr(self, key) for key in OPTIONS})
-        if wrong is not None:
+        self._check_options()
+
+    def _check_options(self) -> None:
+        for key, known in OPTIONS.items():
+            if not is_option(key, getattr(self, key)):
+                raise RecordingError(
+                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
+                )
+        if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
             raise RecordingError(f"{self.name}: {wrong}")
 
     @property
@@ -137,20 +144,19 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 
-def option_error(options: Mapping[str, str | None]) -> str | None:
-    """What is wrong with the options of a recording or a source, None where nothing is.
+def is_option(key: str, value: str | None) -> bool:
+    """Whether an option of this name may have this value; a wrench_source of None is not stated."""
+    return value in OPTIONS[key] or (key, value) == ("wrench_source", None)
 
-    options: name as in OPTIONS → value; a wrench_source of None is not stated.
-    """
-    for key, value in options.items():
-        if value not in OPTIONS[key] and (key, value) != ("wrench_source", None):
-            return f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}"
-    if (options["wrench_source"], options["hand_on_robot"]) == ("flange_sensor_with_hand", "no"):
-        return (
-            "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "
-            "hand_on_robot 'yes' or 'unknown', or wrench_source 'flange_sensor' or 'joint_torque_estimate'"
-        )
-    return None
+
+def contradiction(wrench_source: str | None, hand_on_robot: str) -> str | None:
+    """Error text where the wrench source and the statement of the hand contradict each other, else None."""
+    if (wrench_source, hand_on_robot) != ("flange_sensor_with_hand", "no"):
+        return None
+    return (
+        "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "
+        "hand_on_robot 'yes' or 'unknown', or wrench_source 'flange_sensor' or 'joint_torque_estimate'"
+    )
 
 
 # What a file that is no recording makes numpy, zipfile and csv raise.

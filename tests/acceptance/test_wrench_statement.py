@@ -184,7 +184,7 @@ def test_a_file_without_force_needs_no_statement(tmp_path):
     ("stated", "expected"),
     [
         ({"wrench_source": "guess"}, "'guess', expected one of .*flange_sensor_with_hand"),
-        ({"hand_on_robot": "maybe"}, "'maybe', expected one of yes, no, unknown"),
+        ({"hand_on_robot": "maybe"}, "'maybe', expected one of .'yes', 'no', 'unknown'"),
         ({"wrench_source": "flange_sensor_with_hand", "hand_on_robot": "no"}, "contradicts"),
     ],
 )
@@ -217,7 +217,10 @@ def test_the_repositorys_recordings_state_source_and_hand(file):
 def test_a_session_of_the_journal_states_what_its_opening_stated():
     for source, hand in ((None, "unknown"), (ESTIMATE, "no")):
         opening = opening_of(stating(source, hand))
-        records = [Record("cell-1", "file", 0.0, opening), Record("cell-1", "file", 0.0, batch_of(stating(source, hand), "file"))]
+        records = [
+            Record("cell-1", "file", 0.0, opening),
+            Record("cell-1", "file", 0.0, batch_of(stating(source, hand), "file")),
+        ]
         read = recording_of(records)
         assert (read.wrench_source, read.hand_on_robot) == (source, hand)
 
@@ -259,7 +262,7 @@ def test_a_command_refuses_a_wrong_statement_with_the_valid_ones(tmp_path, comma
     }.get(command, (file,))
     done = caesura(command, *words, "--wrench-source", "none", "--hand-on-robot", "maybe")
     assert done.exit_code == 1
-    assert "hand_on_robot is 'maybe', expected one of yes, no, unknown" in done.output
+    assert "hand_on_robot is 'maybe', expected one of ['yes', 'no', 'unknown']" in done.output
 
 
 def test_a_report_says_assumed(tmp_path):

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -272,9 +273,8 @@ def test_a_robot_that_never_rests_says_nothing_of_noise():
 
 def test_the_unit_of_length_is_heeded():
     metres = hand(EVEN)
-    millimetres = Recording(
-        metres.t, {**metres.signals, "pos": 1000 * metres.signals["pos"]}, length_unit="mm"
-    )
+    signals = {**metres.signals, "pos": 1000 * metres.signals["pos"]}
+    millimetres = replace(metres, signals=signals, length_unit="mm")
     assert list(examine_recording(millimetres)) == list(examine_recording(metres))
 
 

@@ -38,7 +38,7 @@ from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
-from caesura_clients.recording import OPTIONS, option_error
+from caesura_clients.recording import OPTIONS, contradiction, is_option
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
@@ -321,9 +321,11 @@ class Bridge:
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
     # A source that was written for an earlier version does not state whether a hand is on the robot.
     hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
-    options = {key: getattr(source, key) for key in OPTIONS if key != "hand_on_robot"}
-    wrong = option_error({**options, "hand_on_robot": hand_on_robot})
-    if wrong is not None:
+    for name, known in OPTIONS.items():
+        value = hand_on_robot if name == "hand_on_robot" else getattr(source, name)
+        if not is_option(name, value):
+            raise BadSource(f"{name} is {value!r}, expected one of {', '.join(known)}")
+    if (wrong := contradiction(source.wrench_source, hand_on_robot)) is not None:
         raise BadSource(wrong)
     return Open(
         session=session,

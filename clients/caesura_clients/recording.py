@@ -64,11 +64,11 @@ class Recording:
     t: Array
     signals: Mapping[str, Array]
     wrench_source: WrenchSource | None = None
-    hand_on_robot: HandOnRobot = "unknown"
     force_frame: ForceFrame = "base"
     length_unit: LengthUnit = "m"
     name: str = field(default="recording", compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
+    hand_on_robot: HandOnRobot = "unknown"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))

@@ -64,11 +64,11 @@ class Layout:
 
     columns: tuple[str, ...]
     wrench_source: str | None = None
-    hand_on_robot: str = "unknown"
     force_frame: str = "base"
     metres_per_unit: float = 1.0
     pose_of_joints: PoseOfJoints | None = None
     wrench_of_joint_torques: WrenchOfJointTorques | None = None
+    hand_on_robot: str = "unknown"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))

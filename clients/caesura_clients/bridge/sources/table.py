@@ -25,7 +25,6 @@ class SourceOptions:
     file: Path | None = None
     pace: float = 1.0
     wrench_source: str | None = None
-    hand_on_robot: str | None = None
     length_unit: str | None = None
     scenario: str | None = None
     seed: int = 0
@@ -34,6 +33,7 @@ class SourceOptions:
     gripper: bool = True  # does it have one?
     ros: str | None = None  # the Zenoh endpoint of ROS 2
     config: Path | None = None  # of Zenoh there
+    hand_on_robot: str | None = None
 
 
 def open_source(name: str, options: SourceOptions) -> Source:

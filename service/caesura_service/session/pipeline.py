@@ -63,6 +63,14 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         check_level(threshold)
         unconditioned = replace(preset.filter, certain=1.0)
         preset = replace(preset, threshold=threshold, filter=unconditioned)
+    if (opening.wrench_source, opening.hand_on_robot) == ("flange_sensor_with_hand", "no"):
+        raise ProtocolError(
+            "malformed",
+            "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand' "
+            "(without a hand: 'flange_sensor' or 'joint_torque_estimate')",
+            value="no",
+            expected=["yes", "unknown"],
+        )
     try:
         return SegmentationPipeline(layout_of(opening), preset, opening)
     except ValueError as error:

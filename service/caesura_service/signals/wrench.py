@@ -20,7 +20,7 @@ ASSUMED_OFF = (
     "assumed: the recording does not state its wrench source; contact and load are off. "
     "State it with --wrench-source."
 )
-ASSUMED_NONE = "assumed: the recording has no force columns; contact and load are off."
+ASSUMED_NONE = "assumed: no wrench source is stated and there are no force columns; contact and load are off."
 
 
 @dataclass(frozen=True)

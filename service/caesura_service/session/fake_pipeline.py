@@ -35,6 +35,7 @@ def make_fake_pipeline(opening: Open, default_preset: str) -> Pipeline:
         raise ProtocolError("malformed", "unknown preset", value=preset, expected=list(PRESETS))
     report = WrenchReport(
         source=opening.wrench_source or "none",
+        stated=opening.wrench_source is not None,
         contact_models=False,
         transport_models=False,
         tare=None,

@@ -144,6 +144,14 @@ def test_what_a_session_tells_is_judged(changes, check, grade, words):
     assert words in said(found, check)
 
 
+def test_a_source_that_is_not_stated_is_asked_for():
+    off = {"stated": False, "contact_models": False, "transport_models": False}
+    found = list(judge(heard(well(), wrench=status().wrench.model_copy(update=off))))
+    (one,) = [one for one in found if one.check == "wrench"]
+    assert one.grade == "warn"
+    assert "flange_sensor, flange_sensor_with_hand, joint_torque_estimate, none" in one.remedy
+
+
 @pytest.mark.parametrize(
     ("changes", "check", "words"),
     [

@@ -296,8 +296,8 @@ class SegmentationPipeline:
 
     def _notes(self) -> tuple[str, ...]:
         """The wrench source in use, and the gaps."""
-        wrench = (self._source.note,)
-        return (*wrench, self._gaps.note(self._began)) if self._gaps.all else wrench
+        note = self._source.note
+        return (note, self._gaps.note(self._began)) if self._gaps.all else (note,)
 
 
 @lru_cache(maxsize=1024)

@@ -87,7 +87,9 @@ class Layout:
     @cached_property
     def source_in_use(self) -> str:
         """The stated wrench source, or the conservative one."""
-        return self.wrench_source or assumed_source(has_force=self.has("force"))
+        if self.wrench_source is None:
+            return assumed_source(has_force=self.has("force"))
+        return self.wrench_source
 
     @property
     def source(self) -> WrenchCapabilities:

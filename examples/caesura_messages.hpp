@@ -22,9 +22,11 @@ struct Opening {
     std::string session;
     std::uint64_t epoch = 0;
     std::vector<std::string> columns;
-    std::string wrench_source = "flange_sensor";  // flange_sensor_with_hand, joint_torque_estimate, none
-    std::string force_frame = "base";             // flange
-    std::string length_unit = "m";                // cm, mm
+    std::string wrench_source;              // flange_sensor, flange_sensor_with_hand, joint_torque_estimate, none;
+                                            // empty: not stated, contact and load stay off
+    std::string hand_on_robot = "unknown";  // yes, no: does a person guide this robot by hand?
+    std::string force_frame = "base";       // flange
+    std::string length_unit = "m";          // cm, mm
 };
 
 template <class Packer>
@@ -38,7 +40,7 @@ template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(8);
+    pk.pack_map(9);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -48,7 +50,13 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack(std::string("columns"));
     pack_names(pk, opening.columns);
     pk.pack(std::string("wrench_source"));
-    pk.pack(opening.wrench_source);
+    if (opening.wrench_source.empty()) {
+        pk.pack_nil();
+    } else {
+        pk.pack(opening.wrench_source);
+    }
+    pk.pack(std::string("hand_on_robot"));
+    pk.pack(opening.hand_on_robot);
     pk.pack(std::string("force_frame"));
     pk.pack(opening.force_frame);
     pk.pack(std::string("length_unit"));

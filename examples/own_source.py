@@ -18,7 +18,8 @@ class Sine:
     """Up and down along z, for some seconds."""
 
     columns = ("t", "px", "py", "pz", "fx", "fy", "fz")  # time [s] first, then what there is
-    wrench_source = "flange_sensor"  # where the force is measured: say it, nobody can guess it
+    wrench_source = "flange_sensor"  # where the force is measured; contact and load stay off without it
+    hand_on_robot = "yes"  # does a person guide this robot by hand?
     force_frame = "base"
     length_unit = "m"
     can_wait = False  # a live robot does not

@@ -97,7 +97,13 @@ def examples() -> dict[str, Message]:
         load_sd_kg=0.0625,
     )
     wrench = WrenchReport(
-        source="flange_sensor", contact_models=True, transport_models=True, tare=(0.5, -1.25, 2.0), note=""
+        source="flange_sensor",
+        stated=True,
+        hand_on_robot="yes",
+        contact_models=True,
+        transport_models=True,
+        tare=(0.5, -1.25, 2.0),
+        note="",
     )
     gap = Gap(t0=5.0, tn=5.25, reason="evicted")
     refusal = Refusal(code="malformed", message="not a map")
@@ -144,7 +150,7 @@ def examples() -> dict[str, Message]:
     program = Program(
         **OF_RESULT, version=3, complete=False, apps=(app,), notes=("loads below 0.1 kg are not weighed",)
     )
-    opening = Open(session=SESSION, columns=COLUMNS)
+    opening = Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor", hand_on_robot="yes")
     closing = Close(session=SESSION, last_seq=624)
     actions = (
         Insert(t=3.5),

@@ -118,7 +118,8 @@ class Recorder:
         return Recording(
             matrix[:, 0],
             signals,
-            wrench_source=status.wrench.source,
+            wrench_source=status.wrench.source if status.wrench.stated else None,
+            hand_on_robot=status.wrench.hand_on_robot,
             force_frame=status.wrench.frame,
             length_unit=status.length_unit,
             name=self.session,
@@ -142,7 +143,10 @@ class Recorded:
             said.append(f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps")
         status = None if self.snapshot is None else self.snapshot.status
         if status is None:
-            said.append("no service told results, units and frames: m, base and flange_sensor are assumed")
+            said.append(
+                "no service told results, units and frames: m and base are assumed; "
+                "the wrench source is not stated"
+            )
         elif status.samples > self.recording.t.size:
             said.append(f"the service has {status.samples} samples, these are {self.recording.t.size}")
         if not self.closed:

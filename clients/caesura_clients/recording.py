@@ -13,6 +13,10 @@ a live robot are the same thing to whoever reads them. A signal is a matrix with
 
 At least one of `pos` and `q` must be there; where both are, `pos` is segmented. What else a file holds is
 not read, but named in `Recording.ignored`: an option with a typo in it must not pass in silence.
+
+A recording states where its wrench is measured (`wrench_source`) and whether a person guides this robot by
+hand (`hand_on_robot`). A source that is not stated is None: the service then assumes that the guiding hand is
+in the force, and the results say so.
 """
 
 from __future__ import annotations
@@ -34,9 +38,11 @@ from caesura_clients.formats.content import Array, Content
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
+    HANDS_ON_ROBOT,
     LENGTH_UNITS,
     WRENCH_SOURCES,
     ForceFrame,
+    HandOnRobot,
     LengthUnit,
     WrenchSource,
 )
@@ -51,16 +57,18 @@ class Recording:
     """One demonstration.
 
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
+    wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
     ignored: what else the file holds. Raises RecordingError where a shape, a name, a unit or a time is off.
     """
 
     t: Array
     signals: Mapping[str, Array]
-    wrench_source: WrenchSource = "flange_sensor"
+    wrench_source: WrenchSource | None = None
     force_frame: ForceFrame = "base"
     length_unit: LengthUnit = "m"
     name: str = field(default="recording", compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
+    hand_on_robot: HandOnRobot = "unknown"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -89,11 +97,27 @@ class Recording:
                 raise RecordingError(
                     f"{self.name}: sample {row}: {name} is {values[row, column]}, expected a finite number"
                 )
+        self._check_options()
+
+    def _check_options(self) -> None:
         for key, known in OPTIONS.items():
-            if getattr(self, key) not in known:
+            if not is_option(key, getattr(self, key)):
                 raise RecordingError(
                     f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
                 )
+        if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
+            raise RecordingError(f"{self.name}: {wrong}")
+
+    @property
+    def has_wrench(self) -> bool:
+        """Whether forces or joint torques are there."""
+        return "force" in self.signals or "tau" in self.signals
+
+    @property
+    def stated_options(self) -> dict[str, str]:
+        """Options by name, without those that the recording does not state."""
+        values = {key: getattr(self, key) for key in OPTIONS}
+        return {key: value for key, value in values.items() if value not in NOT_STATED}
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -107,15 +131,32 @@ class Recording:
     def save(self, path: Path) -> None:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
-        options = {key: np.array(getattr(self, key)) for key in OPTIONS}
+        options = {key: np.array(value) for key, value in self.stated_options.items()}
         np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
 
 
 OPTIONS: Mapping[str, tuple[str, ...]] = {
     "wrench_source": WRENCH_SOURCES,
+    "hand_on_robot": HANDS_ON_ROBOT,
     "force_frame": FORCE_FRAMES,
     "length_unit": LENGTH_UNITS,
 }
+NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
+
+
+def is_option(key: str, value: str | None) -> bool:
+    """Whether an option of this name may have this value; a wrench_source of None is not stated."""
+    return value in OPTIONS[key] or (key, value) == ("wrench_source", None)
+
+
+def contradiction(wrench_source: str | None, hand_on_robot: str) -> str | None:
+    """Error text where the wrench source and the statement of the hand contradict each other, else None."""
+    if (wrench_source, hand_on_robot) != ("flange_sensor_with_hand", "no"):
+        return None
+    return (
+        "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "
+        "hand_on_robot 'yes' or 'unknown', or wrench_source 'flange_sensor' or 'joint_torque_estimate'"
+    )
 
 
 # What a file that is no recording makes numpy, zipfile and csv raise.
@@ -126,6 +167,7 @@ def load_recording(
     path: Path,
     *,
     wrench_source: str | None = None,
+    hand_on_robot: str | None = None,
     length_unit: str | None = None,
     mapping: Path | None = None,
 ) -> Recording:
@@ -141,7 +183,11 @@ def load_recording(
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
-    overrides = {"wrench_source": wrench_source, "length_unit": length_unit}
+    overrides = {
+        "wrench_source": wrench_source,
+        "hand_on_robot": hand_on_robot,
+        "length_unit": length_unit,
+    }
     options |= {key: value for key, value in overrides.items() if value is not None}
     if (
         "force" not in arrays

@@ -27,6 +27,7 @@ MAX_GAPS = 256  # that a status lists
 LengthUnit = Literal["m", "cm", "mm"]
 ForceFrame = Literal["base", "flange"]
 WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
+HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
 Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding"]
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
@@ -38,6 +39,7 @@ AppKind = Literal[
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
 WRENCH_SOURCES: tuple[WrenchSource, ...] = get_args(WrenchSource)
+HANDS_ON_ROBOT: tuple[HandOnRobot, ...] = get_args(HandOnRobot)
 
 # The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.
 COLUMNS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
@@ -109,7 +111,8 @@ class Open(Message):
     session: Name
     epoch: Count = 0
     columns: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_COLUMNS)]
-    wrench_source: WrenchSource = "flange_sensor"
+    wrench_source: WrenchSource | None = None  # None: not stated; the service takes the conservative reading
+    hand_on_robot: HandOnRobot = "unknown"
     force_frame: ForceFrame = "base"
     length_unit: LengthUnit = "m"
     preset: Name | None = None  # None: the service's own choice
@@ -294,7 +297,9 @@ class Posterior(Result):
 class WrenchReport(Message):
     """What the wrench is worth in this session."""
 
-    source: WrenchSource
+    source: WrenchSource  # the one in use
+    stated: bool = True  # False: the session does not state its source, and `source` is assumed
+    hand_on_robot: HandOnRobot = "unknown"
     contact_models: bool  # are contact and free space told apart?
     transport_models: bool  # is a load weighed?
     tare: Vector | None  # [N] bias taken off; None while there has been no rest to take it from

@@ -20,8 +20,9 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Open, SampleBatch
 from caesura_service.journal import Record
 from caesura_service.session.content import samples_of
 from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.session.pipeline import layout_of, make_pipeline
 from caesura_service.session.view import View
+from caesura_service.signals import WrenchCapabilities
 
 BATCH_SAMPLES = 20
 
@@ -32,10 +33,16 @@ def opening_of(recording: Recording, preset: str | None = None) -> Open:
         session="file",
         columns=recording.columns,
         wrench_source=recording.wrench_source,
+        hand_on_robot=recording.hand_on_robot,
         force_frame=recording.force_frame,
         length_unit=recording.length_unit,
         preset=preset,
     )
+
+
+def capabilities_of(recording: Recording) -> WrenchCapabilities:
+    """What the recording's wrench supports. Raises ValueError for columns that cannot be segmented."""
+    return layout_of(opening_of(recording)).source
 
 
 def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
@@ -88,6 +95,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
             if set(names) <= column.keys()
         },
         wrench_source=opening.wrench_source,
+        hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
         name=opening.session,

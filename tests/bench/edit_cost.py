@@ -78,7 +78,7 @@ def registry_on(journal: SqliteJournal) -> Registry:
 
 def teach(registry: Registry, seconds: float) -> int:
     """The number of the last batch."""
-    registry.command(STATION, Open(session=SESSION, columns=COLUMNS), 0.0)
+    registry.command(STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0)
     work = batches(WORK["varied"](np.random.default_rng(0)))
     last = -1
     for seq, samples in takewhile(lambda made: made[1][0, 0] < seconds, work):

@@ -192,7 +192,9 @@ class Samples:
     """A session's samples, on their way to what is shown."""
 
     def __init__(self) -> None:
-        self._pipeline = make_pipeline(Open(session="growth", columns=hour.COLUMNS), PRESET.name)
+        self._pipeline = make_pipeline(
+            Open(session="growth", columns=hour.COLUMNS, wrench_source="flange_sensor"), PRESET.name
+        )
         self._count = 0
 
     def take(self, seen: Iterable[Array]) -> None:

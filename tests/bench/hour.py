@@ -77,7 +77,9 @@ class Demonstration:
         self._columns: tuple[str, ...] = columns
         self._registry, self._station = registry, station
         self._coming = batches(work(np.random.default_rng(0)))
-        registry.command(station, Open(session=SESSION, columns=self._columns), 0.0)
+        registry.command(
+            station, Open(session=SESSION, columns=self._columns, wrench_source="flange_sensor"), 0.0
+        )
 
     def step(self) -> float:
         """Take a batch; [ms] that it took."""

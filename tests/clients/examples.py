@@ -55,7 +55,9 @@ def recording(samples: int = 1000, rate_hz: float = 1000.0) -> Recording:
     """A hand that moves along x; every sample differs."""
     t = np.arange(samples) / rate_hz
     pos = np.column_stack([0.1 * t, np.zeros(samples), np.full(samples, 0.3)])
-    return Recording(t=t, signals={"pos": pos, "force": np.zeros((samples, 3))})
+    return Recording(
+        t=t, signals={"pos": pos, "force": np.zeros((samples, 3))}, wrench_source="flange_sensor"
+    )
 
 
 class LiveSource:

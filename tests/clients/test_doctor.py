@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,6 +144,14 @@ def test_what_a_session_tells_is_judged(changes, check, grade, words):
     assert words in said(found, check)
 
 
+def test_a_source_that_is_not_stated_is_asked_for():
+    off = {"stated": False, "contact_models": False, "transport_models": False}
+    found = list(judge(heard(well(), wrench=status().wrench.model_copy(update=off))))
+    (one,) = [one for one in found if one.check == "wrench"]
+    assert one.grade == "warn"
+    assert "flange_sensor, flange_sensor_with_hand, joint_torque_estimate, none" in one.remedy
+
+
 @pytest.mark.parametrize(
     ("changes", "check", "words"),
     [
@@ -222,7 +231,9 @@ def hand(t: np.ndarray, **changes: object) -> Recording:
     x = np.clip(t - t[0] - 1.0, 0.0, None) * 0.2
     pos = np.column_stack([x, 0 * x, 0 * x + 0.3])
     force = 0.1 * np.random.default_rng(0).standard_normal((len(t), 3))
-    return Recording(t, {"pos": pos, "force": force, "gripper": 0 * x[:, None], **changes})
+    return Recording(
+        t, {"pos": pos, "force": force, "gripper": 0 * x[:, None], **changes}, wrench_source="flange_sensor"
+    )
 
 
 EVEN = np.arange(2000) / 1000.0
@@ -270,9 +281,8 @@ def test_a_robot_that_never_rests_says_nothing_of_noise():
 
 def test_the_unit_of_length_is_heeded():
     metres = hand(EVEN)
-    millimetres = Recording(
-        metres.t, {**metres.signals, "pos": 1000 * metres.signals["pos"]}, length_unit="mm"
-    )
+    signals = {**metres.signals, "pos": 1000 * metres.signals["pos"]}
+    millimetres = replace(metres, signals=signals, length_unit="mm")
     assert list(examine_recording(millimetres)) == list(examine_recording(metres))
 
 

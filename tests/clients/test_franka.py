@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,20 @@ def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
     np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) + 7)
     said = (source.wrench_source, source.force_frame, source.length_unit, source.can_wait)
     assert said == ("joint_torque_estimate", "base", "m", False)
+    assert source.hand_on_robot == "yes"
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
+    play(arm, Script(moving(1)))
+    options = SourceOptions(host="172.16.0.2", gripper=False, hand_on_robot="no")
+    assert open_source(arm, options).hand_on_robot == "no"
+    for wrong, expected in (
+        ({"hand_on_robot": "maybe"}, "'maybe', expected one of yes, no, unknown"),
+        ({"wrench_source": "flange_sensor"}, f"expected joint_torque_estimate, which the source {arm} has"),
+    ):
+        with pytest.raises(BadSource, match=expected):
+            open_source(arm, replace(options, **wrong))
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -176,8 +176,8 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
     }
     messages = list(ros.franka_topic(Recording(demonstration.t[:n], told)))
     with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:
-        said = (source.wrench_source, source.force_frame, source.can_wait)
-        assert said == ("joint_torque_estimate", "base", False)
+        said = (source.wrench_source, source.hand_on_robot, source.force_frame, source.can_wait)
+        assert said == ("joint_torque_estimate", "unknown", "base", False)
         rows = rows_of(source, node, messages, n)
     column = dict(zip(source.columns, rows[rows[:, 0] > MUCH_LATER_S].T, strict=True))
     assert np.array_equal(column["pz"], told["pos"][:, 2])
@@ -276,11 +276,14 @@ def test_a_source_of_its_own_connection_is_closed(router, demonstration, monkeyp
         thread = threading.Thread(target=repeat)
         thread.start()
         try:
-            source = open_source("ros2", SourceOptions(ros=router.endpoint, wrench_source=SENSOR))
+            source = open_source(
+                "ros2", SourceOptions(ros=router.endpoint, wrench_source=SENSOR, hand_on_robot="no")
+            )
         finally:
             found.set()
             thread.join()
     assert source.columns[:4] == ("t", "px", "py", "pz")
+    assert (source.wrench_source, source.hand_on_robot) == (SENSOR, "no")
     assert closed == []
     source.close()
     assert closed == [router.endpoint]

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 
 import pytest
 import typer
@@ -19,7 +20,6 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_clients.errors import Absent
-from caesura_clients.recording import Recording
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
@@ -142,7 +142,7 @@ def taken_of(caesura: Caesura, station: str, session: str) -> int:
 def test_bridge_tells_that_the_service_refused_every_batch(endpoint, tmp_path):
     # Times in microseconds: it once said "closed, 5 batches" and ended with 0.
     seconds = recording(100)
-    Recording(seconds.t * 1e6, seconds.signals).save(tmp_path / "micro.npz")
+    replace(seconds, t=seconds.t * 1e6).save(tmp_path / "micro.npz")
     app = typer.Typer()
     register(app)
     options = ("--station", "cell-4", "--session", "micro", "--pace", "fast", "--connect", endpoint)

@@ -35,7 +35,9 @@ def patient(seed: int = 0) -> Recording:
         "pos": np.concatenate([taught.signals["pos"], pos]),
         "force": np.concatenate([taught.signals["force"], force]),
     }
-    return Recording(t=np.concatenate([taught.t, t]), signals=signals, name="patient")
+    return Recording(
+        t=np.concatenate([taught.t, t]), signals=signals, wrench_source="flange_sensor", name="patient"
+    )
 
 
 class Dashboard(Process):

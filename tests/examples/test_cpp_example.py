@@ -79,6 +79,8 @@ int main() {
     caesura::Opening opening;
     opening.session = "SESSION";
     opening.columns = {"t", "px", "py", "pz", "fx", "fy", "fz"};
+    opening.wrench_source = "flange_sensor";
+    opening.hand_on_robot = "yes";
     { StandIn pk; caesura::pack_open(pk, opening); show(pk); }
     { StandIn pk; caesura::pack_close(pk, opening.session, 624); show(pk); }
     { StandIn pk; caesura::pack_heartbeat(pk, opening, 17); show(pk); }

@@ -29,7 +29,12 @@ def guided(seed: int = 0) -> Recording:
     t = np.arange(len(position)) / RATE_HZ
     tremor = 3e-4 * rng.standard_normal(position.shape)
     noise = 0.2 * rng.standard_normal(force.shape)
-    return Recording(t=t, signals={"pos": position + tremor, "force": force + noise}, name=f"guided-{seed}")
+    return Recording(
+        t=t,
+        signals={"pos": position + tremor, "force": force + noise},
+        wrench_source="flange_sensor",
+        name=f"guided-{seed}",
+    )
 
 
 def _strokes(strokes: Sequence[Stroke]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -58,4 +63,6 @@ def taught(seed: int, seconds: float) -> Recording:
     count = round(seconds * RATE_HZ)
     tremor, noise = 3e-4 * rng.standard_normal((count, 3)), 0.2 * rng.standard_normal((count, 3))
     signals = {"pos": position[:count] + tremor, "force": force[:count] + noise}
-    return Recording(t=np.arange(count) / RATE_HZ, signals=signals, name=f"taught-{seed}")
+    return Recording(
+        t=np.arange(count) / RATE_HZ, signals=signals, wrench_source="flange_sensor", name=f"taught-{seed}"
+    )

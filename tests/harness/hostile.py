@@ -169,14 +169,15 @@ class Hostile:
         columns = self.rng.choice(
             (COLUMNS, COLUMNS, COLUMNS, ("t", "px"), ("t",), ("px", "t"), ("t",) * 9, ("t", "x" * 999))
         )
-        sources = ("flange_sensor", "none", "joint_torque_estimate", "flange_sensor_with_hand", "magic")
+        sources = ("flange_sensor", "none", "joint_torque_estimate", "flange_sensor_with_hand", "magic", None)
         presets = (None, None, None, "fake", "default", "integrated", "unknown", "../../etc/passwd")
         return {
             "command": {
                 "type": "open",
                 **self._header(),
                 "columns": columns,
-                "wrench_source": self.rng.choices(sources, (8, 1, 1, 1, 1))[0],
+                "wrench_source": self.rng.choices(sources, (8, 1, 1, 1, 1, 1))[0],
+                "hand_on_robot": self.rng.choice(("yes", "yes", "unknown", "no", 7)),
                 "force_frame": self.rng.choice(("base", "base", "flange", 3)),
                 "length_unit": self.rng.choice(("m", "m", "mm", "cm", "mile")),
                 "preset": self.rng.choice(presets),
@@ -214,11 +215,15 @@ class Target:
             limits=Limits(),
         )
         self.inputs = 0
-        opening = Open(session="mine", columns=COLUMNS)
+        opening = Open(session="mine", columns=COLUMNS, wrench_source="flange_sensor")
         self._check(self.registry.command(VICTIM, opening, 0.0))
         for station in STATIONS:
             for session in SESSIONS:
-                self._check(self.registry.command(station, Open(session=session, columns=COLUMNS), 0.0))
+                self._check(
+                    self.registry.command(
+                        station, Open(session=session, columns=COLUMNS, wrench_source="flange_sensor"), 0.0
+                    )
+                )
         self._before = self._victim()
 
     def attack(self, hostile: Hostile) -> None:

@@ -30,7 +30,8 @@ M = TypeVar("M")
 
 
 def opening(session: str = NAME, **fields: Any) -> Open:
-    return Open(**{"session": session, "columns": COLUMNS, "preset": "fake", **fields})
+    stated = {"session": session, "columns": COLUMNS, "preset": "fake", "wrench_source": "flange_sensor"}
+    return Open(**(stated | fields))
 
 
 def demonstration(samples: int = 400, level_length: int = 90, *, first: int = 0) -> NDArray[np.float64]:

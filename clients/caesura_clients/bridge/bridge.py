@@ -38,10 +38,10 @@ from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
-from caesura_clients.recording import OPTIONS
+from caesura_clients.recording import OPTIONS, contradiction, is_option
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
-from caesura_protocol.messages import Ack, Close, Open
+from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
@@ -319,14 +319,20 @@ class Bridge:
 
 
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
+    # A source that was written for an earlier version does not state whether a hand is on the robot.
+    hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
     for name, known in OPTIONS.items():
-        if getattr(source, name) not in known:
-            raise BadSource(f"{name} is {getattr(source, name)!r}, expected one of {', '.join(known)}")
+        value = hand_on_robot if name == "hand_on_robot" else getattr(source, name)
+        if not is_option(name, value):
+            raise BadSource(f"{name} is {value!r}, expected one of {', '.join(known)}")
+    if (wrong := contradiction(source.wrench_source, hand_on_robot)) is not None:
+        raise BadSource(wrong)
     return Open(
         session=session,
         epoch=epoch,
         columns=source.columns,
         wrench_source=source.wrench_source,
+        hand_on_robot=hand_on_robot,
         force_frame=source.force_frame,
         length_unit=source.length_unit,
         preset=preset,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +23,9 @@ from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
     Config,
     Connect,
+    HandOnRobot,
     Station,
+    WrenchSource,
     connected,
     named,
     reported,
@@ -71,7 +72,8 @@ def bridge(
     ] = None,
     session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
-    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
+    wrench_source: WrenchSource = None,
+    hand_on_robot: HandOnRobot = None,
     length_unit: Annotated[
         str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
     ] = None,
@@ -93,9 +95,19 @@ def bridge(
     The exit code is 1 where the service refused anything of it.
     """
     options = SourceOptions(
-        file, _pace(pace), wrench_source, length_unit, scenario, seed, mapping, host, gripper
+        file=file,
+        pace=_pace(pace),
+        wrench_source=wrench_source,
+        hand_on_robot=hand_on_robot,
+        length_unit=length_unit,
+        scenario=scenario,
+        seed=seed,
+        mapping=mapping,
+        host=host,
+        gripper=gripper,
+        ros=ros or endpoint,
+        config=config if ros is None else None,
     )
-    options = replace(options, ros=ros or endpoint, config=config if ros is None else None)
     if epoch and session is None:
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     with reported():

@@ -10,7 +10,16 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Config, Connect, Json, Station, named, reported
+from caesura_clients.cli.options import (
+    Config,
+    Connect,
+    HandOnRobot,
+    Json,
+    Station,
+    WrenchSource,
+    named,
+    reported,
+)
 from caesura_clients.doctor import Finding, examine, examine_recording
 from caesura_clients.doctor.examination import LISTEN_S
 from caesura_clients.doctor.findings import MARKS
@@ -26,7 +35,8 @@ def doctor(
         float, typer.Option(min=1.0, max=600.0, help="How long it listens to the stations.")
     ] = LISTEN_S,
     file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
-    wrench_source: Annotated[str | None, typer.Option(help="Overrides what the file declares.")] = None,
+    wrench_source: WrenchSource = None,
+    hand_on_robot: HandOnRobot = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -37,7 +47,8 @@ def doctor(
     """
     with reported():
         if file is not None:
-            found = list(examine_recording(load_recording(file, wrench_source=wrench_source)))
+            recording = load_recording(file, wrench_source=wrench_source, hand_on_robot=hand_on_robot)
+            found = list(examine_recording(recording))
         else:
             found = _shown(examine(endpoint, config, station=named(station) or "*", seconds=seconds), as_json)
     if as_json:

@@ -14,6 +14,7 @@ from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
 from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
+from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 
 Connect = Annotated[
     str | None,
@@ -34,6 +35,12 @@ Config = Annotated[
     ),
 ]
 Station = Annotated[str | None, typer.Option(help="Teaching station.")]
+WrenchSource = Annotated[
+    str | None, typer.Option(help=f"Where the wrench is measured: {', '.join(WRENCH_SOURCES)}.")
+]
+HandOnRobot = Annotated[
+    str | None, typer.Option(help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 

@@ -54,7 +54,7 @@ def status_line(status: SessionStatus) -> Text:
         status.state,
         f"t {status.t:.2f} s",
         f"{status.samples} samples in {status.batches} batches",
-        f"wrench {status.wrench.source}" + (f" ({status.wrench.note})" if status.wrench.note else ""),
+        status.wrench.note or f"wrench {status.wrench.source}",
     ]
     if status.waiting_for is not None:
         parts.append(f"waiting for batch {status.waiting_for}")

@@ -10,15 +10,21 @@ import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.facts import Facts, gather
-from caesura_clients.doctor.findings import Finding, bad, ok
+from caesura_clients.doctor.findings import Finding, bad, ok, warn
 from caesura_clients.doctor.reach import look_at, no_session
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.network import Transport
 from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport, endpoint_of
+from caesura_protocol.messages import WRENCH_SOURCES
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
+ESTIMATE = "joint_torque_estimate"
+ASSUMED = (
+    "assumed: the recording does not state its wrench source; contact and load are off. "
+    "State it with --wrench-source"
+)
 TARE_S = 0.4  # at the start of a demonstration, in which the service takes the bias
 
 
@@ -76,10 +82,27 @@ def examine_recording(recording: Recording) -> Iterator[Finding]:
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
     yield from signal.check_speed(samples)
+    yield from _wrench(recording)
     yield from signal.check_noise(samples)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
+
+
+def _wrench(recording: Recording) -> Iterator[Finding]:
+    """The wrench source and the hand, as the file states them, and what follows."""
+    if not recording.has_wrench:
+        return
+    source, hand = recording.wrench_source, recording.hand_on_robot
+    if source is None:
+        yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
+    elif source == "flange_sensor" or (source, hand) == (ESTIMATE, "no"):
+        yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
+    else:
+        remedy = "with a sensor below the hand, state --wrench-source flange_sensor"
+        if source == ESTIMATE:
+            remedy = "where no hand is on the robot, state --hand-on-robot no; else there are only moves"
+        yield warn("wrench", f"source {source}, hand on the robot: {hand}; contact and load are off", remedy)
 
 
 def our_version() -> str:

@@ -37,7 +37,7 @@ class Samples:
 
     t: Array
     signals: Mapping[str, Array]
-    wrench_source: WrenchSource
+    wrench_source: WrenchSource | None = None
     length_unit: str = "m"
 
 

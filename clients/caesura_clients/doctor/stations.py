@@ -19,7 +19,7 @@ from caesura_clients.doctor.signal import (
 )
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, SampleBatch, SessionStatus
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, SampleBatch, SessionStatus
 
 FEWEST_SAMPLES = 100  # that say something of a rate
 STILL_S = 1.0  # how long no sample may come while a session is open
@@ -219,6 +219,8 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
     said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be told. {wrench.note}"
     if not can:
         remedy = "with a sensor below the hand, say --wrench-source flange_sensor; else there are only moves"
+        if not wrench.stated:
+            remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
         yield warn("wrench", said, remedy, station=station.name)
     elif wrench.tare is None and status.observations:
         yield warn("wrench", said, "start in free space and at rest for 0.4 s", station=station.name)

@@ -1,7 +1,7 @@
 """A mapping file: what somebody else's names and units are in ours. TOML; `docs/recordings.md` has examples.
 
 Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
-common is said at the top: `wrench_source`, `force_frame`, `length_unit`.
+common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from caesura_clients.formats.mcap_write import METADATA
 from caesura_protocol.messages import Message
 
 ROS2 = "ros2"  # the profile of a rosbag2
-OPTIONS = ("wrench_source", "force_frame", "length_unit")
+OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit")
 T = TypeVar("T")
 _TOPICS: Mapping[str, type[Message]] = {"/state": State, "/wrench": Wrench}
 

@@ -140,10 +140,8 @@ def _metadata(told: Demonstration) -> dict[str, str]:
         "session": told.session,
         "preset": told.preset,
         "complete": json.dumps(told.complete),
-        "wrench_source": recording.wrench_source,
         "wrench_note": told.wrench_note,
-        "force_frame": recording.force_frame,
-        "length_unit": recording.length_unit,
+        **recording.stated_options,
         "columns": " ".join(told.columns),
         "units": "/state and /wrench as sent: pos in length_unit, q rad, force N in force_frame, torque and "
         "tau Nm; everything else: s, m, N, kg in the base frame",

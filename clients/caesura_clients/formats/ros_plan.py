@@ -86,6 +86,7 @@ def _options(
         return {"wrench_source": "none", **said}
     topic, message = next((topic, message) for topic, message in heard if topic.name == of)
     return {
+        **{key: said[key] for key in ("hand_on_robot",) if key in said},
         "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),
         "force_frame": said.get("force_frame") or _frame_of(topic, message),
     }

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from caesura_clients.errors import CaesuraError
-from caesura_clients.recording import OPTIONS, Recording
+from caesura_clients.recording import Recording
 
 
 @contextmanager
@@ -26,8 +26,8 @@ def _whole(path: Path) -> Iterator[Path]:
 def write_csv(path: Path, recording: Recording) -> None:
     """One column a component, options in leading comments; numbers as short as reads as equal."""
     with _whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
-        for key in OPTIONS:
-            stream.write(f"# {key}: {getattr(recording, key)}\n")
+        for key, value in recording.stated_options.items():
+            stream.write(f"# {key}: {value}\n")
         rows = csv.writer(stream, lineterminator="\n")
         rows.writerow(recording.columns)
         rows.writerows([map(repr, row) for row in recording.matrix().tolist()])

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recording import Recording, load_recording, needing
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
 from caesura_service.commands.segment import segmented
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import opening_of
@@ -25,6 +25,7 @@ def export_recording(
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
     preset: PresetName = DEFAULT_PRESET,
     wrench_source: WrenchSource = None,
+    hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
     mapping: Mapping = None,
 ) -> None:
@@ -36,7 +37,11 @@ def export_recording(
     with reported():
         check_writable(out, ".mcap")
         recording = load_recording(
-            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+            file,
+            wrench_source=wrench_source,
+            hand_on_robot=hand_on_robot,
+            length_unit=length_unit,
+            mapping=mapping,
         )
         try:
             if out.suffix == ".mcap":

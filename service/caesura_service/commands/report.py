@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
 from caesura_service.truth import Truth, read_annotation, truth_file
@@ -27,6 +27,7 @@ def report(
         Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
     ] = None,
     wrench_source: WrenchSource = None,
+    hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
     mapping: Mapping = None,
 ) -> None:
@@ -34,7 +35,11 @@ def report(
     with reported():
         _writable(out)
         recording = load_recording(
-            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+            file,
+            wrench_source=wrench_source,
+            hand_on_robot=hand_on_robot,
+            length_unit=length_unit,
+            mapping=mapping,
         )
         beside = truth_file(file)
         _report(recording, out, preset, truth or (beside if beside.is_file() else None))

@@ -11,12 +11,12 @@ import typer
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
 from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
@@ -35,6 +35,7 @@ def segment(
         Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
     ] = None,
     wrench_source: WrenchSource = None,
+    hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
     mapping: Mapping = None,
 ) -> None:
@@ -43,7 +44,11 @@ def segment(
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise BadSource(f"cannot write {json_out}: no such directory")
         recording = load_recording(
-            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+            file,
+            wrench_source=wrench_source,
+            hand_on_robot=hand_on_robot,
+            length_unit=length_unit,
+            mapping=mapping,
         )
         view = segmented(recording, preset, threshold)
         if json_out is not None:

@@ -57,7 +57,7 @@ class FileCase:
             raise TruthError(
                 f"{truth.name}: {window}, and the recording lasts from {first:.10g} to {last:.10g} s"
             )
-        if truth.hand_in_wrench and recording.wrench_source == "flange_sensor":
+        if truth.hand_in_wrench and recording.wrench_source in {None, "flange_sensor"}:
             recording = replace(recording, wrench_source="flange_sensor_with_hand")
         return recording, replace(truth, name=self.name)
 

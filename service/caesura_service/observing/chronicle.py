@@ -76,7 +76,9 @@ def _tell_change(change: Change) -> None:
         return  # forgotten: the worker says why
     if before is None:
         if after.is_open and not after.view.samples:
-            _say_of(after, logging.INFO, f"opened, preset {after.preset}, wrench {after.view.wrench.source}")
+            wrench = after.view.wrench
+            source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
+            _say_of(after, logging.INFO, f"opened, preset {after.preset}, {source}")
         return
     for gap in after.view.gaps[len(before.view.gaps) :] if after.view.gaps is not before.view.gaps else ():
         _say_of(after, logging.WARNING, _gap(gap))

@@ -107,7 +107,7 @@ def gather(recording: Recording, preset: str, truth: Truth | None = None) -> Con
     return Content(
         name=recording.name,
         preset=preset,
-        signals=_signals(replayed, has_force=recording.wrench_source != "none"),
+        signals=_signals(replayed, has_force=view.wrench.source != "none"),
         changes=Changes(replayed.boundary_t[1:], replayed.smoothed[1:], replayed.offline[1:]),
         run_lengths=_run_lengths(replayed),
         view=view,

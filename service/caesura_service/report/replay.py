@@ -20,7 +20,7 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.recordings import batches, opening_of
 from caesura_service.session.division import filter_of
 from caesura_service.session.pipeline import layout_of, observed
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, Observation
+from caesura_service.signals import Conditioner, Observation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,8 +59,7 @@ def replay(recording: Recording, preset: str) -> Replay:
     chosen = PRESETS[preset]
     conditioner = Conditioner(layout_of(opening_of(recording, preset)))
     observations = tuple(_conditioned(recording, conditioner))
-    source = WRENCH_SOURCES[recording.wrench_source]
-    online = filter_of(chosen, source, tared=conditioner.tare is not None)
+    online = filter_of(chosen, conditioner.layout.source, tared=conditioner.tare is not None)
     beliefs = tuple(_believed(online, observations))
     return Replay(
         observations=observations,

@@ -19,7 +19,7 @@ from caesura_service.session.corrections import Heeded
 from caesura_service.session.history import History
 from caesura_service.session.settled import Part, Settled
 from caesura_service.session.weighing import Load, is_baseline, weigh
-from caesura_service.signals import WrenchSource
+from caesura_service.signals import WrenchCapabilities
 
 
 class _Seen(NamedTuple):
@@ -31,7 +31,7 @@ class _Seen(NamedTuple):
     changepoint: Changepoint
 
 
-def filter_of(preset: Preset, source: WrenchSource, *, tared: bool) -> Filter:
+def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool) -> Filter:
     """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
     return preset.online(
         contact=source.contact_models, transport=source.transport_models, bias_n=_bias_n(tared=tared)
@@ -42,7 +42,7 @@ class Division:
     """Takes the observations of a history one by one, with what somebody has said of them."""
 
     def __init__(
-        self, preset: Preset, source: WrenchSource, history: History, heeded: Heeded, *, tared: bool
+        self, preset: Preset, source: WrenchCapabilities, history: History, heeded: Heeded, *, tared: bool
     ) -> None:
         """Raises ValueError where the preset looks at nothing that the wrench can carry."""
         self.tared = tared

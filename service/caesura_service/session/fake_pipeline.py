@@ -34,7 +34,12 @@ def make_fake_pipeline(opening: Open, default_preset: str) -> Pipeline:
     if preset not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=preset, expected=list(PRESETS))
     report = WrenchReport(
-        source=opening.wrench_source, contact_models=False, transport_models=False, tare=None, note="fake"
+        source=opening.wrench_source or "none",
+        stated=opening.wrench_source is not None,
+        contact_models=False,
+        transport_models=False,
+        tare=None,
+        note="fake",
     )
     return FakePipeline(preset, report)
 

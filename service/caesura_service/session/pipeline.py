@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +37,11 @@ from caesura_service.session.history import History, holding
 from caesura_service.session.settled import Part
 from caesura_service.session.view import Pipeline, View
 from caesura_service.signals import (
-    WRENCH_SOURCES,
     Conditioned,
     Conditioner,
     Layout,
     Observation,
+    WrenchCapabilities,
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -63,6 +63,14 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         check_level(threshold)
         unconditioned = replace(preset.filter, certain=1.0)
         preset = replace(preset, threshold=threshold, filter=unconditioned)
+    if (opening.wrench_source, opening.hand_on_robot) == ("flange_sensor_with_hand", "no"):
+        raise ProtocolError(
+            "malformed",
+            "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand' "
+            "(without a hand: 'flange_sensor' or 'joint_torque_estimate')",
+            value="no",
+            expected=["yes", "unknown"],
+        )
     try:
         return SegmentationPipeline(layout_of(opening), preset, opening)
     except ValueError as error:
@@ -75,6 +83,7 @@ def layout_of(opening: Open) -> Layout:
     return Layout(
         columns=opening.columns,
         wrench_source=opening.wrench_source,
+        hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
         metres_per_unit=METRES_PER_UNIT[opening.length_unit],
         pose_of_joints=None if robot is None else robot.flange_poses,
@@ -103,7 +112,7 @@ class SegmentationPipeline:
     def __init__(self, layout: Layout, preset: Preset, opening: Open) -> None:
         self._opening = opening
         self._preset = preset
-        self._source = WRENCH_SOURCES[layout.wrench_source]
+        self._source = layout.source
         self._conditioner = Conditioner(layout)
         self._heeded = Heeded()
         self._history = History()
@@ -224,8 +233,9 @@ class SegmentationPipeline:
             notes=self._notes(),
             gaps=self._gaps.all,
             wrench=_wrench_report(
-                self._opening.wrench_source,
-                self._opening.force_frame,
+                self._opening,
+                self._conditioner.layout.source_in_use,
+                self._source,
                 self._conditioner.tare,
                 self._conditioner.tare_note,
             ),
@@ -285,25 +295,27 @@ class SegmentationPipeline:
         )
 
     def _notes(self) -> tuple[str, ...]:
-        """What somebody must know who runs the program."""
-        wrench = () if self._source.contact_models else (self._source.note,)
-        return (*wrench, self._gaps.note(self._began)) if self._gaps.all else wrench
+        """The wrench source in use, and the gaps."""
+        note = self._source.note
+        return (note, self._gaps.note(self._began)) if self._gaps.all else (note,)
 
 
 @lru_cache(maxsize=1024)
 def _wrench_report(
-    source: messages.WrenchSource,
-    frame: messages.ForceFrame,
+    opening: Open,
+    source: str,
+    worth: WrenchCapabilities,
     tare: tuple[float, float, float] | None,
     tare_note: str,
 ) -> WrenchReport:
     """What becomes of the wrench, in words; the same one at every look."""
-    worth = WRENCH_SOURCES[source]
     return WrenchReport(
-        source=source,
+        source=cast(messages.WrenchSource, source),
+        stated=opening.wrench_source is not None,
+        hand_on_robot=opening.hand_on_robot,
         contact_models=worth.contact_models,
         transport_models=worth.transport_models,
         tare=tare,
         note=f"{worth.note} {tare_note}",
-        frame=frame,
+        frame=opening.force_frame,
     )

@@ -5,7 +5,7 @@ from caesura_service.signals.gripper import GripperEvent, GripperParameters
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import Observation
 from caesura_service.signals.tare import Tare, baseline
-from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchSource
+from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchCapabilities, wrench_capabilities
 
 __all__ = [
     "WRENCH_SOURCES",
@@ -17,6 +17,7 @@ __all__ = [
     "Layout",
     "Observation",
     "Tare",
-    "WrenchSource",
+    "WrenchCapabilities",
     "baseline",
+    "wrench_capabilities",
 ]

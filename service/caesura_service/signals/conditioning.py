@@ -26,7 +26,7 @@ from caesura_service.signals.gripper import GripperEvent, GripperParameters, Gri
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
 from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
-from caesura_service.signals.wrench import WrenchSource
+from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class ConditioningParameters:
         """Grid rows per observation."""
         return round(self.grid_hz / self.segmentation_hz)
 
-    def taring(self, source: WrenchSource) -> Taring:
+    def taring(self, source: WrenchCapabilities) -> Taring:
         """The tare at the start."""
         criterion = RestCriterion(source.tare_speed_m_per_s, self.tare_scatter_limit_n)
         return Taring(round(self.tare_window_s * self.grid_hz), criterion)
@@ -219,7 +219,7 @@ class Conditioner:
 
     def reset(self) -> None:
         """Forget every sample: the same pushes give the same results again."""
-        bare = self.layout.wrench_source == "none"
+        bare = self.layout.source_in_use == "none"
         tare = TareState(Tare(None, "Not tared: there is no wrench.")) if bare else TareState()
         self._grid, self._state = None, _State(tare=tare)
         self._broken = self._finished = False

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
 from caesura_service.signals.rotation import lengths
-from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES, WrenchSource
+from caesura_service.signals.wrench import (
+    FORCE_FRAMES,
+    WrenchCapabilities,
+    assumed_source,
+    wrench_capabilities,
+)
 
 Array = NDArray[np.float64]
 PoseOfJoints = Callable[[Array], tuple[Array, Array]]
@@ -48,7 +53,8 @@ QUATERNION_NORM_TOLERANCE = 0.1  # a quaternion further from unit length is not 
 class Layout:
     """The columns of a session's samples and how to read them.
 
-    columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: a key of `WRENCH_SOURCES`.
+    columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: one of `WRENCH_SOURCES`; None: not
+    stated. hand_on_robot: does a person guide this robot, "yes", "no" or "unknown"?
     force_frame: "base" or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001).
     pose_of_joints: q (n, 7) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w, base frame.
     wrench_of_joint_torques: q (n, 7), tau (n, 7) [Nm] → wrench on the flange (n, 6) [N, Nm], base axes.
@@ -57,11 +63,12 @@ class Layout:
     """
 
     columns: tuple[str, ...]
-    wrench_source: str = "flange_sensor"
+    wrench_source: str | None = None
     force_frame: str = "base"
     metres_per_unit: float = 1.0
     pose_of_joints: PoseOfJoints | None = None
     wrench_of_joint_torques: WrenchOfJointTorques | None = None
+    hand_on_robot: str = "unknown"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
@@ -77,10 +84,18 @@ class Layout:
         """Whether the signal's columns are there."""
         return set(SIGNALS[signal]) <= set(self.columns)
 
+    @cached_property
+    def source_in_use(self) -> str:
+        """The stated wrench source, or the conservative one."""
+        if self.wrench_source is None:
+            return assumed_source(has_force=self.has("force"))
+        return self.wrench_source
+
     @property
-    def source(self) -> WrenchSource:
-        """What the wrench is worth."""
-        return WRENCH_SOURCES[self.wrench_source]
+    def source(self) -> WrenchCapabilities:
+        """What the wrench supports. Raises ValueError for statements that are unknown or contradictory."""
+        stated = self.wrench_source is not None
+        return wrench_capabilities(self.source_in_use, self.hand_on_robot, stated=stated)
 
     @property
     def has_orientation(self) -> bool:
@@ -140,7 +155,7 @@ class Layout:
 
     def _used(self) -> tuple[str, ...]:
         unused = {"torque"} | ({"tau"} if self.has("force") else set())
-        if self.wrench_source == "none":
+        if self.source_in_use == "none":
             unused = {"torque", "force", "tau"}
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
 
@@ -159,10 +174,7 @@ class Layout:
         raise ValueError(f"sample {row}: {column} is {value}, expected {expected}")
 
     def _check_options(self) -> None:
-        if self.wrench_source not in WRENCH_SOURCES:
-            raise ValueError(
-                f"wrench_source is {self.wrench_source!r}, expected one of {list(WRENCH_SOURCES)}"
-            )
+        _ = self.source  # raises where what is stated of the wrench is unknown or contradicts itself
         if self.force_frame not in FORCE_FRAMES:
             raise ValueError(f"force_frame is {self.force_frame!r}, expected one of {list(FORCE_FRAMES)}")
         if not (math.isfinite(self.metres_per_unit) and self.metres_per_unit > 0):
@@ -191,7 +203,7 @@ class Layout:
             raise ValueError("columns have joints but no position, expected pose_of_joints to be given")
 
     def _check_wrench(self) -> None:
-        source = self.wrench_source
+        source = self.source_in_use
         if source == "none":
             return
         if self.has("force"):

@@ -1,57 +1,117 @@
-"""What a wrench is worth, by where it is measured.
+"""What a wrench supports, by where it is measured and by whether a hand is on the robot.
 
-A force reading differs by where it is taken: below the hand that guides, it is the environment's alone;
-above, the guiding hand is in it; from joint torques, so is the error of the robot's model. The table says
-what follows. Nothing here guesses: a session declares its source.
+A sensor below the guiding hand measures the environment alone. A sensor above it measures the hand as well.
+An estimate from joint torques holds the hand's force, where there is one, and the error of the robot's
+model. A session states its source and the hand; without a statement the conservative reading applies, and
+the note says "assumed".
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
 
 FORCE_FRAMES = ("base", "flange")
+WRENCH_SOURCES = ("flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none")
+HANDS_ON_ROBOT = ("yes", "no", "unknown")
+
+ASSUMED_OFF = (
+    "assumed: the recording does not state its wrench source; contact and load are off. "
+    "State it with --wrench-source."
+)
+ASSUMED_NONE = "assumed: no wrench source is stated and there are no force columns; contact and load are off."
 
 
 @dataclass(frozen=True)
-class WrenchSource:
-    """What a kind of wrench can carry."""
+class WrenchCapabilities:
+    """Which models a wrench supports, and how its bias is estimated."""
 
     contact_models: bool  # can contact and free space be told apart?
     transport_models: bool  # can a load be weighed?
     noise_n: float  # [N] scale of the static noise on each axis
     tare_speed_m_per_s: float  # up to which the force at the start is taken for bias
-    note: str  # for whoever reads the results
+    bias: Literal["tare", "mixture"]  # taken once at the start, or tracked by the causal mixture
+    note: str  # one sentence for operators: the source in use and what follows from it
 
 
-WRENCH_SOURCES: Mapping[str, WrenchSource] = {
-    "flange_sensor": WrenchSource(
+@lru_cache
+def wrench_capabilities(source: str, hand_on_robot: str, *, stated: bool) -> WrenchCapabilities:
+    """Capabilities of a wrench from `source`, with or without a hand on the robot.
+
+    source: one of WRENCH_SOURCES; hand_on_robot: one of HANDS_ON_ROBOT; stated: False where the source is an
+    assumption (`assumed_source`): contact and load are then off.
+    Raises ValueError for an unknown value, and where a stated source contradicts the statement of the hand.
+    """
+    _check(source, hand_on_robot, stated=stated)
+    found = _OF_ESTIMATE[hand_on_robot] if source == "joint_torque_estimate" else _CAPABILITIES[source]
+    note = f"Wrench source {source}: {found.note}"
+    if not stated:
+        found = replace(found, contact_models=False, transport_models=False, bias="tare")
+        note = f"Wrench source {source}, {ASSUMED_NONE if source == 'none' else ASSUMED_OFF}"
+    return replace(found, note=note)
+
+
+def assumed_source(*, has_force: bool) -> str:
+    """Conservative source of a wrench that no statement describes: the guiding hand may be in the force."""
+    return "flange_sensor_with_hand" if has_force else "none"
+
+
+def _check(source: str, hand_on_robot: str, *, stated: bool) -> None:
+    if source not in WRENCH_SOURCES:
+        raise ValueError(f"wrench_source is {source!r}, expected one of {list(WRENCH_SOURCES)}")
+    if hand_on_robot not in HANDS_ON_ROBOT:
+        raise ValueError(f"hand_on_robot is {hand_on_robot!r}, expected one of {list(HANDS_ON_ROBOT)}")
+    if stated and source == "flange_sensor_with_hand" and hand_on_robot == "no":
+        raise ValueError(
+            "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "
+            "hand_on_robot 'yes' or 'unknown', or wrench_source 'flange_sensor' or 'joint_torque_estimate'"
+        )
+
+
+_FLANGE_SENSOR = WrenchCapabilities(
+    contact_models=True,
+    transport_models=True,
+    noise_n=0.2,
+    tare_speed_m_per_s=0.25,  # slower movement does not show in the force
+    bias="tare",
+    note="the sensor measures the environment, not the guiding hand; contact and load are on.",
+)
+_WITH_HAND = WrenchCapabilities(
+    contact_models=False,
+    transport_models=False,
+    noise_n=0.2,
+    tare_speed_m_per_s=0.01,
+    bias="tare",
+    note="the guiding hand is in the force; contact and load are off.",
+)
+_ESTIMATE = WrenchCapabilities(
+    contact_models=False,
+    transport_models=False,
+    noise_n=0.5,
+    tare_speed_m_per_s=0.01,
+    bias="tare",
+    note="the guiding hand and about 3 N of model error are in the estimate; contact and load are off.",
+)
+_NONE = replace(_WITH_HAND, noise_n=0.0, note="no force is used; contact and load are off.")
+
+_CAPABILITIES = {
+    "flange_sensor": _FLANGE_SENSOR,
+    "flange_sensor_with_hand": _WITH_HAND,
+    "none": _NONE,
+}
+_OF_ESTIMATE = {
+    "yes": _ESTIMATE,
+    "unknown": replace(
+        _ESTIMATE,
+        note="a hand may be on the robot, and its force in the estimate; contact and load are off. "
+        "State --hand-on-robot no where there is none.",
+    ),
+    "no": replace(
+        _ESTIMATE,
         contact_models=True,
         transport_models=True,
-        noise_n=0.2,
-        tare_speed_m_per_s=0.25,  # it feels no movement as slow as this
-        note="Force sensor below the guiding hand: it feels the environment only.",
-    ),
-    "flange_sensor_with_hand": WrenchSource(
-        contact_models=False,
-        transport_models=False,
-        noise_n=0.2,
-        tare_speed_m_per_s=0.01,
-        note="The guiding hand is in the force: contact and load cannot be told from it and stay off.",
-    ),
-    "joint_torque_estimate": WrenchSource(
-        contact_models=False,
-        transport_models=False,
-        noise_n=0.5,
-        tare_speed_m_per_s=0.01,
-        note="Force estimated from joint torques: the guiding hand and 3 N of model error in motion "
-        "are in it; contact and load are off.",
-    ),
-    "none": WrenchSource(
-        contact_models=False,
-        transport_models=False,
-        noise_n=0.0,
-        tare_speed_m_per_s=0.01,
-        note="No force was recorded: contact and load are off.",
+        bias="mixture",
+        note="no hand is on the robot, and the bias of the estimate is tracked; contact and load are on.",
     ),
 }

@@ -85,6 +85,16 @@ def test_a_franka_robot_state_tells_everything_of_itself(demonstration, tmp_path
     assert segment_recording(found).segments == segment_recording(expected).segments
 
 
+def test_a_mapping_states_that_no_hand_is_on_the_robot(demonstration, tmp_path):
+    bag = ros.write_bag(tmp_path / "bag", ros.franka_topic(whole(demonstration)), STORAGES[0])
+    mapping = tmp_path / "hand.toml"
+    mapping.write_text('hand_on_robot = "no"\n')
+    assert load_recording(bag).hand_on_robot == "unknown"
+    assert load_recording(bag, mapping=mapping).hand_on_robot == "no"
+    assert load_recording(bag, mapping=mapping, hand_on_robot="yes").hand_on_robot == "yes"
+    assert segment_recording(load_recording(bag, mapping=mapping)).wrench.contact_models
+
+
 def test_the_definition_of_franka_is_the_one_that_is_named():
     assert typestore().hash_rihs01(FRANKA_STATE) == FRANKA_HASH
     joint_state = typestore().hash_rihs01(JOINT_STATE)  # as rmw_zenoh's keys have it

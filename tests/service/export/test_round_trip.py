@@ -33,7 +33,7 @@ def assert_same(one: Recording, other: Recording) -> None:
     assert list(one.signals) == list(other.signals)
     for name, values in one.signals.items():
         assert np.array_equal(values, other.signals[name]), name
-    for option in ("wrench_source", "force_frame", "length_unit"):
+    for option in ("wrench_source", "hand_on_robot", "force_frame", "length_unit"):
         assert getattr(one, option) == getattr(other, option)
     assert other.ignored == ()
 
@@ -61,17 +61,28 @@ def test_a_session_that_is_exported_and_imported_gives_identical_results(tmp_pat
     began=st.floats(0.0, 2e9),
     unit=st.sampled_from(["m", "cm", "mm"]),
     frame=st.sampled_from(["base", "flange"]),
+    source=st.sampled_from([None, "flange_sensor", "joint_torque_estimate", "none"]),
+    hand=st.sampled_from(["yes", "no", "unknown"]),
 )
-def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, frame):
+def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, frame, source, hand):
     t = 1e-9 * data[:, 0]  # in any order, before and after the session's zero
     signals = {"pos": data[:, 1:4], "q": data[:, 4:11], "force": data[:, 11:14], "gripper": data[:, 14:]}
-    recording = Recording(t=t, signals=signals, length_unit=unit, force_frame=frame)
+    recording = Recording(
+        t=t,
+        signals=signals,
+        wrench_source=source,
+        hand_on_robot=hand,
+        length_unit=unit,
+        force_frame=frame,
+    )
     began = max(began, -float(t.min()) + 1.0)
     told = Demonstration("cell-1", "s1", "default", recording, began, recording.columns)
     write_mcap(tmp_path / "any.mcap", told)
     assert_same(recording, load_recording(tmp_path / "any.mcap"))
     write_csv(tmp_path / "any.csv", recording)
     assert_same(recording, load_recording(tmp_path / "any.csv"))
+    recording.save(tmp_path / "any.npz")
+    assert_same(recording, load_recording(tmp_path / "any.npz"))
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "csv", "npz"])

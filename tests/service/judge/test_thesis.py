@@ -144,7 +144,11 @@ def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pyte
         return segment_offline(lattice, hazard, data)
 
     monkeypatch.setattr(measure, "segment_offline", spy)
-    still = Recording(np.arange(0.0, 3.0, 0.01), {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))})
+    still = Recording(
+        np.arange(0.0, 3.0, 0.01),
+        {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))},
+        wrench_source="flange_sensor",
+    )
     shown = measure.see(still, Truth("x", (0.0, 3.0), ()))
     for any_length in (True, False):
         measure.divide(shown, PRESETS["integrated"], 0.2, any_length=any_length)

@@ -136,6 +136,11 @@ def test_a_session_is_told_from_opening_to_close(caplog):
     assert last.endswith("100 samples in 5 batches")
 
 
+def test_an_unstated_wrench_source_is_logged_as_assumed(caplog):
+    watched().command(STATION, opening(wrench_source=None), 0.0)
+    assert lines(caplog) == ["cell-1/s1 opened, preset fake, wrench none (assumed)"]
+
+
 def test_a_station_that_opens_too_many_sessions_is_told_which_were_closed(caplog):
     registry = watched(open_sessions=1)
     registry.command(STATION, opening("first"), 0.0)

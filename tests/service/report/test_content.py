@@ -33,7 +33,11 @@ def without(recording: Recording, name: str) -> Recording:
 
 def with_gap(recording: Recording, t0: float, tn: float) -> Recording:
     kept = (recording.t < t0) | (recording.t > tn)
-    return Recording(recording.t[kept], {name: values[kept] for name, values in recording.signals.items()})
+    return Recording(
+        recording.t[kept],
+        {name: values[kept] for name, values in recording.signals.items()},
+        wrench_source="flange_sensor",
+    )
 
 
 def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(content: Content):

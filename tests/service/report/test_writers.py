@@ -118,7 +118,11 @@ def unusual(case: str) -> Recording:
             return Recording(whole.t, {"pos": whole.signals["pos"]}, wrench_source="none")
         case "gap":
             kept = (whole.t < 2.0) | (whole.t > 2.6)
-            return Recording(whole.t[kept], {name: values[kept] for name, values in whole.signals.items()})
+            return Recording(
+                whole.t[kept],
+                {name: values[kept] for name, values in whole.signals.items()},
+                wrench_source="flange_sensor",
+            )
         case "one segment":
             return part(whole, 0, 150)
         case _:

@@ -27,7 +27,7 @@ from caesura_service.session.pipeline import (
 )
 from caesura_service.session.view import View
 from caesura_service.signals.layout import SIGNALS
-from caesura_service.signals.wrench import FORCE_FRAMES, WRENCH_SOURCES
+from caesura_service.signals.wrench import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from service.streams import pieces
 
 DATA = Path(__file__).parents[3] / "data"
@@ -116,6 +116,7 @@ def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught:
     assert before <= gap.t0 + 0.05
     assert after >= gap.tn - 0.05
     assert view.notes == (
+        view.wrench.note.partition(" Tared")[0],
         "Not observed: 5.00–5.60 s (the source paused). What was taught then is missing, and apps beside it "
         "are less sure.",
     )
@@ -159,7 +160,7 @@ def test_samples_that_are_lost_divide_and_are_named_as_lost(taught: Recording):
     assert (gap.t0, gap.tn, gap.reason) == (every[19][-1, 0], every[24][0, 0], "evicted")
     assert any(one.tn <= gap.t0 + 0.05 for one in pipeline.view.segments)
     assert not [one for one in pipeline.view.segments if one.t0 < gap.t0 - 0.05 and one.tn > gap.tn + 0.05]
-    assert "(samples were lost)" in pipeline.view.notes[0]
+    assert "(samples were lost)" in pipeline.view.notes[-1]
 
 
 def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recording):
@@ -171,7 +172,7 @@ def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recor
     pipeline.declare_gap()
     pipeline.finish()
     assert [(gap.t0, gap.tn) for gap in pipeline.view.gaps] == [(t, t) for t in (first[0, 0], second[-1, 0])]
-    (note,) = pipeline.view.notes
+    note = pipeline.view.notes[-1]
     for words in (f"before {first[0, 0]:.2f} s", f"after {second[-1, 0]:.2f} s"):
         assert words in note
 
@@ -365,6 +366,7 @@ def test_the_wire_and_the_signals_name_the_same_columns():
     """The core sees no message, so the names stand twice; they must not drift apart."""
     assert dict(SIGNALS) == COLUMNS_OF_SIGNAL
     assert set(WRENCH_SOURCES) == set(wire.WRENCH_SOURCES)
+    assert set(HANDS_ON_ROBOT) == set(wire.HANDS_ON_ROBOT)
     assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
     assert set(METRES_PER_UNIT) == set(wire.LENGTH_UNITS)
 

@@ -23,7 +23,7 @@ def wrench_of_joint_torques(q: Array, tau: Array) -> Array:
 
 LAYOUTS = {
     "pose, flange force, gripper": Layout(
-        ("t", *POSITION, *QUATERNION, *FORCE, "gripper"), force_frame="flange"
+        ("t", *POSITION, *QUATERNION, *FORCE, "gripper"), wrench_source="flange_sensor", force_frame="flange"
     ),
     "joints and torques": Layout(
         ("t", *JOINTS, *TAU),
@@ -32,7 +32,7 @@ LAYOUTS = {
         wrench_of_joint_torques=wrench_of_joint_torques,
     ),
     "position, joints, force in base": Layout(
-        ("t", "gripper", *FORCE, *POSITION, *JOINTS), metres_per_unit=0.001
+        ("t", "gripper", *FORCE, *POSITION, *JOINTS), wrench_source="flange_sensor", metres_per_unit=0.001
     ),
 }
 

@@ -35,7 +35,7 @@ def dragged(name: str) -> tuple[dict[str, Array], Conditioner, Array]:
 
 def wiping(name: str) -> tuple[dict[str, Array], Conditioner, Array]:
     data = recording(name)
-    layout = Layout(("t", *POSITION, *QUATERNION, *JOINTS, *FORCE))
+    layout = Layout(("t", *POSITION, *QUATERNION, *JOINTS, *FORCE), "flange_sensor")
     columns = (data["t"], data["pos"], data["quat"], data["q"], data["force_base"])
     return data, Conditioner(layout), np.column_stack(columns)
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, baseline
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, baseline, wrench_capabilities
+from caesura_service.signals.wrench import HANDS_ON_ROBOT
 from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
 
 Array = NDArray[np.float64]
 
 COLUMNS = ("t", *POSITION, *FORCE)
-LAYOUT = Layout(COLUMNS)
+LAYOUT = Layout(COLUMNS, wrench_source="flange_sensor")
 BIAS = np.array([1.5, -2.5, 4.0])
 T = times(500.0, 3.0)
 
@@ -105,7 +108,9 @@ def test_without_a_wrench_force_is_zero_and_nothing_waits() -> None:
 
 def test_a_force_in_the_flange_is_turned_into_the_base() -> None:
     """The flange turns about z by 90° in a second; the force stays along its x."""
-    layout = Layout(("t", *POSITION, *QUATERNION, *FORCE), force_frame="flange")
+    layout = Layout(
+        ("t", *POSITION, *QUATERNION, *FORCE), wrench_source="flange_sensor", force_frame="flange"
+    )
     half = 0.25 * np.pi * np.clip(T - 1.0, 0.0, 1.0)
     turning = np.stack([0 * T, 0 * T, np.sin(half), np.cos(half)], axis=1)
     pushing = along((6.0, 0.0, 0.0), (T > 0.7).astype(float))
@@ -119,6 +124,7 @@ def test_the_orientation_for_the_force_may_come_from_the_joints() -> None:
     upside_down = np.array([1.0, 0.0, 0.0, 0.0])
     layout = Layout(
         ("t", *POSITION, *(f"q{i}" for i in range(1, 8)), *FORCE),
+        wrench_source="flange_sensor",
         force_frame="flange",
         pose_of_joints=lambda q: (q[:, :3], np.tile(upside_down, (len(q), 1))),
     )
@@ -128,10 +134,56 @@ def test_the_orientation_for_the_force_may_come_from_the_joints() -> None:
 
 
 def test_every_source_says_what_it_carries() -> None:
-    assert [name for name, source in WRENCH_SOURCES.items() if source.contact_models] == ["flange_sensor"]
-    for source in WRENCH_SOURCES.values():
-        assert source.note.endswith(".")
-        assert ("off" in source.note) is not source.transport_models
+    for source, hand in product(WRENCH_SOURCES, HANDS_ON_ROBOT):
+        if (source, hand) == ("flange_sensor_with_hand", "no"):
+            continue
+        found = wrench_capabilities(source, hand, stated=True)
+        expected = source == "flange_sensor" or (source, hand) == ("joint_torque_estimate", "no")
+        assert (found.contact_models, found.transport_models) == (expected, expected)
+        assert found.bias == ("mixture" if (source, hand) == ("joint_torque_estimate", "no") else "tare")
+        assert found.note.startswith(f"Wrench source {source}: ")
+        assert ("contact and load are off" in found.note) is not expected
+        assert "assumed" not in found.note
+
+
+@pytest.mark.parametrize(("source", "hand"), [*product(WRENCH_SOURCES, HANDS_ON_ROBOT)])
+def test_an_assumed_source_supports_neither_contact_nor_load_and_says_assumed(source: str, hand: str) -> None:
+    found = wrench_capabilities(source, hand, stated=False)
+    assert (found.contact_models, found.transport_models, found.bias) == (False, False, "tare")
+    assert f"Wrench source {source}, assumed: " in found.note
+
+
+@pytest.mark.parametrize(
+    ("columns", "source"),
+    [
+        (("t", *POSITION, *FORCE), "flange_sensor_with_hand"),
+        (("t", *POSITION), "none"),
+        (("t", *POSITION, *(f"tau{i}" for i in range(1, 8))), "none"),
+    ],
+)
+def test_an_unstated_source_gets_the_conservative_reading(columns: tuple[str, ...], source: str) -> None:
+    layout = Layout(columns)
+    assert layout.source_in_use == source
+    assert not layout.source.contact_models
+    assert "assumed" in layout.source.note
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({"wrench_source": "guess"}, "'guess', expected one of .*joint_torque_estimate"),
+        ({"wrench_source": "none", "hand_on_robot": "maybe"}, "'maybe', expected one of .*unknown"),
+        (
+            {"wrench_source": "flange_sensor_with_hand", "hand_on_robot": "no"},
+            "'no', which contradicts wrench_source 'flange_sensor_with_hand'",
+        ),
+    ],
+)
+def test_a_statement_that_is_unknown_or_contradicts_itself_is_refused(
+    stated: dict[str, str], expected: str
+) -> None:
+    with pytest.raises(ValueError, match=expected):
+        Layout(COLUMNS, **stated)  # type: ignore[arg-type]
 
 
 def test_two_baselines_weigh_what_was_grasped() -> None:

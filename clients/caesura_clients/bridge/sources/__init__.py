@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 Chunk = NDArray[np.floating]  # (k, columns), as declared; time [s] first
 
@@ -30,8 +30,12 @@ class Source(Protocol):
         """Names of the columns of every chunk, `t` first (see `COLUMNS_OF_SIGNAL`)."""
 
     @property
-    def wrench_source(self) -> WrenchSource:
-        """Where the wrench comes from."""
+    def wrench_source(self) -> WrenchSource | None:
+        """Where the wrench is measured; None where it is not stated, and contact and load stay off."""
+
+    @property
+    def hand_on_robot(self) -> HandOnRobot:
+        """Does a person guide this robot by hand?"""
 
     @property
     def force_frame(self) -> ForceFrame:

@@ -30,6 +30,7 @@ class FileSource(PacedSource):
             lambda: pieces(recording.matrix()),
             columns=recording.columns,
             wrench_source=recording.wrench_source,
+            hand_on_robot=recording.hand_on_robot,
             force_frame=recording.force_frame,
             length_unit=recording.length_unit,
             pace=pace,

@@ -19,7 +19,7 @@ import numpy as np
 from caesura_clients.bridge.sources import Chunk
 from caesura_clients.errors import BadSource
 from caesura_clients.formats.poses import Pose, flange_of, nearest, pose_of
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, LengthUnit, WrenchSource
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
 CHUNK_MS = 20  # of the robot's time
@@ -56,7 +56,8 @@ class FrankaSource:
     """A live arm as a Source.
 
     who: what errors call it; read: waits for the next state; width: the gripper's opening [m], which may
-    wait; None where there is no gripper. Raises BadSource in `chunks` where either is lost, with the reason.
+    wait; None where there is no gripper; hand_on_robot: does a person guide this arm by hand?
+    Raises BadSource in `chunks` where either is lost, with the reason.
     """
 
     wrench_source: WrenchSource = "joint_torque_estimate"
@@ -65,8 +66,13 @@ class FrankaSource:
     can_wait = False
 
     def __init__(
-        self, who: str, read: Callable[[], FrankaState], width: Callable[[], float] | None = None
+        self,
+        who: str,
+        read: Callable[[], FrankaState],
+        width: Callable[[], float] | None = None,
+        hand_on_robot: HandOnRobot = "yes",
     ) -> None:
+        self.hand_on_robot: HandOnRobot = hand_on_robot
         signals = SIGNALS if width is None else (*SIGNALS, "gripper")
         self.columns = ("t", *(c for s in signals for c in COLUMNS_OF_SIGNAL[s]))
         self._who = who

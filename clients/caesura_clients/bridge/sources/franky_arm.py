@@ -17,9 +17,10 @@ from typing import Any
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
 from caesura_clients.formats.poses import Pose, pose_of
 from caesura_clients.recording import needing
+from caesura_protocol.messages import HandOnRobot
 
 
-def open_franky(host: str, *, gripper: bool = True) -> FrankaSource:
+def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
     """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
     with needing("franky", "the source franky"):
         franky = import_module("franky")
@@ -29,7 +30,7 @@ def open_franky(host: str, *, gripper: bool = True) -> FrankaSource:
     if gripper:
         hand = connected(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.state.width)  # noqa: E731 - it closes over the hand
-    return FrankaSource(who, lambda: state_of(robot.state, _pose), width)
+    return FrankaSource(who, lambda: state_of(robot.state, _pose), width, hand_on_robot)
 
 
 def _pose(affine: Any) -> Pose:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 FAST = float("inf")
 
@@ -25,7 +25,8 @@ class PacedSource:
         read: Callable[[], Iterator[Chunk]],
         *,
         columns: tuple[str, ...],
-        wrench_source: WrenchSource,
+        wrench_source: WrenchSource | None,
+        hand_on_robot: HandOnRobot = "unknown",
         force_frame: ForceFrame = "base",
         length_unit: LengthUnit = "m",
         pace: float = 1.0,
@@ -35,7 +36,8 @@ class PacedSource:
         if not pace > 0.0:
             raise ValueError(f"pace is {pace}, expected more than 0")
         self.columns = columns
-        self.wrench_source: WrenchSource = wrench_source
+        self.wrench_source: WrenchSource | None = wrench_source
+        self.hand_on_robot: HandOnRobot = hand_on_robot
         self.force_frame: ForceFrame = force_frame
         self.length_unit: LengthUnit = length_unit
         self._read = read

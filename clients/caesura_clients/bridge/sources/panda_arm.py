@@ -12,9 +12,10 @@ from importlib import import_module
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
 from caesura_clients.recording import needing
+from caesura_protocol.messages import HandOnRobot
 
 
-def open_panda(host: str, *, gripper: bool = True) -> FrankaSource:
+def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
     """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
     with needing("panda", "the source panda"):
         libfranka = import_module("panda_py.libfranka")
@@ -24,4 +25,4 @@ def open_panda(host: str, *, gripper: bool = True) -> FrankaSource:
     if gripper:
         hand = connected(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.read_once().width)  # noqa: E731 - it closes over the hand
-    return FrankaSource(who, lambda: state_of(robot.read_once()), width)
+    return FrankaSource(who, lambda: state_of(robot.read_once()), width, hand_on_robot)

@@ -32,7 +32,7 @@ from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.network import Transport
 from caesura_clients.recording import RecordingError
 from caesura_clients.transport import ZenohTransport
-from caesura_protocol.messages import ForceFrame, LengthUnit, WrenchSource
+from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 CHUNK_SAMPLES = 20
 PATIENCE_S = 0.1  # that a row waits for a topic that lags behind
@@ -67,6 +67,7 @@ class Ros2Source:
         mapped: Mapped | None = None,
         *,
         wrench_source: str | None = None,
+        hand_on_robot: str | None = None,
         definitions: list[tuple[str, str]] | None = None,
         discover_s: float = DISCOVER_S,
         over: threading.Event | None = None,
@@ -90,6 +91,8 @@ class Ros2Source:
         self._joiner = Joiner(self._plan.signals, patience_s=PATIENCE_S)
         self.columns = self._joiner.columns
         self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
+        stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")
+        self.hand_on_robot = cast(HandOnRobot, stated)
         self.force_frame = cast(ForceFrame, self._plan.options.get("force_frame", "base"))
 
     @property
@@ -204,14 +207,25 @@ class Ros2Source:
 
 
 def open_ros2(
-    endpoint: str, config: Path | None, mapped: Mapped | None, mapping: Path | None, wrench_source: str | None
+    endpoint: str,
+    config: Path | None,
+    mapped: Mapped | None,
+    mapping: Path | None,
+    wrench_source: str | None,
+    hand_on_robot: str | None = None,
 ) -> Ros2Source:
     """A source with a connection of its own to the router of ROS 2. Raises BadSource, Unreachable."""
     with _as_source():
         definitions = definitions_of(topic_rules(mapped), mapping)
     transport = ZenohTransport(endpoint, config_file=config, timeout_s=CONNECT_S)
     try:
-        source = Ros2Source(transport, mapped, wrench_source=wrench_source, definitions=definitions)
+        source = Ros2Source(
+            transport,
+            mapped,
+            wrench_source=wrench_source,
+            hand_on_robot=hand_on_robot,
+            definitions=definitions,
+        )
     except BaseException:
         transport.close()
         raise

@@ -12,9 +12,10 @@ from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import load_recording, needing
 from caesura_clients.transport import endpoint_of
-from caesura_protocol.messages import WRENCH_SOURCES
+from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
 
 DEFAULT_SCENARIO = "pick_and_place"
+ESTIMATE: WrenchSource = "joint_torque_estimate"  # the wrench of a Franka arm without a sensor
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class SourceOptions:
     gripper: bool = True  # does it have one?
     ros: str | None = None  # the Zenoh endpoint of ROS 2
     config: Path | None = None  # of Zenoh there
+    hand_on_robot: str | None = None
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
@@ -48,22 +50,47 @@ def _file(options: SourceOptions) -> Source:
     recording = load_recording(
         options.file,
         wrench_source=options.wrench_source,
+        hand_on_robot=options.hand_on_robot,
         length_unit=options.length_unit,
         mapping=options.mapping,
     )
+    if recording.has_wrench and recording.wrench_source is None:
+        raise BadSource(
+            f"{recording.name}: where is this wrench measured? State wrench_source in the file or "
+            f"--wrench-source: {', '.join(WRENCH_SOURCES)}"
+        )
     return FileSource(recording, pace=options.pace)
 
 
 def _franky(options: SourceOptions) -> Source:
     from caesura_clients.bridge.sources.franky_arm import open_franky  # noqa: PLC0415 - an extra
 
-    return open_franky(_host(options, "franky"), gripper=options.gripper)
+    hand = _hand_on_estimate(options, "franky")
+    return open_franky(_host(options, "franky"), gripper=options.gripper, hand_on_robot=hand)
 
 
 def _panda(options: SourceOptions) -> Source:
     from caesura_clients.bridge.sources.panda_arm import open_panda  # noqa: PLC0415 - an extra
 
-    return open_panda(_host(options, "panda"), gripper=options.gripper)
+    hand = _hand_on_estimate(options, "panda")
+    return open_panda(_host(options, "panda"), gripper=options.gripper, hand_on_robot=hand)
+
+
+def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
+    """The statement of the hand for an arm that estimates its wrench; these arms are guided by hand."""
+    if options.wrench_source not in {None, ESTIMATE}:
+        raise BadSource(
+            f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
+        )
+    return _hand(options)
+
+
+def _hand(options: SourceOptions) -> HandOnRobot:
+    """Raises BadSource for a statement that is none."""
+    stated = options.hand_on_robot or "yes"
+    if stated not in HANDS_ON_ROBOT:
+        raise BadSource(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
+    return stated
 
 
 def _host(options: SourceOptions, name: str) -> str:
@@ -79,7 +106,9 @@ def _ros2(options: SourceOptions) -> Source:
         from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra
     mapped = None if options.mapping is None else load_mapping(options.mapping)
     endpoint = endpoint_of(options.ros, options.config)
-    return open_ros2(endpoint, options.config, mapped, options.mapping, options.wrench_source)
+    return open_ros2(
+        endpoint, options.config, mapped, options.mapping, options.wrench_source, options.hand_on_robot
+    )
 
 
 def _teacher(options: SourceOptions) -> Source:
@@ -98,6 +127,7 @@ def _teacher(options: SourceOptions) -> Source:
         lambda: teaching.chunks(CHUNK_S),
         columns=teaching.columns,
         wrench_source=teaching.wrench_source,
+        hand_on_robot=_hand(options),
         pace=options.pace,
     )
 

@@ -149,7 +149,9 @@ def finish(teaching: Teaching, chunks: list[Array]) -> Demonstration:
     parts = np.split(samples[:, 1:], np.cumsum(widths)[:-1], axis=1)
     signals = dict(zip(teaching.signals, parts, strict=True))
     name = teaching.scenario.name
-    recording = Recording(samples[:, 0], signals, wrench_source=teaching.wrench_source, name=name)
+    recording = Recording(
+        samples[:, 0], signals, wrench_source=teaching.wrench_source, hand_on_robot="yes", name=name
+    )
     return Demonstration(recording, teaching.truth())
 
 

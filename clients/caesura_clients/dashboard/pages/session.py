@@ -97,6 +97,7 @@ def line_of(seen: Glance, update: Update | None) -> str:
     if update is None:
         return f"{seen.said}."
     parts = [seen.said, f"session {update.session}", f"{reached(update):.0f} s", _gaps(seen.gaps)]
+    parts.append(_wrench(update.status))
     if seen.age_s is not None and seen.age_s >= 1.0:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
     if seen.overloaded:
@@ -110,7 +111,13 @@ def line_of_past(update: Update | None) -> str:
         return "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
-    return f"{state} · {reached(update):.1f} s · {len(update.segments)} segments · {_gaps(gaps)}"
+    segments = f"{len(update.segments)} segments"
+    return " · ".join([state, f"{reached(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)])
+
+
+def _wrench(status: wire.SessionStatus) -> str:
+    """The wrench source in use; the program's notes say what follows from it."""
+    return f"wrench {status.wrench.source}{'' if status.wrench.stated else ' (assumed)'}"
 
 
 def _gaps(count: int) -> str:

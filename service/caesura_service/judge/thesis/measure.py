@@ -28,10 +28,10 @@ from caesura_service.judge.conditioned import observe
 from caesura_service.judge.metrics import ROUNDING_S, Look
 from caesura_service.judge.pairing import best_pairs
 from caesura_service.judge.thesis.rows import Boundary, Row
-from caesura_service.recordings import views
+from caesura_service.recordings import capabilities_of, views
 from caesura_service.session.division import filter_of
 from caesura_service.session.pipeline import observed
-from caesura_service.signals import WRENCH_SOURCES, ConditioningParameters, Observation
+from caesura_service.signals import ConditioningParameters, Observation
 from caesura_service.truth import Truth
 
 TOLERANCE_S = 0.3
@@ -186,8 +186,7 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
     thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
     """
-    source = WRENCH_SOURCES[seen.recording.wrench_source]
-    online = filter_of(preset, source, tared=seen.tared)
+    online = filter_of(preset, capabilities_of(seen.recording), tared=seen.tared)
     rows = [observed(one) for one in seen.observations]
     hazard = Uniform(len(rows)) if any_length else online.hazard
     offline = segment_offline(online.lattice, hazard, rows)

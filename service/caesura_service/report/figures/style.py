@@ -89,7 +89,9 @@ def heading(content: Content) -> str:
     """Which recording this is, in one line."""
     t, count = content.signals.t, len(content.view.segments)
     segments = "1 segment" if count == 1 else f"{count} segments"
-    return f"{content.name} · preset {content.preset} · {t[-1] - t[0]:.1f} s · {segments}"
+    wrench = content.view.wrench
+    source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
+    return f"{content.name} · preset {content.preset} · {t[-1] - t[0]:.1f} s · {segments} · {source}"
 
 
 def kinds_present(content: Content) -> list[str]:

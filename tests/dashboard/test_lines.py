@@ -1,0 +1,21 @@
+"""The line above a session: how it is, and which wrench source is in use."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from caesura_clients.dashboard.pages.session import line_of_past
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"), [(True, "wrench flange_sensor"), (False, "wrench flange_sensor (assumed)")]
+)
+def test_a_line_names_the_wrench_source_and_whether_it_is_assumed(update, stated, words):
+    known = update()
+    wrench = known.status.wrench.model_copy(update={"stated": stated})
+    shown = replace(known, status=known.status.model_copy(update={"wrench": wrench}))
+    assert line_of_past(shown).split(" · ")[-1] == words

@@ -72,7 +72,9 @@ def gaussian_online(signals: Signals) -> NDArray[np.intp]:
     mean_segment = MEAN_SEGMENT_S / float(np.median(np.diff(signals.t)))
     detector = changepoint.Bocpd(prior, mean_segment)
     run_lengths = [detector.step(row) for row in channels]
-    return np.array(changepoint.map_changepoints(run_lengths), dtype=np.intp)
+    # The library names the last observation before each change; the first entry is the recording's beginning.
+    last_before = np.array(changepoint.map_changepoints(run_lengths)[1:], dtype=np.intp)
+    return last_before + 1
 
 
 def _scaled(signals: Signals, motion: Array) -> Array:

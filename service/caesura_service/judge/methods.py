@@ -53,7 +53,8 @@ class Ours:
                 looks.append(look)
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
-        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view))
+        stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
+        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated)
 
 
 def _look(t: float, view: View) -> Look:
@@ -71,7 +72,7 @@ def _intervals(view: View) -> dict[float, tuple[float, float]]:
 
 def _part(segment: Segment) -> Part:
     force_n = float(np.linalg.norm(segment.force))
-    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n)
+    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability)
 
 
 class MissingExtraError(RuntimeError):

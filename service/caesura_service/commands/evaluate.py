@@ -22,8 +22,8 @@ from caesura_service.judge import mutations, roundtrip
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
-from caesura_service.judge.report import as_json, report
-from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, suite
+from caesura_service.judge.report import Report, as_json, report
+from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.thesis import suite as thesis
 from caesura_service.judge.thesis import summary as thesis_summary
@@ -37,6 +37,8 @@ WIDTH = 90  # [characters] of text in a file
 THESIS, ROUNDTRIP = "thesis", "roundtrip"
 ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP]
 SEEDS, THESIS_SEEDS = 5, 20
+SLACK_S = 0.2
+DATA_VARIABLE = "CAESURA_REAL_DATA"
 
 Made = TypeVar("Made")
 
@@ -77,7 +79,12 @@ def evaluate(
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
     data: Annotated[
-        Path, typer.Option(help="Real: the directory of the recordings.", show_default="../shared/data/real")
+        Path,
+        typer.Option(
+            help="Real: the directory of the recordings.",
+            envvar=DATA_VARIABLE,
+            show_default="../shared/data/real",
+        ),
     ] = REAL,
     preset: Annotated[
         list[str] | None, typer.Option(help="Preset of ours; may be given more than once.")
@@ -89,8 +96,13 @@ def evaluate(
         float, typer.Option(min=0.0, help="Widens the points' own tolerances to at least this many seconds.")
     ] = 0.0,
     slack: Annotated[
-        float, typer.Option(min=0.0, help="Added to each point's own tolerance [s], before --tolerance.")
-    ] = 0.0,
+        float,
+        typer.Option(
+            min=0.0,
+            help="Results are shown without slack and with so much [s] added to each point's own tolerance, "
+            "before --tolerance. 0 shows the former only.",
+        ),
+    ] = SLACK_S,
     ablate: Annotated[
         bool, typer.Option("--ablate", help="Judge default beside itself without each of its principles.")
     ] = False,
@@ -114,6 +126,8 @@ def evaluate(
             if evidence:
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
+                for note in missing_recordings(suite_name, extent):
+                    typer.echo(note, err=True)
                 page = _evidence(suite_name, cases, workers)
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
@@ -121,17 +135,19 @@ def evaluate(
             elif suite_name == THESIS and not recordings:
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             else:
-                cases = _cases(recordings or [], suite_name, Extent(seeds or SEEDS, first_seed, data))
+                extent = Extent(seeds or SEEDS, first_seed, data)
+                cases = _cases(recordings or [], suite_name, extent)
+                missing = missing_recordings(suite_name, extent)
                 methods = (
                     _ablated()
                     if ablate
                     else _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
                 )
-                leniency = Leniency(slack, tolerance)
-                verdicts = _judged(cases, methods, leniency, workers)
-                title = _title(suite_name, cases, leniency)
+                leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
+                verdicts = _judged(cases, methods, leniencies, workers)
+                title = _title(suite_name, cases, tolerance)
                 detailed = (preset or DEFAULT_PRESETS) if confusion else []
-                page = _page(title, methods, verdicts, detailed)
+                page = _page(report(title, [m.name for m in methods], verdicts, missing), detailed)
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
         _write(page, output_format, out)
@@ -179,10 +195,7 @@ def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Pa
     )
 
 
-def _page(
-    title: str, methods: Sequence[Method], verdicts: Sequence[Verdict], detailed: Sequence[str]
-) -> Page:
-    result = report(title, [method.name for method in methods], verdicts)
+def _page(result: Report, detailed: Sequence[str]) -> Page:
     return Page(
         text=lambda: as_text(result, detailed=detailed),
         markdown=lambda: as_markdown(result, detailed=detailed),
@@ -219,9 +232,9 @@ def _cases(
 
 
 def _judged(
-    cases: Sequence[Case], methods: Sequence[Method], leniency: Leniency, workers: int
+    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[Leniency], workers: int
 ) -> list[Verdict]:
-    verdicts = _watched(judge_all(cases, methods, leniency, workers=workers), cases)
+    verdicts = _watched(judge_all(cases, methods, leniencies, workers=workers), cases)
     return [verdict for some in verdicts for verdict in some]
 
 
@@ -232,11 +245,10 @@ def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
         yield from progress.track(results, total=len(of), description="judging")
 
 
-def _title(suite_name: str | None, cases: Sequence[Case], leniency: Leniency) -> str:
+def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
-    slack = f" and {leniency.slack_s:g} s" if leniency.slack_s else ""
-    least = f", at least {leniency.least_s:g} s" if leniency.least_s else ""
-    return f"{what}: {len(cases)} recordings, each point's own tolerance{slack}{least}; 95 % intervals"
+    least = f", at least {least_s:g} s" if least_s else ""
+    return f"{what}: {len(cases)} recordings, each point's own tolerance{least}; 95 % intervals"
 
 
 def _write(page: Page, output_format: Format, out: Path | None) -> None:

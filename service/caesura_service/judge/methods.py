@@ -14,6 +14,7 @@ import numpy as np
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import Segment
 from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_service.judge.bocpd import gaussian_log, student_speed
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part
 from caesura_service.recordings import views
@@ -92,5 +93,8 @@ def baselines() -> list[Method]:
         Baseline("zero velocity", zero_velocity),
         Baseline("PELT linear", libraries.pelt),
         Baseline("Gaussian online", libraries.gaussian_online),
+        Baseline("BOCPD log", gaussian_log),
+        Baseline("BOCPD speed", student_speed),
+        Baseline("kernel", libraries.kernel),
         Baseline("one segment", nothing),
     ]

@@ -17,8 +17,9 @@ from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
+from caesura_service.judge import calibration, diagram, mutations, roundtrip
 from caesura_service.judge import evidence as libraries
-from caesura_service.judge import mutations, roundtrip
+from caesura_service.judge.calibration import calibrate
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
@@ -109,6 +110,14 @@ def evaluate(
     confusion: Annotated[
         bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
     ] = False,
+    calibrated: Annotated[
+        bool,
+        typer.Option("--calibration", help="Compare the presets' stated probabilities with what came true."),
+    ] = False,
+    diagram_file: Annotated[
+        Path | None,
+        typer.Option("--diagram", help="Calibration: draw it to this file, .svg, .png or .pdf."),
+    ] = None,
     evidence: Annotated[
         bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
     ] = False,
@@ -123,6 +132,7 @@ def evaluate(
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
+            _check_diagram(diagram_file, calibrated=calibrated)
             if evidence:
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
@@ -138,16 +148,21 @@ def evaluate(
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent)
                 missing = missing_recordings(suite_name, extent)
-                methods = (
-                    _ablated()
-                    if ablate
-                    else _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                )
+                if calibrated:
+                    methods = _methods(preset or [DEFAULT_PRESET], with_baselines=False)
+                elif ablate:
+                    methods = _ablated()
+                else:
+                    methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                names = [method.name for method in methods]
                 leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
                 verdicts = _judged(cases, methods, leniencies, workers)
                 title = _title(suite_name, cases, tolerance)
-                detailed = (preset or DEFAULT_PRESETS) if confusion else []
-                page = _page(report(title, [m.name for m in methods], verdicts, missing), detailed)
+                if calibrated:
+                    page = _calibration(calibrate(title, names, verdicts, missing), diagram_file)
+                else:
+                    detailed = (preset or DEFAULT_PRESETS) if confusion else []
+                    page = _page(report(title, names, verdicts, missing), detailed)
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
         _write(page, output_format, out)
@@ -201,6 +216,36 @@ def _page(result: Report, detailed: Sequence[str]) -> Page:
         markdown=lambda: as_markdown(result, detailed=detailed),
         plain=lambda: as_json(result),
     )
+
+
+def _calibration(result: calibration.Calibrated, diagram_file: Path | None) -> Page:
+    if diagram_file is not None:
+        _draw(result, diagram_file)
+    return Page(
+        text=lambda: calibration.as_text(result),
+        markdown=lambda: calibration.as_markdown(result),
+        plain=lambda: calibration.as_json(result),
+    )
+
+
+def _check_diagram(file: Path | None, *, calibrated: bool) -> None:
+    """Refuse before anything is judged what could not be drawn afterwards. Raises TruthError."""
+    if file is None:
+        return
+    if not calibrated:
+        raise TruthError(f"--diagram {file} draws a calibration: add --calibration")
+    if file.suffix.lower() not in diagram.SUFFIXES:
+        raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
+
+
+def _draw(result: calibration.Calibrated, file: Path) -> None:
+    try:
+        diagram.write(result, file)
+    except ModuleNotFoundError as error:
+        message = f"{error.name} is not installed; pip install 'caesura[report]', or leave out --diagram"
+        raise MissingExtraError(message) from error
+    except OSError as error:
+        raise ProtocolError("malformed", f"cannot write {file}: {error.strerror}") from error
 
 
 def _ablated() -> list[Method]:

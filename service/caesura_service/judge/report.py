@@ -87,7 +87,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Section:
-    """Everything under one slack [s]: all recordings pooled, and set by set where there is more than one."""
+    """Everything under one slack [s]: all recordings pooled, and set by set where they form sets."""
 
     slack_s: float
     methods: tuple[Judged, ...]
@@ -129,9 +129,15 @@ def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) ->
     for name, own in _by_method(methods, scores).items():
         behind = _margins(judged[0].scores, own) if judged else {}
         judged.append(Judged(name, len(own), summarise(own), faults(own), own, behind))
+    return Section(slack_s, tuple(judged), _sets(methods, scores))
+
+
+def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[Compared, ...]]:
+    """Compare set by set; none where there is one set only, or every recording is a set of its own."""
     groups = sorted({score.group for score in scores})
-    sets = {group: _compared(methods, [s for s in scores if s.group == group]) for group in groups}
-    return Section(slack_s, tuple(judged), sets if len(groups) > 1 else {})
+    if not 1 < len(groups) < len({score.recording for score in scores}):
+        return {}
+    return {group: _compared(methods, [s for s in scores if s.group == group]) for group in groups}
 
 
 def _compared(methods: Sequence[str], scores: Sequence[Score]) -> tuple[Compared, ...]:

@@ -231,6 +231,9 @@ def test_slack_finds_what_lies_just_outside_of_the_tolerance():
     assert [(one.slack_s, one.hits) for one in verdicts] == [(0.0, 0), (0.2, 1)]
 
 
-def test_one_set_alone_is_not_shown_again():
-    result = report("one", ["quick"], judge(FileCase(BUTTON), [QUICK]))
-    assert result.sections[0].sets == {}
+def test_sets_that_would_say_nothing_new_are_not_shown(extent: Extent):
+    alone = report("one", ["quick"], judge(FileCase(BUTTON), [QUICK]))
+    assert alone.sections[0].sets == {}
+    cases = suite("real", extent)
+    each_its_own = [verdict for case in (cases[0], cases[2]) for verdict in judge(case, [QUICK])]
+    assert report("one", ["quick"], each_its_own).sections[0].sets == {}

@@ -62,6 +62,23 @@ class KernelSettings:
     least_s: float = 0.3
 
 
-GAUSSIAN = GaussianSettings()
-STUDENT = StudentSettings()
-KERNEL = KernelSettings()
+GAUSSIAN = GaussianSettings(
+    floor_m_per_s=0.002,
+    floor_n=2.0,
+    mean_weight=0.3,
+    degrees=32.0,
+    speed_spread=0.7,
+    force_spread=0.4,
+    mean_segment_s=2.0,
+    least_s=0.1,
+)
+STUDENT = StudentSettings(
+    scale="log",
+    unit_m_per_s=0.001,
+    mean_weight=0.3,
+    degrees=16.0,
+    spread=1.0,
+    mean_segment_s=4.0,
+    least_s=0.1,
+)
+KERNEL = KernelSettings(signals="log", floor_m_per_s=0.002, floor_n=0.5, gamma=0.1, penalty=0.2, least_s=0.1)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from caesura_service.judge import chosen
+from caesura_service.judge import chosen, settings
 from caesura_service.judge.bocpd import student_speed
 from caesura_service.judge.chosen import KernelSettings, StudentSettings
 from caesura_service.judge.conditioned import Signals
@@ -16,8 +17,10 @@ from caesura_service.judge.features import log_features, vector_features
 from caesura_service.judge.libraries import kernel
 from caesura_service.judge.methods import baselines
 from caesura_service.judge.settings import SEARCHES, Search, choose, lines, pooled_f1
+from caesura_service.judge.suites import Extent, FileCase
 from caesura_service.truth import Point, Truth
 
+BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 N, STEP_S = 90, 0.1
 
 
@@ -69,8 +72,8 @@ def test_the_best_of_a_grid_is_chosen():
 def test_f1_is_pooled_over_demonstrations():
     truths = [replace(TRUTH, points=TRUTH.points[:count]) for count in (1, 2)]
     some = [(signals(), truth) for truth in truths]
-    settings = StudentSettings(mean_segment_s=3.0, least_s=60.0)
-    assert pooled_f1(starts_every, settings, some) == pytest.approx(2 * 2 / (2 * 2 + 0 + 1))
+    sparse = StudentSettings(mean_segment_s=3.0, least_s=60.0)
+    assert pooled_f1(starts_every, sparse, some) == pytest.approx(2 * 2 / (2 * 2 + 0 + 1))
 
 
 def test_a_table_is_printed_that_can_stand_in_the_code():
@@ -139,3 +142,21 @@ def test_features_are_floored_and_leave_force_out_where_it_tells_nothing():
     assert log_features(silent, 0.01, 1.0).shape == (N, 1)
     assert vector_features(told, 0.01, 1.0).shape == (N, 6)
     assert vector_features(silent, 0.01, 1.0) == pytest.approx(100.0 * silent.velocity_base)
+
+
+def test_the_command_prints_one_line_a_baseline(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    asked = []
+
+    def one_recording(name: str, extent: Extent) -> list[FileCase]:
+        asked.append((name, extent.seeds, extent.first_seed))
+        return [FileCase(BUTTON)]
+
+    small = [replace(search, grid={}, restarts=({},)) for search in SEARCHES]
+    monkeypatch.setattr(settings, "suite", one_recording)
+    monkeypatch.setattr(settings, "SEARCHES", small)
+    settings.main(["--seeds", "3", "--first-seed", "7", "--workers", "1"])
+    printed = capsys.readouterr().out.splitlines()
+    assert asked == [("teacher", 3, 7)]
+    assert [line.split(" = ")[0] for line in printed] == ["GAUSSIAN", "KERNEL", "STUDENT"]

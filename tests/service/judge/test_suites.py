@@ -10,8 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from caesura_clients.recording import Recording, load_recording
+from caesura_service.commands import register
+from caesura_service.judge import suites
 from caesura_service.judge.baselines import Baseline, thresholds
 from caesura_service.judge.declared import force_tells_contact, with_declarations, wrench_source_of
 from caesura_service.judge.judging import judge, judge_all
@@ -237,3 +241,20 @@ def test_sets_that_would_say_nothing_new_are_not_shown(extent: Extent):
     cases = suite("real", extent)
     each_its_own = [verdict for case in (cases[0], cases[2]) for verdict in judge(case, [QUICK])]
     assert report("one", ["quick"], each_its_own).sections[0].sets == {}
+
+
+def test_the_environment_names_the_directory_of_recordings(tmp_path: Path):
+    shutil.copy(BUTTON, tmp_path / "mine_0.npz")
+    (tmp_path / "mine_0.ann.json").write_text(json.dumps(EMPTY | {"changepoints": []}))
+    app = typer.Typer()
+    register(app)
+    arguments = ["evaluate", "--suite", "real", "--preset", "default", "--no-baselines", "--format", "json"]
+    result = CliRunner().invoke(app, arguments, env={"CAESURA_REAL_DATA": str(tmp_path)})
+    assert result.exit_code == 0, result.output
+    printed = json.loads(result.stdout)
+    (method,) = printed["methods"]
+    assert [one["recording"] for one in method["per_recording"]] == ["mine_0.npz"]
+    assert len(printed["missing"]) == len(suites.open_annotations())
+    elsewhere = CliRunner().invoke(app, arguments, env={"CAESURA_REAL_DATA": "/nowhere"})
+    assert elsewhere.exit_code == 1
+    assert "/nowhere: no such directory" in elsewhere.stderr

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.recording import Recording
-from caesura_service.judge.declared import force_tells_contact
+from caesura_service.judge.declared import capabilities_of
 from caesura_service.recordings import opening_of
 from caesura_service.session.pipeline import layout_of, observed
 from caesura_service.signals import Conditioner, ConditioningParameters, Observation
@@ -55,7 +55,7 @@ def condition(recording: Recording) -> Signals:
         raise ValueError(f"{recording.name}: {len(observations)} observations, expected at least 2")
     t = np.array([o.t for o in observations])
     position_base = np.array([o.position_base for o in observations])
-    tells = force_tells_contact(recording)
+    tells: bool = capabilities_of(recording).contact_models
     force_base = np.array([o.force_base for o in observations])
     return Signals(
         t=t,

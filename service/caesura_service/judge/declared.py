@@ -9,8 +9,9 @@ from dataclasses import MISSING, fields, replace
 from typing import Any
 
 from caesura_clients.recording import Recording
+from caesura_service import signals
 from caesura_service.recordings import opening_of
-from caesura_service.session.pipeline import layout_of, make_pipeline
+from caesura_service.session.pipeline import layout_of
 from caesura_service.truth import Truth
 
 WITH_HAND = "flange_sensor_with_hand"
@@ -33,14 +34,10 @@ def with_declarations(recording: Recording, truth: Truth) -> Recording:
     return replace(recording, **declared)
 
 
-def wrench_source_of(recording: Recording) -> str:
-    """Return how a session reads the wrench: as stated, else as it assumes."""
-    return layout_of(opening_of(recording)).wrench_source
-
-
-def force_tells_contact(recording: Recording) -> bool:
-    """Return whether a session tells contact from free space by the force of this recording."""
-    return make_pipeline(opening_of(recording), "default").view.wrench.contact_models
+def capabilities_of(recording: Recording) -> Any:
+    """Return what a session does with the wrench of a recording: by its statement, else by assumption."""
+    layout = layout_of(opening_of(recording))
+    return getattr(layout, "source", None) or signals.WRENCH_SOURCES[layout.wrench_source]
 
 
 _FLANGE_SENSOR = ("flange_sensor", None)

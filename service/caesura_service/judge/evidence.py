@@ -24,12 +24,11 @@ from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.judge.conditioned import observe
-from caesura_service.judge.declared import wrench_source_of
+from caesura_service.judge.declared import capabilities_of
 from caesura_service.judge.suites import Case, FileCase
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 from caesura_service.session.division import filter_of
 from caesura_service.session.pipeline import observed
-from caesura_service.signals import WRENCH_SOURCES
 from caesura_service.truth import truth_file
 
 NOTE = (
@@ -85,7 +84,7 @@ def tell(case: Case) -> Told:
     told = {}
     for name, moves in LIBRARIES.items():
         preset = with_moves(PRESETS["default"], moves())
-        model = filter_of(preset, WRENCH_SOURCES[wrench_source_of(recording)], tared=tared)
+        model = filter_of(preset, capabilities_of(recording), tared=tared)
         told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
     return Told(case.name, sum(map(len, parts)), told)
 

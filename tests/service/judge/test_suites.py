@@ -17,11 +17,12 @@ from caesura_clients.recording import Recording, load_recording
 from caesura_service.commands import register
 from caesura_service.judge import suites
 from caesura_service.judge.baselines import Baseline, thresholds
-from caesura_service.judge.declared import force_tells_contact, with_declarations, wrench_source_of
+from caesura_service.judge.declared import capabilities_of, with_declarations
 from caesura_service.judge.judging import judge, judge_all
 from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import Extent, FileCase, TaughtCase, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown
+from caesura_service.recordings import segment_recording
 from caesura_service.truth import Leniency, Truth, TruthError, truth_of
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
@@ -176,13 +177,17 @@ def test_an_annotation_declares_the_hand_where_recordings_can_hold_it():
         assert said == unstated
 
 
-def test_force_tells_contact_where_a_session_has_its_contact_models_on():
-    def of(source: str) -> Recording:
-        return replace(BASE, wrench_source=source)  # type: ignore[arg-type]
-
-    assert force_tells_contact(of("flange_sensor"))
-    assert not force_tells_contact(of("flange_sensor_with_hand"))
-    assert wrench_source_of(of("flange_sensor_with_hand")) == "flange_sensor_with_hand"
+def test_capabilities_are_those_of_a_session():
+    for source in ("flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate"):
+        recording = replace(BASE, wrench_source=source)
+        report = segment_recording(recording).wrench
+        found = capabilities_of(recording)
+        assert (found.contact_models, found.transport_models) == (
+            report.contact_models,
+            report.transport_models,
+        )
+    assert capabilities_of(replace(BASE, wrench_source="flange_sensor")).contact_models
+    assert not capabilities_of(replace(BASE, wrench_source="flange_sensor_with_hand")).contact_models
 
 
 def test_sets_are_by_robot_where_stated_else_by_the_name_before_its_number(extent: Extent):

@@ -40,7 +40,8 @@ def judge(
     """
     recording, truth = case.load()
     rest = "rests first" if condition(recording).tared else "does not rest first"
-    about: dict[str, Any] = {"tags": (*case.tags, rest), "group": truth.robot or case.group}
+    groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
+    about: dict[str, Any] = {"tags": (*case.tags, rest), "groups": groups}
     verdicts: list[Verdict] = []
     for method in methods:
         try:

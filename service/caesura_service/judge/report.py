@@ -133,11 +133,25 @@ def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) ->
 
 
 def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[Compared, ...]]:
-    """Compare set by set; none where there is one set only, or every recording is a set of its own."""
-    groups = sorted({score.group for score in scores})
-    if not 1 < len(groups) < len({score.recording for score in scores}):
+    """Compare robot by robot and set by set.
+
+    Left out: a set of everything, a set equal to one before it, and all sets where each has one recording.
+    """
+    everything = frozenset(one.recording for one in scores)
+    members: dict[str, frozenset[str]] = {}
+    for name in _names(scores):
+        of = frozenset(one.recording for one in scores if name in one.groups)
+        if of not in (everything, *members.values()):
+            members[name] = of
+    if all(len(of) == 1 for of in members.values()):
         return {}
-    return {group: _compared(methods, [s for s in scores if s.group == group]) for group in groups}
+    return {name: _compared(methods, [s for s in scores if name in s.groups]) for name in members}
+
+
+def _names(scores: Sequence[Score]) -> list[str]:
+    """Return the names of all robots, then of all sets."""
+    first = sorted({name for one in scores for name in one.groups[:1]})
+    return [*first, *sorted({name for one in scores for name in one.groups[1:]} - set(first))]
 
 
 def _compared(methods: Sequence[str], scores: Sequence[Score]) -> tuple[Compared, ...]:
@@ -232,7 +246,7 @@ def _score(score: Score) -> dict[str, Any]:
     return {
         "recording": score.recording,
         "tags": score.tags,
-        "set": score.group,
+        "sets": score.groups,
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,

@@ -120,7 +120,7 @@ class Score:
     found: tuple[Hit, ...] = ()
     alarms: tuple[FalseAlarm, ...] = ()
     tags: tuple[str, ...] = ()  # what kind of recording it is
-    group: str = ""  # robot or set
+    groups: tuple[str, ...] = ()  # robot, if stated, and set
     slack_s: float = 0.0  # that was added to the points' own tolerances
     stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
     stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time

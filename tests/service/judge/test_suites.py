@@ -197,7 +197,22 @@ def test_sets_are_by_robot_where_stated_else_by_the_name_before_its_number(exten
     assert FileCase(Path("7.npz")).group == "7"
     assert TaughtCase("button", 1, "lognormal").group == "button"
     verdicts = [verdict for case in suite("real", extent) for verdict in judge(case, [QUICK])]
-    assert [verdict.group for verdict in verdicts] == ["kit", "kit", "ur5e"]
+    assert [verdict.groups for verdict in verdicts] == [("kit",), ("kit",), ("ur5e", "old")]
+
+
+def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: Extent):
+    for name in ("kit_0", "kit_1"):
+        annotate(extent.annotations / f"{name}.ann.json", f"{name}.npz", sha256(BUTTON), robot="panda")
+    annotate(extent.data / "old_0.ann.json", "old_0.npz", sha256(BUTTON), robot="panda")
+    shutil.copy(BUTTON, extent.data / "gone_7.npz")
+    verdicts = [verdict for case in suite("real", extent) for verdict in judge(case, [QUICK])]
+    (section,) = report("one", ["quick"], verdicts).sections
+    assert {name: some[0].recordings for name, some in section.sets.items()} == {
+        "gone": 1,
+        "panda": 3,
+        "kit": 2,
+        "old": 1,
+    }
 
 
 def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: Extent):

@@ -101,7 +101,7 @@ def _log_det(entries: Mapping[tuple[int, int], Array]) -> Array:
 
 @dataclass(frozen=True)
 class Detected:
-    """What comes of n observations.
+    """Result of a detection in n observations.
 
     log_joint: (n,) log p(x, the last segment starts at s) at the end; log_evidence: of all observations;
     starts: (k,) observations that begin a segment of the most probable segmentation, the first (0) left out.

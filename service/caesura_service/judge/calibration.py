@@ -1,4 +1,4 @@
-"""How far stated probabilities are right: reliability by bins, Brier score, expected calibration error.
+"""Calibration of stated probabilities: reliability by bins, Brier score, expected calibration error.
 
 Changepoints: a hit is right, a false alarm is wrong. One that an optional point or the window's edge
 excuses is left out. Classes: the share of a segment's scored time that has its class, weighted by that
@@ -28,7 +28,7 @@ NORMAL_975 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 
 @dataclass(frozen=True)
 class Share:
-    """How much of so many cases was right, and the 95 % interval of that share; nan where there were none."""
+    """Share of n cases that was right, with its 95 % interval; nan without cases."""
 
     n: int
     right: float
@@ -79,7 +79,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Every method under every slack, and what could not be judged."""
+    """Every method under every slack; notes: on recordings that were not judged."""
 
     title: str
     calibrations: tuple[Calibration, ...]
@@ -89,7 +89,7 @@ class Calibrated:
 def calibrate(
     title: str, methods: Sequence[str], verdicts: Iterable[Verdict], notes: Sequence[str] = ()
 ) -> Calibrated:
-    """Compare what methods stated with what came true; verdicts in any order."""
+    """Compare the probabilities that methods stated with the outcomes; verdicts in any order."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
     unfit = [

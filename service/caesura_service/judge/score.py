@@ -1,8 +1,7 @@
 """One method on one recording: all counts and errors from which tables are made.
 
-What happens within `EDGE_S` of the window's edges is not counted, on either side: a true point there is
-optional, and a changepoint there is no false alarm. The annotators' shortest rest does not fit in between, so
-they cannot see what the recording began or ended with.
+Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint there
+is no false alarm. The annotators' shortest rest does not fit in, so they cannot see whether there is one.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ class Found:
 
 
 class Stated(NamedTuple):
-    """A probability that a method stated, with what came true: right of `of`, in changepoints or seconds."""
+    """A stated probability with its outcome: `right` out of `of`, in changepoints or seconds."""
 
     probability: float
     right: float

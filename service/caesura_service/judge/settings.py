@@ -1,4 +1,4 @@
-"""Choose the settings of baselines on the simulated teacher; `chosen` holds what came out.
+"""Choose the settings of baselines on the simulated teacher; `chosen` holds the result.
 
     python -m caesura_service.judge.settings --seeds 20 --first-seed 500
 
@@ -46,9 +46,9 @@ LEAST_S = (0.1, 0.2, 0.3)
 
 @dataclass(frozen=True)
 class Search:
-    """What is chosen for one baseline: where the search begins, and the values that each field may take.
+    """Search of one baseline's settings: where it begins, and the values that each field may take.
 
-    A restart changes a field that the other values depend on; the search is repeated from each.
+    restarts: changes of the beginning; the search is repeated from each.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Choice:
-    """What came out: settings, their F1, and how many settings were tried."""
+    """Result of a search: settings, their F1, and how many settings were tried."""
 
     name: str
     settings: Any
@@ -151,7 +151,7 @@ def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[A
 
 
 def demonstration_of(case: Case) -> Demonstration:
-    """Return what a baseline sees of a case, and its truth with slack."""
+    """Return the conditioned signals of a case, and its truth with slack."""
     recording, truth = case.load()
     return condition(recording), Leniency(slack_s=SLACK_S).of(truth)
 

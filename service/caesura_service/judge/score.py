@@ -1,7 +1,7 @@
 """One method on one recording: all counts and errors from which tables are made.
 
-Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint there
-is no false alarm. The annotators' shortest rest does not fit in, so they cannot see whether there is one.
+Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint
+there is no false alarm. The annotators' shortest rest does not fit in, so they cannot see one.
 """
 
 from __future__ import annotations

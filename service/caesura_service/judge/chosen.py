@@ -63,14 +63,14 @@ class KernelSettings:
 
 
 GAUSSIAN = GaussianSettings(
-    floor_m_per_s=0.002,
-    floor_n=2.0,
-    mean_weight=0.3,
-    degrees=32.0,
+    floor_m_per_s=0.001,
+    floor_n=0.5,
+    mean_weight=1.0,
+    degrees=128.0,  # the most that is tried, hardly less than a known covariance
     speed_spread=0.7,
-    force_spread=0.4,
-    mean_segment_s=2.0,
-    least_s=0.1,
+    force_spread=0.5,
+    mean_segment_s=4.0,
+    least_s=0.2,
 )
 STUDENT = StudentSettings(
     scale="log",

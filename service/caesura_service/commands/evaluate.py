@@ -23,7 +23,7 @@ from caesura_service.judge.calibration import calibrate
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
-from caesura_service.judge.report import Report, as_json, report
+from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.thesis import suite as thesis
@@ -51,6 +51,16 @@ class Page:
     text: Callable[[], RenderableType]
     markdown: Callable[[], str]
     plain: Callable[[], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdicts of named methods, and notes on recordings that were missing."""
+
+    title: str
+    methods: list[str]
+    verdicts: list[Verdict]
+    missing: list[str]
 
 
 class Format(StrEnum):
@@ -112,7 +122,7 @@ def evaluate(
     ] = False,
     calibrated: Annotated[
         bool,
-        typer.Option("--calibration", help="Compare the presets' stated probabilities with what came true."),
+        typer.Option("--calibration", help="Compare the presets' stated probabilities with the truth."),
     ] = False,
     diagram_file: Annotated[
         Path | None,
@@ -132,7 +142,9 @@ def evaluate(
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
-            _check_diagram(diagram_file, calibrated=calibrated)
+            _check_calibration(
+                suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
+            )
             if evidence:
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
@@ -154,15 +166,17 @@ def evaluate(
                     methods = _ablated()
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                names = [method.name for method in methods]
                 leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
-                verdicts = _judged(cases, methods, leniencies, workers)
-                title = _title(suite_name, cases, tolerance)
+                judged = Judgement(
+                    title=_title(suite_name, cases, tolerance),
+                    methods=[method.name for method in methods],
+                    verdicts=_judged(cases, methods, leniencies, workers),
+                    missing=missing,
+                )
                 if calibrated:
-                    page = _calibration(calibrate(title, names, verdicts, missing), diagram_file)
+                    page = _calibration(judged, diagram_file)
                 else:
-                    detailed = (preset or DEFAULT_PRESETS) if confusion else []
-                    page = _page(report(title, names, verdicts, missing), detailed)
+                    page = _page(judged, (preset or DEFAULT_PRESETS) if confusion else [])
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
         _write(page, output_format, out)
@@ -210,7 +224,8 @@ def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Pa
     )
 
 
-def _page(result: Report, detailed: Sequence[str]) -> Page:
+def _page(judged: Judgement, detailed: Sequence[str]) -> Page:
+    result = report(judged.title, judged.methods, judged.verdicts, judged.missing)
     return Page(
         text=lambda: as_text(result, detailed=detailed),
         markdown=lambda: as_markdown(result, detailed=detailed),
@@ -218,7 +233,8 @@ def _page(result: Report, detailed: Sequence[str]) -> Page:
     )
 
 
-def _calibration(result: calibration.Calibrated, diagram_file: Path | None) -> Page:
+def _calibration(judged: Judgement, diagram_file: Path | None) -> Page:
+    result = calibrate(judged.title, judged.methods, judged.verdicts, judged.missing)
     if diagram_file is not None:
         _draw(result, diagram_file)
     return Page(
@@ -228,13 +244,21 @@ def _calibration(result: calibration.Calibrated, diagram_file: Path | None) -> P
     )
 
 
-def _check_diagram(file: Path | None, *, calibrated: bool) -> None:
-    """Refuse before anything is judged what could not be drawn afterwards. Raises TruthError."""
-    if file is None:
-        return
-    if not calibrated:
+def _check_calibration(
+    suite_name: str | None, *, calibrated: bool, otherwise: bool, file: Path | None
+) -> None:
+    """Check that a calibration can be made before anything is judged. Raises TruthError.
+
+    otherwise: whether --ablate or --evidence ask for another comparison; file: of the diagram.
+    """
+    if calibrated and (otherwise or suite_name in (THESIS, ROUNDTRIP)):
+        raise TruthError(
+            f"--calibration judges presets on files or on a suite of {list(SUITES)}, "
+            "without --ablate or --evidence"
+        )
+    if file is not None and not calibrated:
         raise TruthError(f"--diagram {file} draws a calibration: add --calibration")
-    if file.suffix.lower() not in diagram.SUFFIXES:
+    if file is not None and file.suffix.lower() not in diagram.SUFFIXES:
         raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
 
 

@@ -251,7 +251,7 @@ def _check_calibration(
 
     otherwise: whether --ablate or --evidence ask for another comparison; file: of the diagram.
     """
-    if calibrated and (otherwise or suite_name in (THESIS, ROUNDTRIP)):
+    if calibrated and (otherwise or suite_name not in (None, *SUITES)):
         raise TruthError(
             f"--calibration judges presets on files or on a suite of {list(SUITES)}, "
             "without --ablate or --evidence"

@@ -23,6 +23,7 @@ from caesura_service.judge.score import Score, Stated
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid, with_slack
 
 EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+LIKELY, FEW = 0.5, 30  # bins below, or with fewer cases, are no ground for a verdict
 NORMAL_975 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 
 
@@ -46,6 +47,11 @@ class Bin:
     stated: float  # mean
     share: Share
 
+    @property
+    def distance(self) -> float:
+        """Return the distance between the mean stated probability and the share that was right."""
+        return abs(self.stated - self.share.right)
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -60,6 +66,12 @@ class Curve:
     brier: float
     ece: float
     bins: tuple[Bin, ...]
+
+    @property
+    def furthest(self) -> Bin | None:
+        """Return the bin from `LIKELY` up, with `FEW` cases or more, that is furthest from calibrated."""
+        known = [one for one in self.bins if one.low >= LIKELY and one.share.n >= FEW]
+        return max(known, key=lambda one: one.distance, default=None)
 
 
 @dataclass(frozen=True)
@@ -124,7 +136,7 @@ def curve(statements: Sequence[Stated]) -> Curve:
         return Curve(0, 0.0, math.nan, math.nan, bins)
     # A statement errs by (1 − p)² where it is right and by p² where it is wrong, second by second.
     error = sum(s.right * (1 - s.probability) ** 2 + (s.of - s.right) * s.probability**2 for s in statements)
-    distance = sum(one.weight * abs(one.stated - one.share.right) for one in bins if one.weight)
+    distance = sum(one.weight * one.distance for one in bins if one.weight)
     return Curve(len(statements), weight, error / weight, distance / weight, bins)
 
 
@@ -161,7 +173,7 @@ def grids(result: Calibrated, layout: str) -> list[Grid]:
         found.append(
             _reliability(title, "n, time", one.classes, layout, lambda b: f"{b.share.n}, {b.weight:.0f} s")
         )
-    return [*found, _summary(result, layout)]
+    return [*found, _furthest(result), _summary(result, layout)]
 
 
 def once(calibrations: Sequence[Calibration]) -> list[Calibration]:
@@ -171,7 +183,7 @@ def once(calibrations: Sequence[Calibration]) -> list[Calibration]:
 
 def _reliability(title: str, heading: str, one: Curve, layout: str, count: Callable[[Bin], str]) -> Grid:
     rows = tuple(
-        (f"{b.low:g}–{b.high:g}", count(b), f"{b.stated:.2f}", _shown(b.share, layout))
+        (f"{b.low:g}–{b.high:g}", count(b), f"{b.stated:.3f}", _shown(b.share, layout))
         for b in one.bins
         if b.share.n
     )
@@ -184,6 +196,20 @@ def _shown(one: Share, layout: str) -> str:
 
 def _number(value: float, digits: int) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _furthest(result: Calibrated) -> Grid:
+    def cells(one: Curve) -> tuple[str, str]:
+        worst = one.furthest
+        return ("–", "–") if worst is None else (f"{worst.low:g}–{worst.high:g}", f"{worst.distance:.3f}")
+
+    rows = tuple(
+        (one.method, f"{one.slack_s:g}", *cells(one.changepoints), *cells(one.classes))
+        for one in result.calibrations
+    )
+    headings = ("method", "slack [s]", "changepoints", "by", "classes", "by")
+    title = f"Bin furthest from calibrated, of those from {LIKELY:g} up with at least {FEW} cases"
+    return Grid(title, headings, rows)
 
 
 def _summary(result: Calibrated, layout: str) -> Grid:

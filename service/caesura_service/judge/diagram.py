@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from caesura_service.judge.calibration import EDGES, Calibrated, Curve, once
+from caesura_service.judge.calibration import EDGES, FEW, Calibrated, Curve, once
 from caesura_service.judge.tables import with_slack
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ INK, FAINT = "#1b1d1f", "#6d7278"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 MARKERS = ("o", "s", "^", "D")
 NEAR = 0.05  # a bin this close to the diagonal is called calibrated
-FEW = 30  # cases; a bin with fewer is drawn hollow
 DPI = 150
 
 

@@ -63,6 +63,21 @@ def test_brier_and_calibration_error_by_hand():
     assert (one.n, one.weight) == (4, 4.0)
 
 
+def test_the_furthest_bin_has_cases_enough_and_lies_above_one_half():
+    low = [(0.3, True)] * 50
+    few = [(0.75, False)] * 29
+    near = [(0.65, i < 24) for i in range(40)]
+    far = [(0.97, i < 27) for i in range(30)]
+    worst = curve(changepoints(*low, *few, *near, *far)).furthest
+    assert worst is not None
+    assert (worst.low, worst.high) == (0.95, 0.99)
+    assert worst.distance == pytest.approx(0.97 - 0.9)
+    assert curve(changepoints(*low, *few)).furthest is None
+    more = curve(changepoints(*few, (0.75, False))).furthest
+    assert more is not None
+    assert more.distance == pytest.approx(0.75)
+
+
 def test_classes_are_weighted_by_time():
     one = curve([Stated(0.8, 3.0, 4.0), Stated(0.85, 0.0, 1.0)])
     (found,) = [b for b in one.bins if b.share.n]

@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from caesura_clients.errors import CaesuraError
+from caesura_protocol.messages import WRENCH_SOURCES
 
 T = TypeVar("T")
 
 KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding")
 LEVELS = ("major", "optional")
+HAND_ON_ROBOT = ("yes", "no", "unknown")
+SHA256_DIGITS = 64
 SUFFIX = ".ann.json"
 
 
@@ -29,12 +33,25 @@ class TruthError(CaesuraError, ValueError):
 
 @dataclass(frozen=True)
 class Point:
-    """A boundary at t [s], known to within tolerance_s; kind says what happens (start, contact_on, …)."""
+    """A boundary at t [s], known to within tolerance_s; kind says what happens (start, contact_on, …).
+
+    t_alt: a second accepted time [s], the other end of an edge that takes long; None where there is one time.
+    """
 
     t: float
     tolerance_s: float
     optional: bool = False
     kind: str = "boundary"
+    t_alt: float | None = None
+
+    @property
+    def accepted_s(self) -> tuple[float, ...]:
+        """Return the accepted times [s], `t` first."""
+        return (self.t,) if self.t_alt is None else (self.t, self.t_alt)
+
+    def nearest_s(self, t: float) -> float:
+        """Return the accepted time [s] that lies nearest to t [s]."""
+        return min(self.accepted_s, key=lambda accepted: abs(accepted - t))
 
 
 @dataclass(frozen=True)
@@ -56,8 +73,22 @@ class Quantity:
 
 
 @dataclass(frozen=True)
+class Source:
+    """The recording that an annotation belongs to: file name, SHA-256, where it comes from, its licence."""
+
+    file: str
+    sha256: str
+    source: str = ""
+    licence: str = ""
+
+
+@dataclass(frozen=True)
 class Truth:
-    """The truth of one recording. Nothing outside of the window [s] is judged."""
+    """The truth of one recording. Nothing outside of the window [s] is judged.
+
+    robot: groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the
+    annotator declares, None where unstated. source: the recording, None for an annotation that names none.
+    """
 
     name: str
     window: tuple[float, float]
@@ -65,7 +96,11 @@ class Truth:
     spans: tuple[Span, ...] = ()
     loads: tuple[Quantity, ...] = ()
     forces: tuple[Quantity, ...] = ()
-    hand_in_wrench: bool = False
+    hand_in_wrench: bool | None = None
+    robot: str = ""
+    wrench_source: str | None = None
+    hand_on_robot: str | None = None
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -121,7 +156,11 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
             spans=_each(content, "segments", _span),
             loads=_each(content, "loads", partial(_quantity, unit="kg")),
             forces=_each(content, "forces", partial(_quantity, unit="newton")),
-            hand_in_wrench=bool(content.get("hand_force_in_wrench", False)),
+            hand_in_wrench=_flag(content, "hand_force_in_wrench"),
+            robot=_text(content, "robot"),
+            wrench_source=_choice(content, "wrench_source", WRENCH_SOURCES),
+            hand_on_robot=_choice(content, "hand_on_robot", HAND_ON_ROBOT),
+            source=_source(content.get("recording")),
         )
     except KeyError as error:
         raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
@@ -145,11 +184,50 @@ def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, An
     return tuple(found)
 
 
+def _flag(content: Mapping[str, Any], name: str) -> bool | None:
+    """True or false; None where it is not stated."""
+    value = content.get(name)
+    if value is not None and not isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}, expected true or false")
+    return value
+
+
 def _number(entry: Mapping[str, Any], name: str) -> float:
     value = entry[name]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{name} is {value!r}, expected a finite number")
     return float(value)
+
+
+def _text(entry: Mapping[str, Any], name: str) -> str:
+    value = entry.get(name)
+    if value is not None and not isinstance(value, str):
+        raise ValueError(f"{name} is {value!r}, expected text")
+    return value or ""
+
+
+def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | None:
+    value: str | None = entry.get(name)
+    if value is not None and value not in known:
+        raise ValueError(f"{name} is {value!r}, expected one of {list(known)}")
+    return value
+
+
+def _source(entry: Any) -> Source | None:
+    """Read which recording an annotation names. Raises ValueError, KeyError."""
+    if entry is None:
+        return None
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"recording is {entry!r}, expected an object with file and sha256")
+    try:
+        file, sha256 = entry["file"], entry["sha256"]
+    except KeyError as error:
+        raise KeyError(f"recording.{error.args[0]}") from error
+    if not isinstance(file, str) or not file or Path(file).name != file:
+        raise ValueError(f"recording.file is {file!r}, expected a file name without a directory")
+    if not isinstance(sha256, str) or not re.fullmatch(rf"[0-9a-f]{{{SHA256_DIGITS}}}", sha256):
+        raise ValueError(f"recording.sha256 is {sha256!r}, expected {SHA256_DIGITS} lower-case hex digits")
+    return Source(file, sha256, _text(entry, "source"), _text(entry, "licence"))
 
 
 def _window(values: Any) -> tuple[float, float]:
@@ -169,7 +247,8 @@ def _point(mark: Mapping[str, Any]) -> Point:
     tolerance = _number(mark, "tol")
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
-    return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)))
+    t_alt = None if mark.get("t_alt") is None else _number(mark, "t_alt")
+    return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
 
 
 def _span(segment: Mapping[str, Any]) -> Span:

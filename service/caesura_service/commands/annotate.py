@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import WrenchSource, reported
 from caesura_clients.recording import load_recording
-from caesura_service.commands.options import LengthUnit, Mapping, RecordingFile, WrenchSource
+from caesura_service.commands.options import LengthUnit, Mapping, RecordingFile
 from caesura_service.truth import truth_file
 
 DEFAULT_PORT = 8081

@@ -17,13 +17,14 @@ from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
+from caesura_service.judge import calibration, diagram, mutations, roundtrip
 from caesura_service.judge import evidence as libraries
-from caesura_service.judge import mutations, roundtrip
+from caesura_service.judge.calibration import calibrate
 from caesura_service.judge.judging import Verdict, judge_all
 from caesura_service.judge.methods import Method, MissingExtraError, Ours, baselines
 from caesura_service.judge.pool import each
 from caesura_service.judge.report import as_json, report
-from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, suite
+from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown, as_text
 from caesura_service.judge.thesis import suite as thesis
 from caesura_service.judge.thesis import summary as thesis_summary
@@ -37,6 +38,8 @@ WIDTH = 90  # [characters] of text in a file
 THESIS, ROUNDTRIP = "thesis", "roundtrip"
 ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP]
 SEEDS, THESIS_SEEDS = 5, 20
+SLACK_S = 0.2
+DATA_VARIABLE = "CAESURA_REAL_DATA"
 
 Made = TypeVar("Made")
 
@@ -48,6 +51,16 @@ class Page:
     text: Callable[[], RenderableType]
     markdown: Callable[[], str]
     plain: Callable[[], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdicts of named methods, and notes on recordings that were missing."""
+
+    title: str
+    methods: list[str]
+    verdicts: list[Verdict]
+    missing: list[str]
 
 
 class Format(StrEnum):
@@ -77,7 +90,12 @@ def evaluate(
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
     data: Annotated[
-        Path, typer.Option(help="Real: the directory of the recordings.", show_default="../shared/data/real")
+        Path,
+        typer.Option(
+            help="Real: the directory of the recordings.",
+            envvar=DATA_VARIABLE,
+            show_default="../shared/data/real",
+        ),
     ] = REAL,
     preset: Annotated[
         list[str] | None, typer.Option(help="Preset of ours; may be given more than once.")
@@ -89,14 +107,27 @@ def evaluate(
         float, typer.Option(min=0.0, help="Widens the points' own tolerances to at least this many seconds.")
     ] = 0.0,
     slack: Annotated[
-        float, typer.Option(min=0.0, help="Added to each point's own tolerance [s], before --tolerance.")
-    ] = 0.0,
+        float,
+        typer.Option(
+            min=0.0,
+            help="Results are shown without slack and with so much [s] added to each point's own tolerance, "
+            "before --tolerance. 0 shows the former only.",
+        ),
+    ] = SLACK_S,
     ablate: Annotated[
         bool, typer.Option("--ablate", help="Judge default beside itself without each of its principles.")
     ] = False,
     confusion: Annotated[
         bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
     ] = False,
+    calibrated: Annotated[
+        bool,
+        typer.Option("--calibration", help="Compare the presets' stated probabilities with the truth."),
+    ] = False,
+    diagram_file: Annotated[
+        Path | None,
+        typer.Option("--diagram", help="Calibration: draw it to this file, .svg, .png or .pdf."),
+    ] = None,
     evidence: Annotated[
         bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
     ] = False,
@@ -111,9 +142,14 @@ def evaluate(
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
+            _check_calibration(
+                suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
+            )
             if evidence:
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
+                for note in missing_recordings(suite_name, extent):
+                    typer.echo(note, err=True)
                 page = _evidence(suite_name, cases, workers)
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
@@ -121,17 +157,26 @@ def evaluate(
             elif suite_name == THESIS and not recordings:
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             else:
-                cases = _cases(recordings or [], suite_name, Extent(seeds or SEEDS, first_seed, data))
-                methods = (
-                    _ablated()
-                    if ablate
-                    else _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                extent = Extent(seeds or SEEDS, first_seed, data)
+                cases = _cases(recordings or [], suite_name, extent)
+                missing = missing_recordings(suite_name, extent)
+                if calibrated:
+                    methods = _methods(preset or [DEFAULT_PRESET], with_baselines=False)
+                elif ablate:
+                    methods = _ablated()
+                else:
+                    methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
+                judged = Judgement(
+                    title=_title(suite_name, cases, tolerance),
+                    methods=[method.name for method in methods],
+                    verdicts=_judged(cases, methods, leniencies, workers),
+                    missing=missing,
                 )
-                leniency = Leniency(slack, tolerance)
-                verdicts = _judged(cases, methods, leniency, workers)
-                title = _title(suite_name, cases, leniency)
-                detailed = (preset or DEFAULT_PRESETS) if confusion else []
-                page = _page(title, methods, verdicts, detailed)
+                if calibrated:
+                    page = _calibration(judged, diagram_file)
+                else:
+                    page = _page(judged, (preset or DEFAULT_PRESETS) if confusion else [])
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
         _write(page, output_format, out)
@@ -179,15 +224,52 @@ def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Pa
     )
 
 
-def _page(
-    title: str, methods: Sequence[Method], verdicts: Sequence[Verdict], detailed: Sequence[str]
-) -> Page:
-    result = report(title, [method.name for method in methods], verdicts)
+def _page(judged: Judgement, detailed: Sequence[str]) -> Page:
+    result = report(judged.title, judged.methods, judged.verdicts, judged.missing)
     return Page(
         text=lambda: as_text(result, detailed=detailed),
         markdown=lambda: as_markdown(result, detailed=detailed),
         plain=lambda: as_json(result),
     )
+
+
+def _calibration(judged: Judgement, diagram_file: Path | None) -> Page:
+    result = calibrate(judged.title, judged.methods, judged.verdicts, judged.missing)
+    if diagram_file is not None:
+        _draw(result, diagram_file)
+    return Page(
+        text=lambda: calibration.as_text(result),
+        markdown=lambda: calibration.as_markdown(result),
+        plain=lambda: calibration.as_json(result),
+    )
+
+
+def _check_calibration(
+    suite_name: str | None, *, calibrated: bool, otherwise: bool, file: Path | None
+) -> None:
+    """Check that a calibration can be made before anything is judged. Raises TruthError.
+
+    otherwise: whether --ablate or --evidence ask for another comparison; file: of the diagram.
+    """
+    if calibrated and (otherwise or suite_name not in (None, *SUITES)):
+        raise TruthError(
+            f"--calibration judges presets on files or on a suite of {list(SUITES)}, "
+            "without --ablate or --evidence"
+        )
+    if file is not None and not calibrated:
+        raise TruthError(f"--diagram {file} draws a calibration: add --calibration")
+    if file is not None and file.suffix.lower() not in diagram.SUFFIXES:
+        raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
+
+
+def _draw(result: calibration.Calibrated, file: Path) -> None:
+    try:
+        diagram.write(result, file)
+    except ModuleNotFoundError as error:
+        message = f"{error.name} is not installed; pip install 'caesura[report]', or leave out --diagram"
+        raise MissingExtraError(message) from error
+    except OSError as error:
+        raise ProtocolError("malformed", f"cannot write {file}: {error.strerror}") from error
 
 
 def _ablated() -> list[Method]:
@@ -219,9 +301,9 @@ def _cases(
 
 
 def _judged(
-    cases: Sequence[Case], methods: Sequence[Method], leniency: Leniency, workers: int
+    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[Leniency], workers: int
 ) -> list[Verdict]:
-    verdicts = _watched(judge_all(cases, methods, leniency, workers=workers), cases)
+    verdicts = _watched(judge_all(cases, methods, leniencies, workers=workers), cases)
     return [verdict for some in verdicts for verdict in some]
 
 
@@ -232,11 +314,10 @@ def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
         yield from progress.track(results, total=len(of), description="judging")
 
 
-def _title(suite_name: str | None, cases: Sequence[Case], leniency: Leniency) -> str:
+def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
-    slack = f" and {leniency.slack_s:g} s" if leniency.slack_s else ""
-    least = f", at least {leniency.least_s:g} s" if leniency.least_s else ""
-    return f"{what}: {len(cases)} recordings, each point's own tolerance{slack}{least}; 95 % intervals"
+    least = f", at least {least_s:g} s" if least_s else ""
+    return f"{what}: {len(cases)} recordings, each point's own tolerance{least}; 95 % intervals"
 
 
 def _write(page: Page, output_format: Format, out: Path | None) -> None:

@@ -41,11 +41,19 @@ class Baseline:
     def segment(self, recording: Recording) -> Found:
         """Divide a recording, and label what comes out. Raises ValueError for one that is too short."""
         signals = condition(recording)
-        starts = np.unique(self.starts(signals))
-        starts = starts[(starts > 0) & (starts < signals.t.size)]
-        # It changed somewhere between the last observation of one segment and the first of the next.
-        times = (signals.t[starts - 1] + signals.t[starts]) / 2.0
+        starts = self._within(signals)
+        times = boundaries_s(signals, starts)
         return Found(tuple(times.tolist()), labelled(signals, starts, times))
+
+    def _within(self, signals: Signals) -> NDArray[np.intp]:
+        starts = np.unique(self.starts(signals))
+        return starts[(starts > 0) & (starts < signals.t.size)]
+
+
+def boundaries_s(signals: Signals, starts: NDArray[np.intp]) -> Array:
+    """Return the times [s] between the last observation of each segment and the first of the next, (k,)."""
+    times: Array = (signals.t[starts - 1] + signals.t[starts]) / 2.0
+    return times
 
 
 def labelled(signals: Signals, starts: NDArray[np.intp], times: Array) -> tuple[Part, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
@@ -30,11 +31,17 @@ class Unfit:
 Verdict = Score | Unfit
 
 
-def judge(case: Case, methods: Sequence[Method], leniency: Leniency = AS_READ) -> list[Verdict]:
-    """All methods on one case. Raises TruthError or RecordingError for a case that cannot be loaded."""
+def judge(
+    case: Case, methods: Sequence[Method], leniencies: Sequence[Leniency] = (AS_READ,)
+) -> list[Verdict]:
+    """Apply all methods to one case, once each, and judge what they find under every leniency.
+
+    Raises TruthError or RecordingError for a case that cannot be loaded.
+    """
     recording, truth = case.load()
-    truth = leniency.of(truth)
     rest = "rests first" if condition(recording).tared else "does not rest first"
+    groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
+    about: dict[str, Any] = {"tags": (*case.tags, rest), "groups": groups}
     verdicts: list[Verdict] = []
     for method in methods:
         try:
@@ -44,13 +51,18 @@ def judge(case: Case, methods: Sequence[Method], leniency: Leniency = AS_READ) -
         except (ProtocolError, ValueError) as error:
             verdicts.append(Unfit(method.name, case.name, str(error)))
         else:
-            one = score(method.name, truth, found)
-            verdicts.append(replace(one, tags=(*case.tags, rest)))
+            for leniency in leniencies:
+                one = score(method.name, leniency.of(truth), found)
+                verdicts.append(replace(one, **about, slack_s=leniency.slack_s))
     return verdicts
 
 
 def judge_all(
-    cases: Sequence[Case], methods: Sequence[Method], leniency: Leniency = AS_READ, *, workers: int = 1
+    cases: Sequence[Case],
+    methods: Sequence[Method],
+    leniencies: Sequence[Leniency] = (AS_READ,),
+    *,
+    workers: int = 1,
 ) -> Iterator[list[Verdict]]:
     """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
-    return each(partial(judge, methods=methods, leniency=leniency), cases, workers=workers)
+    return each(partial(judge, methods=methods, leniencies=leniencies), cases, workers=workers)

@@ -8,7 +8,9 @@ import ruptures
 from numpy.typing import NDArray
 from ruptures.base import BaseCost
 
+from caesura_service.judge.chosen import KERNEL, KernelSettings
 from caesura_service.judge.conditioned import Signals
+from caesura_service.judge.features import log_features, vector_features
 
 Array = NDArray[np.float64]
 # What a hand at rest and a sensor in use leave unexplained: nothing smaller is told apart.
@@ -72,7 +74,25 @@ def gaussian_online(signals: Signals) -> NDArray[np.intp]:
     mean_segment = MEAN_SEGMENT_S / float(np.median(np.diff(signals.t)))
     detector = changepoint.Bocpd(prior, mean_segment)
     run_lengths = [detector.step(row) for row in channels]
-    return np.array(changepoint.map_changepoints(run_lengths), dtype=np.intp)
+    # The library names the last observation before each change; the first entry is the recording's beginning.
+    last_before = np.array(changepoint.map_changepoints(run_lengths)[1:], dtype=np.intp)
+    return last_before + 1
+
+
+def kernel(signals: Signals, settings: KernelSettings = KERNEL) -> NDArray[np.intp]:
+    """Kernel changepoint detection with a Gaussian kernel, and a penalty for each changepoint.
+
+    Arlot, Celisse & Harchaoui 2019; Garreau & Arlot 2018: the penalty grows with log n.
+    """
+    features = log_features if settings.signals == "log" else vector_features
+    rows = features(signals, settings.floor_m_per_s, settings.floor_n)
+    least = max(round(settings.least_s / float(np.median(np.diff(signals.t)))), 1)
+    if len(rows) < 2 * least:
+        return np.array([], dtype=np.intp)
+    gamma = {} if settings.gamma is None else {"gamma": settings.gamma}
+    detector = ruptures.KernelCPD(kernel="rbf", min_size=least, params=gamma)
+    penalty = settings.penalty * np.log(len(rows))
+    return np.array(detector.fit_predict(np.ascontiguousarray(rows), pen=penalty)[:-1], dtype=np.intp)
 
 
 def _scaled(signals: Signals, motion: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import Segment
 from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_service.judge.bocpd import gaussian_log, student_speed
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part
 from caesura_service.recordings import views
@@ -53,7 +54,8 @@ class Ours:
                 looks.append(look)
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
-        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view))
+        stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
+        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated)
 
 
 def _look(t: float, view: View) -> Look:
@@ -71,7 +73,7 @@ def _intervals(view: View) -> dict[float, tuple[float, float]]:
 
 def _part(segment: Segment) -> Part:
     force_n = float(np.linalg.norm(segment.force))
-    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n)
+    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability)
 
 
 class MissingExtraError(RuntimeError):
@@ -91,5 +93,8 @@ def baselines() -> list[Method]:
         Baseline("zero velocity", zero_velocity),
         Baseline("PELT linear", libraries.pelt),
         Baseline("Gaussian online", libraries.gaussian_online),
+        Baseline("BOCPD log", gaussian_log),
+        Baseline("BOCPD speed", student_speed),
+        Baseline("kernel", libraries.kernel),
         Baseline("one segment", nothing),
     ]

@@ -55,14 +55,23 @@ class Matching:
         return np.flatnonzero(~excused)
 
 
-def match(points_s: ArrayLike, tolerances_s: ArrayLike, optional: ArrayLike, found_s: ArrayLike) -> Matching:
+def match(
+    points_s: ArrayLike,
+    tolerances_s: ArrayLike,
+    optional: ArrayLike,
+    found_s: ArrayLike,
+    alternatives_s: ArrayLike | None = None,
+) -> Matching:
     """Pair found changepoints with true points one to one, as the module says.
 
-    points_s, tolerances_s: (p,) [s]; optional: (p,) bool; found_s: (m,) [s].
+    points_s, tolerances_s: (p,) [s]; optional: (p,) bool; found_s: (m,) [s]; alternatives_s: (p,) [s] second
+    accepted times, nan where there is none. The nearer of the two counts.
     """
     points, tolerances = np.asarray(points_s, dtype=float), np.asarray(tolerances_s, dtype=float)
     optional, found = np.asarray(optional, dtype=bool), np.asarray(found_s, dtype=float)
     distance = np.abs(found[:, None] - points)
+    if alternatives_s is not None:
+        distance = np.fmin(distance, np.abs(found[:, None] - np.asarray(alternatives_s, dtype=float)))
     within = distance <= tolerances + ROUNDING_S
     # Every weight exceeds what all that rank below it can add up to.
     closeness = distance / (tolerances + ROUNDING_S) / (2.0 * (found.size + 1))
@@ -141,15 +150,17 @@ class Look(NamedTuple):
     final: Sequence[bool]
 
 
-def standing_since(looks: Iterable[Look], t: float, tolerance_s: float, *, final: bool) -> float | None:
-    """Since when a changepoint within tolerance of t has been there without a break [s]; None if it is not.
+def standing_since(
+    looks: Iterable[Look], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
+) -> float | None:
+    """Since when a changepoint within tolerance has been there without a break [s]; None if it is not.
 
-    final: only those that were final count.
+    accepted_s: times [s], near any of which it may be; final: only those that were final count.
     """
     since: float | None = None
     for look in looks:
         there = any(
-            abs(time - t) <= tolerance_s + ROUNDING_S and (sure or not final)
+            min(abs(time - t) for t in accepted_s) <= tolerance_s + ROUNDING_S and (sure or not final)
             for time, sure in zip(look.changepoints, look.final, strict=True)
         )
         since = (look.t if since is None else since) if there else None

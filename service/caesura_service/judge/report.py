@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -49,6 +49,13 @@ DELAYS = (
     Column("right", "interval_right"),
 )
 MARGINS = (Column("F1", "f1"), Column("covering", "covering"), Column("class", "class"))
+IN_SETS = (
+    Column("precision", "precision"),
+    Column("recall", "recall"),
+    Column("F1", "f1"),
+    Column("class", "class"),
+)
+SET_MARGINS = (Column("F1 over", "f1"), Column("class over", "class"))
 TABLES = (
     ("boundaries", BOUNDARIES),
     ("classes, load and force", CLASSES),
@@ -69,30 +76,110 @@ class Judged:
 
 
 @dataclass(frozen=True)
+class Compared:
+    """One method on the recordings of one set: its numbers, and by how much the first method exceeds it."""
+
+    method: str
+    recordings: int
+    estimates: dict[str, Estimate]
+    behind: dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Everything under one slack [s]: all recordings pooled, and set by set where they form sets."""
+
+    slack_s: float
+    methods: tuple[Judged, ...]
+    sets: Mapping[str, tuple[Compared, ...]]
+
+
+@dataclass(frozen=True)
 class Report:
-    """Everything that was judged, in the order of the methods; the first is compared with all others."""
+    """Everything that was judged, in the order of the methods; the first is compared with all others.
+
+    sections: one a slack, the least first; missing: notes on recordings that were not there.
+    """
 
     title: str
-    methods: tuple[Judged, ...]
+    sections: tuple[Section, ...]
     unfit: tuple[Unfit, ...]
+    missing: tuple[str, ...] = ()
+
+    @property
+    def methods(self) -> tuple[Judged, ...]:
+        """Return the pooled results under the least slack."""
+        return self.sections[0].methods if self.sections else ()
 
 
-def report(title: str, methods: Sequence[str], verdicts: Iterable[Verdict]) -> Report:
+def report(
+    title: str, methods: Sequence[str], verdicts: Iterable[Verdict], missing: Sequence[str] = ()
+) -> Report:
     """Put verdicts, in any order, together."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     unfit = tuple(verdict for verdict in ordered if isinstance(verdict, Unfit))
+    scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
+    slacks = sorted({score.slack_s for score in scores})
+    sections = tuple(_section(slack, methods, [s for s in scores if s.slack_s == slack]) for slack in slacks)
+    return Report(title, sections, unfit, tuple(missing))
+
+
+def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) -> Section:
     judged: list[Judged] = []
-    for name in methods:
-        scores = tuple(v for v in ordered if isinstance(v, Score) and v.method == name)
-        if scores:
-            behind = _margins(judged[0].scores, scores) if judged else {}
-            judged.append(Judged(name, len(scores), summarise(scores), faults(scores), scores, behind))
-    return Report(title, tuple(judged), unfit)
+    for name, own in _by_method(methods, scores).items():
+        behind = _margins(judged[0].scores, own) if judged else {}
+        judged.append(Judged(name, len(own), summarise(own), faults(own), own, behind))
+    return Section(slack_s, tuple(judged), _sets(methods, scores))
 
 
-def _margins(first: Sequence[Score], scores: Sequence[Score]) -> dict[str, Estimate]:
+def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[Compared, ...]]:
+    """Compare robot by robot and set by set.
+
+    Left out: a set of everything, a set equal to one before it, and all sets where each has one recording.
+    """
+    everything = frozenset(one.recording for one in scores)
+    members: dict[str, frozenset[str]] = {}
+    for name in _names(scores):
+        of = frozenset(one.recording for one in scores if name in one.groups)
+        if of not in (everything, *members.values()):
+            members[name] = of
+    if all(len(of) == 1 for of in members.values()):
+        return {}
+    return {name: _compared(methods, [s for s in scores if name in s.groups]) for name in members}
+
+
+def _names(scores: Sequence[Score]) -> list[str]:
+    """Return the names of all robots, then of all sets."""
+    first = sorted({name for one in scores for name in one.groups[:1]})
+    return [*first, *sorted({name for one in scores for name in one.groups[1:]} - set(first))]
+
+
+def _compared(methods: Sequence[str], scores: Sequence[Score]) -> tuple[Compared, ...]:
+    """Compare the first method with the others on one set."""
+    by_method = _by_method(methods, scores)
+    first = by_method.get(methods[0], ())
+    only = [column.measure for column in IN_SETS]
+    return tuple(
+        Compared(
+            name,
+            len(own),
+            summarise(own, only=only),
+            {} if name == methods[0] else _margins(first, own, only),
+        )
+        for name, own in by_method.items()
+    )
+
+
+def _by_method(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[Score, ...]]:
+    of = {name: tuple(score for score in scores if score.method == name) for name in methods}
+    return {name: own for name, own in of.items() if own}
+
+
+def _margins(
+    first: Sequence[Score], scores: Sequence[Score], only: Sequence[str] | None = None
+) -> dict[str, Estimate]:
     common = {score.recording for score in first} & {score.recording for score in scores}
-    return margins(first, scores) if common else {}
+    return margins(first, scores, only=only) if common else {}
 
 
 def shown(estimate: Estimate, digits: int) -> tuple[str, str]:
@@ -107,8 +194,27 @@ def as_json(report: Report) -> dict[str, Any]:
     return {
         "title": report.title,
         "units": UNITS,
-        "methods": [_method(judged) for judged in report.methods],
+        **(_plain_section(report.sections[0]) if report.sections else {"methods": [], "sets": {}}),
+        "with_slack": [_plain_section(section) for section in report.sections[1:]],
         "unfit": [asdict(unfit) for unfit in report.unfit],
+        "missing": list(report.missing),
+    }
+
+
+def _plain_section(section: Section) -> dict[str, Any]:
+    return {
+        "slack_s": section.slack_s,
+        "methods": [_method(judged) for judged in section.methods],
+        "sets": {name: [_plain_compared(one) for one in some] for name, some in section.sets.items()},
+    }
+
+
+def _plain_compared(one: Compared) -> dict[str, Any]:
+    return {
+        "method": one.method,
+        "recordings": one.recordings,
+        "measures": {name: _estimate(estimate) for name, estimate in one.estimates.items()},
+        "first_exceeds_it_by": {name: _estimate(estimate) for name, estimate in one.behind.items()},
     }
 
 
@@ -140,6 +246,7 @@ def _score(score: Score) -> dict[str, Any]:
     return {
         "recording": score.recording,
         "tags": score.tags,
+        "sets": score.groups,
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,

@@ -1,4 +1,8 @@
-"""One method on one recording: all counts and errors from which tables are made."""
+"""One method on one recording: all counts and errors from which tables are made.
+
+Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint
+there is no false alarm. The annotators' shortest rest does not fit in, so they cannot see one.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from caesura_service.judge.metrics import (
+    ROUNDING_S,
     Labelled,
     Look,
     Matching,
@@ -20,6 +25,7 @@ from caesura_service.judge.metrics import (
 )
 from caesura_service.truth import Point, Quantity, Truth
 
+EDGE_S = 0.3  # the annotators' shortest rest
 NEAR_S = 1.0  # a changepoint further off has nothing to do with a miss
 CARRIED = ("transport", "hold")
 TOUCHING = ("contact", "sliding")
@@ -27,13 +33,17 @@ TOUCHING = ("contact", "sliding")
 
 @dataclass(frozen=True)
 class Part:
-    """A found segment: from t0 to t1 [s]; load_kg [kg] and force_n [N] where the method says so."""
+    """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N] where the method states them.
+
+    probability: stated for the class, None if the method states none.
+    """
 
     t0: float
     t1: float
     kind: str
     load_kg: float | None = None
     force_n: float | None = None
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -41,13 +51,23 @@ class Found:
     """What a method makes of a recording.
 
     changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
-    method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9.
+    method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
+    probabilities: changepoint → the probability stated for it.
     """
 
     changepoints: tuple[float, ...]
     parts: tuple[Part, ...] | None = None
     looks: tuple[Look, ...] | None = None
     intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    probabilities: Mapping[float, float] = field(default_factory=dict)
+
+
+class Stated(NamedTuple):
+    """A stated probability with its outcome: `right` out of `of`, in changepoints or seconds."""
+
+    probability: float
+    right: float
+    of: float
 
 
 class Hit(NamedTuple):
@@ -99,36 +119,65 @@ class Score:
     found: tuple[Hit, ...] = ()
     alarms: tuple[FalseAlarm, ...] = ()
     tags: tuple[str, ...] = ()  # what kind of recording it is
+    groups: tuple[str, ...] = ()  # robot, if stated, and set
+    slack_s: float = 0.0  # that was added to the points' own tolerances
+    stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
+    stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time
 
 
 def score(method: str, truth: Truth, found: Found) -> Score:
     """Judge what a method found."""
-    first, last = truth.window
-    points = [p for p in truth.points if first < p.t < last]
-    times = sorted(t for t in found.changepoints if first < t < last)
-    matching = match(
-        [p.t for p in points], [p.tolerance_s for p in points], [p.optional for p in points], times
-    )
-    hits, misses = ([points[i] for i in which] for which in (matching.hits, matching.misses))
-    alarms = [times[i] for i in matching.false_alarms]
-    major = [p.t for p in points if not p.optional]
-    counted = [times[i] for i in matching.counted]
+    points = _judged_points(truth)
+    times = sorted(found.changepoints)
+    matching = _match(points, times)
+    pairs = [(points[i], times[j]) for i, j in _pairs(matching)]
+    misses = [points[i] for i in matching.misses]
+    alarms = [t for t in (times[i] for i in matching.false_alarms) if _counts(t, truth.window)]
+    missed_s = [p.t for p in misses]
+    major_s = [*(p.nearest_s(t) for p, t in pairs), *missed_s]
+    counted_s = [*(t for _, t in pairs), *alarms]
     parts = _filling(found.parts or (), truth.window)
     base = Score(
         method=method,
         recording=truth.name,
-        hits=len(hits),
+        hits=len(pairs),
         false_alarms=len(alarms),
         misses=len(misses),
-        covering=covering(major, counted, truth.window),
-        cut=disturbed(major, alarms, truth.window),
-        merged=disturbed(counted, [p.t for p in misses], truth.window),
-        intervals=_intervals(points, times, matching, found.intervals),
-        missed=tuple(_miss(p, times, matching, truth) for p in misses),
-        found=tuple(Hit(points[i].kind, times[j] - points[i].t) for i, j in _pairs(matching)),
+        covering=covering(major_s, counted_s, truth.window),
+        cut=disturbed(major_s, alarms, truth.window),
+        merged=disturbed(counted_s, missed_s, truth.window),
+        intervals=_intervals(pairs, found.intervals),
+        missed=tuple(_miss(p, alarms, truth) for p in misses),
+        found=tuple(Hit(p.kind, t - p.nearest_s(t)) for p, t in pairs),
         alarms=tuple(FalseAlarm(_true_kind(truth, t), _between(parts, t)) for t in alarms),
+        stated_points=_stated_points([t for _, t in pairs], alarms, found.probabilities),
     )
-    return _with_delays(_with_classes(base, truth, found, parts), hits, found.looks)
+    return _with_delays(_with_classes(base, truth, found, parts), pairs, found.looks)
+
+
+def _counts(t: float, window: tuple[float, float]) -> bool:
+    """Return whether a time [s] lies far enough inside of the window [s] to be counted."""
+    return window[0] + EDGE_S - ROUNDING_S <= t <= window[1] - EDGE_S + ROUNDING_S
+
+
+def _judged_points(truth: Truth) -> list[Point]:
+    """Return the points of the window; those that are too close to its edges to be counted are optional."""
+    first, last = truth.window
+    inside = [p for p in truth.points if any(first < t < last for t in p.accepted_s)]
+    return [
+        replace(p, optional=p.optional or not all(_counts(t, truth.window) for t in p.accepted_s))
+        for p in inside
+    ]
+
+
+def _match(points: Sequence[Point], times: Sequence[float]) -> Matching:
+    return match(
+        [p.t for p in points],
+        [p.tolerance_s for p in points],
+        [p.optional for p in points],
+        times,
+        [float("nan") if p.t_alt is None else p.t_alt for p in points],
+    )
 
 
 def class_accuracy(one: Score) -> float:
@@ -144,8 +193,9 @@ def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part]
     labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]
     base = replace(
         base,
-        confusion=confusion([Labelled(s.t0, s.t1, s.kind) for s in truth.spans], labels),
+        confusion=confusion(_scored(truth), labels),
         confusion_inside=confusion(_inside(truth), labels),
+        stated_classes=_stated_classes(_scored(truth), parts),
     )
     if all(part.force_n is None for part in parts):
         return base  # it measures nothing
@@ -158,27 +208,50 @@ def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part]
     )
 
 
-def _with_delays(base: Score, hits: Sequence[Point], looks: Sequence[Look] | None) -> Score:
+def _with_delays(base: Score, pairs: Sequence[tuple[Point, float]], looks: Sequence[Look] | None) -> Score:
     """How long after each point that was found a changepoint near it stood, and stood for good [s]."""
     if looks is None:
         return base
 
     def delays(*, final: bool) -> tuple[float, ...]:
-        since = [(p.t, standing_since(looks, p.t, p.tolerance_s, final=final)) for p in hits]
+        since = [
+            (p.nearest_s(t), standing_since(looks, p.accepted_s, p.tolerance_s, final=final))
+            for p, t in pairs
+        ]
         return tuple(at - t for t, at in since if at is not None)
 
     return replace(base, provisional_s=delays(final=False), final_s=delays(final=True))
 
 
 def _intervals(
-    points: Sequence[Point],
-    times: Sequence[float],
-    matching: Matching,
-    stated: Mapping[float, tuple[float, float]],
+    pairs: Sequence[tuple[Point, float]], stated: Mapping[float, tuple[float, float]]
 ) -> tuple[tuple[float, bool], ...]:
     """Length [s] of each interval that a hit was stated with, and whether the true time lies in it."""
-    pairs = ((points[i], stated.get(times[j])) for i, j in _pairs(matching))
-    return tuple((s[1] - s[0], s[0] <= point.t <= s[1]) for point, s in pairs if s is not None)
+    return tuple(
+        (stated[t][1] - stated[t][0], stated[t][0] <= point.nearest_s(t) <= stated[t][1])
+        for point, t in pairs
+        if t in stated
+    )
+
+
+def _stated_points(
+    hits: Sequence[float], alarms: Sequence[float], stated: Mapping[float, float]
+) -> tuple[Stated, ...]:
+    """Return the probability of every changepoint that counts, with whether it was right."""
+    outcomes = [*((t, 1.0) for t in hits), *((t, 0.0) for t in alarms)]
+    return tuple(Stated(stated[t], right, 1.0) for t, right in outcomes if t in stated)
+
+
+def _stated_classes(spans: Sequence[Labelled], parts: Sequence[Part]) -> tuple[Stated, ...]:
+    """Return the probability of every part's class, with the seconds that were right of those scored."""
+    stated = []
+    for part in parts:
+        shared = [(s.kind == part.kind, overlap(s, Labelled(part.t0, part.t1, part.kind))) for s in spans]
+        of = sum(seconds for _, seconds in shared if seconds > 0.0)
+        if part.probability is not None and of > ROUNDING_S:
+            right = sum(seconds for is_right, seconds in shared if is_right and seconds > 0.0)
+            stated.append(Stated(part.probability, right, of))
+    return tuple(stated)
 
 
 def _pairs(matching: Matching) -> list[tuple[int, int]]:
@@ -196,13 +269,23 @@ def _filling(parts: Sequence[Part], window: tuple[float, float]) -> list[Part]:
     return filled
 
 
+def _scored(truth: Truth) -> list[Labelled]:
+    """Return the spans without what lies between the two accepted times of a point."""
+    return _without(truth, [(min(p.accepted_s), max(p.accepted_s)) for p in truth.points])
+
+
 def _inside(truth: Truth) -> list[Labelled]:
     """The spans without what lies within tolerance of a major point, where the class itself is uncertain."""
+    around = [(p, 0.0 if p.optional else p.tolerance_s) for p in truth.points]
+    return _without(truth, [(min(p.accepted_s) - s, max(p.accepted_s) + s) for p, s in around])
+
+
+def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelled]:
+    """Return what the holes [s] leave of the spans; a hole without length leaves all."""
     spans = [Labelled(s.t0, s.t1, s.kind) for s in truth.spans]
-    for point in truth.points:
-        left, right = point.t - point.tolerance_s, point.t + point.tolerance_s
-        pieces = ((s._replace(t1=min(s.t1, left)), s._replace(t0=max(s.t0, right))) for s in spans)
-        if not point.optional:
+    for left, right in holes:
+        if left < right:
+            pieces = ((s._replace(t1=min(s.t1, left)), s._replace(t0=max(s.t0, right))) for s in spans)
             spans = [piece for both in pieces for piece in both if piece.t0 < piece.t1]
     return spans
 
@@ -240,9 +323,8 @@ def _force_errors(forces: Sequence[Quantity], parts: Sequence[Part]) -> tuple[fl
     return tuple(errors)
 
 
-def _miss(point: Point, times: Sequence[float], matching: Matching, truth: Truth) -> Miss:
-    free = [times[i] - point.t for i in matching.false_alarms]
-    nearest = min(free, key=abs, default=None)
+def _miss(point: Point, alarms: Sequence[float], truth: Truth) -> Miss:
+    nearest = min((t - point.nearest_s(t) for t in alarms), key=abs, default=None)
     before = _true_kind(truth, point.t - point.tolerance_s)
     after = _true_kind(truth, point.t + point.tolerance_s)
     near = nearest if nearest is not None and abs(nearest) <= NEAR_S else None

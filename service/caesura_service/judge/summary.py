@@ -7,7 +7,7 @@ have given, not another draw of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,27 +40,45 @@ class Measure:
     higher_is_better: bool = True
 
 
-def summarise(scores: Sequence[Score], *, resamples: int = RESAMPLES, seed: int = 0) -> dict[str, Estimate]:
-    """Every measure of one method's scores, with its interval. The same scores give the same numbers."""
+def summarise(
+    scores: Sequence[Score],
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    only: Collection[str] | None = None,
+) -> dict[str, Estimate]:
+    """Every measure of one method's scores, with its interval. The same scores give the same numbers.
+
+    only: names of measures, None for all.
+    """
     weights = _weights(len(scores), resamples, seed)
-    return {measure.name: _estimate(*measure.of(scores, weights)) for measure in MEASURES}
+    return {measure.name: _estimate(*measure.of(scores, weights)) for measure in _measures(only)}
 
 
 def margins(
-    ours: Sequence[Score], others: Sequence[Score], *, resamples: int = RESAMPLES, seed: int = 0
+    ours: Sequence[Score],
+    others: Sequence[Score],
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    only: Collection[str] | None = None,
 ) -> dict[str, Estimate]:
     """By how much ours exceeds the others' in every measure, on the recordings that both were applied to.
 
-    Both are resampled alike: a recording that is hard for both widens no interval.
+    Both are resampled alike: a recording that is hard for both widens no interval. only: as for `summarise`.
     """
     mine, theirs = ({score.recording: score for score in scores} for scores in (ours, others))
     names = sorted(set(mine) & set(theirs))
     weights = _weights(len(names), resamples, seed)
     differences = {}
-    for measure in MEASURES:
+    for measure in _measures(only):
         (a, n), (b, m) = (measure.of([scores[name] for name in names], weights) for scores in (mine, theirs))
         differences[measure.name] = _estimate(a - b, min(n, m))
     return differences
+
+
+def _measures(only: Collection[str] | None) -> list[Measure]:
+    return [measure for measure in MEASURES if only is None or measure.name in only]
 
 
 def _weights(n: int, resamples: int, seed: int) -> Array:

@@ -5,6 +5,7 @@ Grids are made once, as rows of text, and shown in two ways.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,17 @@ from rich.table import Table
 from rich.text import Text
 
 from caesura_service.judge.metrics import f1
-from caesura_service.judge.report import MARGINS, TABLES, Column, Judged, Report, shown
+from caesura_service.judge.report import (
+    IN_SETS,
+    MARGINS,
+    SET_MARGINS,
+    TABLES,
+    Column,
+    Judged,
+    Report,
+    Section,
+    shown,
+)
 from caesura_service.judge.score import Score, class_accuracy
 from caesura_service.judge.summary import Estimate
 from caesura_service.truth import KINDS
@@ -50,19 +61,48 @@ def as_markdown(report: Report, *, detailed: Sequence[str] = ()) -> str:
 
 
 def _grids(report: Report, layout: str, detailed: Sequence[str]) -> Iterator[Grid]:
-    for title, columns in TABLES:
-        judged = [one for one in report.methods if any(one.estimates[c.measure].n for c in columns)]
-        if judged:
-            rows = tuple((one.method, *_cells(one.estimates, columns, layout)) for one in judged)
-            yield Grid(title, ("method", *(c.heading for c in columns)), rows)
-    compared = [one for one in report.methods if one.behind]
-    if compared:
-        rows = tuple((one.method, *_cells(one.behind, MARGINS, layout)) for one in compared)
-        headings = ("over", *(c.heading for c in MARGINS))
-        yield Grid(f"by how much {report.methods[0].method} is ahead, recording by recording", headings, rows)
+    for section in report.sections:
+        yield from _pooled(section, layout)
+        yield from _sets(section, layout)
     for one in report.methods:
         if one.method in detailed:
             yield from _errors(one)
+
+
+def _pooled(section: Section, layout: str) -> Iterator[Grid]:
+    slack = with_slack(section.slack_s)
+    for title, columns in TABLES:
+        judged = [one for one in section.methods if any(one.estimates[c.measure].n for c in columns)]
+        if judged:
+            rows = tuple((one.method, *_cells(one.estimates, columns, layout)) for one in judged)
+            yield Grid(f"{title}; {slack}", ("method", *(c.heading for c in columns)), rows)
+    compared = [one for one in section.methods if one.behind]
+    if compared:
+        rows = tuple((one.method, *_cells(one.behind, MARGINS, layout)) for one in compared)
+        headings = ("over", *(c.heading for c in MARGINS))
+        title = f"by how much {section.methods[0].method} is ahead, recording by recording; {slack}"
+        yield Grid(title, headings, rows)
+
+
+def _sets(section: Section, layout: str) -> Iterator[Grid]:
+    """One table a set; its last columns say by how much the first method is ahead of each other one."""
+    headings = ("method", *(c.heading for c in (*IN_SETS, *SET_MARGINS)))
+    for name, compared in section.sets.items():
+        rows = tuple(
+            (
+                one.method,
+                *_cells(one.estimates, IN_SETS, layout),
+                *(_cells(one.behind, SET_MARGINS, layout) if one.behind else [""] * len(SET_MARGINS)),
+            )
+            for one in compared
+        )
+        title = f"set {name}: {compared[0].recordings} recordings; {with_slack(section.slack_s)}"
+        yield Grid(title, headings, rows)
+
+
+def with_slack(slack_s: float) -> str:
+    """Return how tolerances are read, for a title: `no slack` or `0.2 s of slack`."""
+    return f"{slack_s:g} s of slack" if slack_s else "no slack"
 
 
 def _cells(estimates: Mapping[str, Estimate], columns: Sequence[Column], layout: str) -> list[str]:
@@ -154,11 +194,12 @@ def _confusion(judged: Judged) -> Grid:
 
 
 def _notes(report: Report) -> list[str]:
-    reasons = {(unfit.method, unfit.reason) for unfit in report.unfit}
-    return [
-        f"{method} is not applicable to {sum(u.method == method for u in report.unfit)} recordings: {reason}"
-        for method, reason in sorted(reasons)
+    reasons = Counter((unfit.method, unfit.reason) for unfit in report.unfit)
+    unfit = [
+        f"{method} is not applicable to {times} recordings: {reason}"
+        for (method, reason), times in sorted(reasons.items())
     ]
+    return [*unfit, *report.missing]
 
 
 def rich_grid(grid: Grid) -> list[RenderableType]:

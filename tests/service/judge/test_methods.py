@@ -7,11 +7,13 @@ import pytest
 
 from caesura_clients.recording import Recording
 from caesura_service.judge.baselines import switched
-from caesura_service.judge.conditioned import condition
+from caesura_service.judge.conditioned import Signals, condition
+from caesura_service.judge.libraries import gaussian_online
 from caesura_service.judge.methods import Ours, baselines
 
 RATE_HZ = 200.0
 ALL = [Ours("default"), *baselines()]
+WITHOUT_FORCE = ("zero velocity", "BOCPD speed")
 FINDING = [method for method in ALL if method.name != "one segment"]
 
 
@@ -43,7 +45,7 @@ def test_a_movement_is_found(method):
 
 
 @pytest.mark.parametrize(
-    "method", [m for m in FINDING if m.name != "zero velocity"], ids=lambda method: method.name
+    "method", [m for m in FINDING if m.name not in WITHOUT_FORCE], ids=lambda method: method.name
 )
 def test_a_press_is_found_unless_the_hand_is_in_the_wrench(method):
     found = method.segment(recording(presses=True))
@@ -76,3 +78,24 @@ def test_a_trigger_holds_between_its_thresholds():
 def test_a_recording_too_short_to_look_at_is_refused():
     with pytest.raises(ValueError, match="expected at least 2"):
         condition(Recording(np.array([0.0, 0.01]), {"pos": np.zeros((2, 3))}, wrench_source="none"))
+
+
+@pytest.mark.parametrize("first", [20, 31, 44])
+@pytest.mark.parametrize("force_tells", [False, True])
+def test_the_gaussian_baseline_starts_a_segment_at_its_first_observation(first: int, force_tells: bool):
+    """It named the last observation of the segment before, and so all its boundaries were 0.1 s early."""
+    rng = np.random.default_rng(first)
+    velocity = rng.normal(0.0, 0.002, (80, 3))
+    velocity[first:] += 0.2
+    velocity[first + 25 :] -= 0.4
+    signals = Signals(
+        t=0.1 * np.arange(80),
+        position_base=np.zeros((80, 3)),
+        velocity_base=velocity,
+        speed=np.linalg.norm(velocity, axis=1),
+        force_base=rng.normal(0.0, 0.1, (80, 3)),
+        holding=np.zeros(80, dtype=bool),
+        force_tells=force_tells,
+        tared=True,
+    )
+    assert gaussian_online(signals).tolist() == [first, first + 25]

@@ -154,8 +154,8 @@ def test_a_changepoint_stands_since_it_was_last_absent():
         Look(1.3, (0.5, 1.1), (True, False)),
         Look(1.8, (0.5, 0.95), (True, True)),
     ]
-    assert standing_since(looks, 1.0, 0.15, final=False) == 1.3
-    assert standing_since(looks, 1.0, 0.15, final=True) == 1.8
-    assert standing_since(looks, 1.0, 0.05, final=False) == 1.8
-    assert standing_since(looks, 5.0, 0.15, final=False) is None
-    assert standing_since([], 5.0, 0.15, final=False) is None
+    assert standing_since(looks, (1.0,), 0.15, final=False) == 1.3
+    assert standing_since(looks, (1.0,), 0.15, final=True) == 1.8
+    assert standing_since(looks, (1.0,), 0.05, final=False) == 1.8
+    assert standing_since(looks, (5.0,), 0.15, final=False) is None
+    assert standing_since([], (5.0,), 0.15, final=False) is None

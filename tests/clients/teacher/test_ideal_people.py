@@ -20,7 +20,7 @@ HASHES = json.loads((Path(__file__).parent / "ideal_people.json").read_text(enco
 
 
 def probe(robot: Robot) -> str:
-    """Digest of the arithmetic that the teacher rests on, without the teacher: it differs between machines."""
+    """Digest the arithmetic beneath the teacher, which differs between machines."""
     rng = np.random.default_rng(0)
     x = rng.normal(size=(500, 7))
     filtered = sosfilt(butter(2, 15.0, fs=1000.0, output="sos"), x, axis=0)

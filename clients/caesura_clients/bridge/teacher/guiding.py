@@ -68,6 +68,7 @@ class Guiding:
         rate_per_s = plan.person.force_rate_per_s
         self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
+        self._damping = plan.person.guiding_damping * DAMPING
         self._stiction = plan.person.stiction
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
@@ -104,7 +105,7 @@ class Guiding:
         contact = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
         self._feel(tick, load_kg, float(contact[2]))
         outside = contact + load_kg * FALL
-        given = hand + at_flange(outside, lever) - DAMPING * twist
+        given = hand + at_flange(outside, lever) - self._damping * twist
         friction_nm = self._friction_nm
         if self._stiction != 1.0:
             friction_nm = joint_friction(self._v, friction_nm, self._stiction)

@@ -31,6 +31,7 @@ class Habits:
     easing: float = 0.0  # probability of a slow first submovement
     drift: float = 0.0  # probability of creep after a stop, and before the next start
     tempo: float = 0.0  # relative change of the intended speed, standard deviation
+    smoothing_s: float = 0.03  # over which the hand smooths what it means to do
     brief_press: float = 0.0  # probability of a press of 0.25 to 0.5 s
     speed_noise: bool = False  # noise of hand and sensor grows with speed beyond 0.1 m/s
 
@@ -43,14 +44,15 @@ def draw_habits(rng: np.random.Generator) -> Habits:
     return Habits(
         bow=rng.uniform(0.05, 0.16),
         sway=rng.uniform(0.02, 0.06),
-        submovement_s=rng.uniform(0.6, 1.5),
-        overlap=rng.uniform(0.48, 0.66),
+        submovement_s=rng.uniform(0.4, 1.1),
+        overlap=rng.uniform(0.52, 0.7),
         rounding=rng.uniform(0.0, 0.2),
         pause=rng.uniform(0.05, 0.2),
         homing=rng.uniform(0.2, 0.6),
         easing=rng.uniform(0.3, 0.7),
         drift=rng.uniform(0.3, 0.8),
-        tempo=rng.uniform(0.05, 0.15),
+        tempo=rng.uniform(0.04, 0.12),
+        smoothing_s=rng.uniform(0.05, 0.11),
         brief_press=rng.uniform(0.1, 0.4),
         speed_noise=True,
     )

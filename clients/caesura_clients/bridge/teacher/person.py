@@ -50,6 +50,8 @@ class Person:
     hand_kg: float = 0.76  # gripper below the sensor, which feels its inertia
     impact_m: float = 0.012  # how far below a surface a movement towards it aims
     habits: Habits = IDEAL
+    guiding_damping: float = 1.0  # share of the damping that the robot's guiding controller adds
+    joint_noise: float = 1.0  # factor of the errors of estimated joint torques
     stiction: float = 1.0  # joint friction at standstill over that in motion
     bias_period_m: float = 0.0  # way over which the bias repeats as the pose changes; 0 is a linear change
 
@@ -87,12 +89,22 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
 
 
 def with_habits(person: Person, rng: np.random.Generator) -> Person:
-    """Give a person habits, and its robot stiction and a bias that wanders by 1 to 5 N with the pose."""
+    """Give a person habits and a calmer hand; its robot gets stiction and a bias that wanders with the pose.
+
+    Noise is lower than of ideal people: part of what they were given for unrest are submovements.
+    """
+    friction = rng.uniform(0.15, 1.0)
     return replace(
         person,
+        joint_friction=friction,
+        preload_n=np.sqrt(friction) * person.preload_n,
+        guiding_damping=rng.uniform(0.1, 0.8),
         habits=draw_habits(rng),
         stiction=rng.uniform(1.0, 1.6),
-        motion_noise_n=0.6 * person.motion_noise_n,
+        tremor_n=0.5 * person.tremor_n,
+        unrest_n=0.35 * person.unrest_n,
+        motion_noise_n=0.4 * person.motion_noise_n,
+        joint_noise=rng.uniform(0.1, 0.4),
         bias_wander_n=float(np.clip(rng.lognormal(np.log(2.3), 0.4), 1.0, 5.0)),
         bias_period_m=rng.uniform(0.4, 1.0),
     )

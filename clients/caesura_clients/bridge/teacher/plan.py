@@ -31,7 +31,6 @@ WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
 PASSING_OVERLAP = 0.13  # of a stroke's duration, by which it and the next reach into each other
 LET_GO_S = 0.3  # in which a force is let go when the hand leaves
 PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
-MUSCLE_S = 0.03  # a hand's own smoothing of what it means to do
 PRELOAD_LEAD_S = 0.16
 CREEP_M_PER_S = 0.005  # intended speed at which the hand fully overcomes the arm's friction
 FELT_MASS_KG, FELT_DAMPING_NS_PER_M = 8.0, 20.0  # what a person expects of the guided arm
@@ -92,7 +91,7 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     n = round(planner.now / DT)
     t = np.arange(n) / TICKS_PER_S
     meant = path(scenario.start, planner.strokes, _with_tempo(t, person, rng))
-    moved = gaussian_filter1d(meant, MUSCLE_S / DT, axis=0, mode="nearest")
+    moved = gaussian_filter1d(meant, person.habits.smoothing_s / DT, axis=0, mode="nearest")
     velocity: Array = np.gradient(moved, DT, axis=0)
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
@@ -370,7 +369,9 @@ def _feed_forward(velocity: Array, person: Person) -> Array:
     push = np.where(sizes[0] > sizes[1], early, push)
     inertia = FELT_MASS_KG * np.gradient(velocity, DT, axis=0)
     return np.clip(
-        inertia + FELT_DAMPING_NS_PER_M * velocity + push, -FEED_FORWARD_LIMIT_N, FEED_FORWARD_LIMIT_N
+        inertia + person.guiding_damping * FELT_DAMPING_NS_PER_M * velocity + push,
+        -FEED_FORWARD_LIMIT_N,
+        FEED_FORWARD_LIMIT_N,
     )
 
 

@@ -139,11 +139,11 @@ def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance
         joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
-        joint_coloured=band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
+        joint_coloured=person.joint_noise * band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
-        joint_friction=JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
+        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
     )
 
 

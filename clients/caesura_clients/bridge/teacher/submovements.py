@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from caesura_clients.bridge.teacher.habits import Habits
 from caesura_clients.bridge.teacher.intentions import UNIT_RESPONSES, Array, Profile
 
-OVERLAPS = (0.1, 0.75)
+OVERLAPS = (0.3, 0.8)
 LEAST_S = 0.25  # a submovement lasts at least this long
 LONGEST_BOW_M = 0.08
 SLOW_OVERLAP = 0.7

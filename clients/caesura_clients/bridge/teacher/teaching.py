@@ -46,7 +46,8 @@ class Demonstration:
 class Teaching:
     """One demonstration, simulated as it is read.
 
-    A scenario is one of `SCENARIOS`, by name, or one of your own. columns: names of the sample columns, time
+    A scenario is one of `SCENARIOS`, by name, or one of your own. natural: the person of the seed has habits
+    (`with_habits`), where `person` names no other. columns: names of the sample columns, time
     first; signals: names of the signals that they make up; duration_s: how long it will take.
     Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
     """

@@ -49,10 +49,10 @@ GUIDED_RULE = (
     RULE.replace(
         "Motion starts and stops at 5 mm/s.", "Motion starts and stops at 10 mm/s, and creep below is rest."
     )
-    + " Tracing, slower than 25 mm/s and longer than 20 mm, is motion from 4 mm/s on. A pause below 0.3 s and"
+    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. A pause below 0.3 s and"
     " a corner with less than 10 mm beside it are optional. A gradual edge has a wider tol, up to 0.4 s."
 )
-TRACING_M_PER_S, TRACING_M = 0.004, 0.020  # slow motion of that length is no creep
+TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 TRACING_PEAK_M_PER_S = 0.008  # of the lesser peak beside a corner, where a whole movement is slow
 SLOW_M_PER_S = 0.040  # a movement whose smoothed speed stays below is slow
 TRACING_LOOK_S = 0.6  # over which the turn of a slow movement is read

@@ -1,21 +1,29 @@
-"""How guided movements look in numbers, from pose alone: figures that need no annotation.
+"""How guided movements look in numbers: figures that need no annotation.
 
+    python -m caesura_clients.bridge.teacher.movements DIR --people 201 203
+
+prints them for the real recordings of a directory, set by set, and for simulated people.
 A movement is a stretch above 10 mm/s that no rest of 0.3 s interrupts. Those below 25 mm/s or 10 mm are
 corrections and left out, as in the annotation rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from argparse import ArgumentParser
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
 from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.recording import Recording, load_recording
 
 GRID_HZ = 100
 SMOOTH_S = 0.05
@@ -25,6 +33,8 @@ SMALL_M_PER_S, SMALL_M = 0.025, 0.010
 PEAK_PROMINENCE = 0.15  # of the movement's highest speed
 DIP = 0.6  # of the lesser neighbouring peak
 EDGE_M_PER_S = (0.005, 0.025)  # between which a start or stop is timed
+TREND_S = 0.1  # force that changes faster is noise
+FREE_N = 6.0  # a rest with more force may be a contact
 RIPPLE_HZ = 1.0  # speed changes slower than this are intended
 
 FIGURES: Mapping[str, str] = MappingProxyType(
@@ -43,6 +53,8 @@ FIGURES: Mapping[str, str] = MappingProxyType(
         "stop_edge": "s",
         "creep_share": "of the rest",
         "creep_speed": "mm/s",
+        "force_noise": "N, in motion",
+        "rest_force": "N, its range over rests",
     }
 )
 
@@ -68,22 +80,33 @@ def movement_spans(speed: Array) -> list[tuple[int, int]]:
     ]
 
 
-def describe(t: Array, position: Array) -> dict[str, list[float]]:
-    """Measure every figure of `FIGURES`: one value a movement, of creep one value a recording.
+def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
+    """Measure every figure of `FIGURES`: one value a movement; of creep and rests, one a recording.
 
-    t: (m,) [s], rising; position: (m, 3) [m].
+    t: (m,) [s], rising; position: (m, 3) [m]; force: (m, 3) [N].
     """
-    _, velocity = velocity_on_grid(t, position)
+    grid, velocity = velocity_on_grid(t, position)
+    felt = np.column_stack([np.interp(grid, t, axis) for axis in force.T])
     speed = np.linalg.norm(velocity, axis=1)
-    figures: dict[str, list[float]] = {name: [] for name in FIGURES}
     spans = movement_spans(speed)
+    figures: dict[str, list[float]] = {name: [] for name in FIGURES}
     for first, last in spans:
         for name, value in _movement(velocity[first:last]).items():
             figures[name].append(value)
-    for name, edges in (("start_edge", -1), ("stop_edge", 1)):
-        figures[name] = [e for span in spans if (e := _edge(speed, span, edges)) is not None]
-    figures |= _creep(speed, spans)
-    return figures
+    for name, side in (("start_edge", -1), ("stop_edge", 1)):
+        figures[name] = [edge for span in spans if (edge := _edge(speed, span, side)) is not None]
+    figures |= _creep(speed, spans) | _forces(felt, spans)
+    return {name: [v for v in values if np.isfinite(v)] for name, values in figures.items()}
+
+
+def _forces(force: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]]:
+    """Noise of a force (n, 3) in each movement, and by how much its level differs between rests."""
+    fast = force - uniform_filter1d(force, round(TREND_S * GRID_HZ), axis=0, mode="nearest")
+    edges = [0, *(edge for span in spans for edge in span), len(force)]
+    rests = [force[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > REST_S * GRID_HZ]
+    levels = [level for r in rests if np.linalg.norm(level := np.median(r, axis=0)) < FREE_N]
+    apart = [float(np.linalg.norm(np.ptp(np.array(levels), axis=0)))] if len(levels) > 1 else []
+    return {"force_noise": [float(fast[a:b].std()) for a, b in spans], "rest_force": apart}
 
 
 def _movement(velocity: Array) -> dict[str, float]:
@@ -180,3 +203,64 @@ def _way(path: Array) -> float:
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def real_figures(directory: Path) -> dict[str, dict[str, list[float]]]:
+    """Measure all recordings of a directory; set → figure → values. A set is the first word of a file name."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for file in sorted(directory.glob("*.npz")):
+        recording = load_recording(file)
+        _collect(found.setdefault(file.stem.split("_")[0], {}), recording)
+    return found
+
+
+def simulated_figures(seeds: Sequence[int], *, natural: bool) -> dict[str, list[float]]:
+    """Measure every scenario by people, the hand in the wrench; figure → values."""
+    # Pinocchio takes a second to load: only for who teaches.
+    from caesura_clients.bridge.teacher.teaching import teach  # noqa: PLC0415
+
+    found: dict[str, list[float]] = {}
+    for scenario in SCENARIOS:
+        for seed in seeds:
+            taught = teach(scenario, seed=seed, wrench_source="flange_sensor_with_hand", natural=natural)
+            _collect(found, taught.recording)
+    return found
+
+
+def _collect(found: dict[str, list[float]], recording: Recording) -> None:
+    t, first = np.unique(recording.t, return_index=True)
+    signals = recording.signals
+    for name, values in describe(t, signals["pos"][first], signals["force"][first]).items():
+        found.setdefault(name, []).extend(values)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the figures of real recordings and simulated people as a Markdown table."""
+    parser = ArgumentParser(description="Figures of guided movements: median (10 % to 90 %).")
+    parser.add_argument("directory", type=Path, help="Directory of real recordings (.npz).")
+    parser.add_argument("--people", type=int, nargs=2, default=(201, 203), help="First and last seed.")
+    options = parser.parse_args(arguments)
+    seeds = range(options.people[0], options.people[1] + 1)
+    columns = real_figures(options.directory)
+    columns["ideal"] = simulated_figures(seeds, natural=False)
+    columns["habits"] = simulated_figures(seeds, natural=True)
+    sys.stdout.write("\n".join(_lines(columns)) + "\n")
+
+
+def _lines(columns: Mapping[str, Mapping[str, list[float]]]) -> Iterator[str]:
+    yield "| " + " | ".join(["figure", *columns]) + " |"
+    yield "|---" * (1 + len(columns)) + "|"
+    for name, unit in FIGURES.items():
+        cells = [_cell(figures[name]) for figures in columns.values()]
+        yield "| " + " | ".join([f"{name} [{unit}]" if unit else name, *cells]) + " |"
+
+
+def _cell(values: Sequence[float]) -> str:
+    if not values:
+        return "–"
+    low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
+    return f"{middle:.2g} ({low:.2g}–{high:.2g})"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -133,7 +133,7 @@ class Sensors:
 def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance:
     n, person = plan.ticks, plan.person
     scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
-    wander = person.bias_wander_n * WANDER_OF_SOURCE.get(source, 0.0)
+    wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
     return _Chance(
         joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),

@@ -59,6 +59,7 @@ SOURCES: tuple[WrenchSource, ...] = (
     "flange_sensor_with_hand",
     "flange_sensor",
 )
+GUIDED_SETS = ("delft", "modena")  # arms guided by hand, in free motion or lightly loaded
 IDEAL, NATURAL = "ideal people", "people with habits"
 SMALLEST = 1e-6  # added before a logarithm, in the unit of the measure
 
@@ -80,11 +81,15 @@ MEASURES: tuple[str, ...] = tuple(name for names in GROUPS.values() for name in 
 
 @dataclass(frozen=True)
 class Windows:
-    """Measures of all windows of one recording: values (n, measures); set_name: where it comes from."""
+    """Measures of all windows of one recording.
+
+    set_name: where it comes from; values: (n, measures); guided: free motion with the hand in the wrench.
+    """
 
     set_name: str
     recording: str
     values: Array
+    guided: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,9 @@ class RealCase:
             return None
         name = self.path.stem
         signals = recording.signals
-        return Windows(name.split("_")[0], name, measures(recording.t, signals["pos"], signals["force"]))
+        values = measures(recording.t, signals["pos"], signals["force"])
+        set_name = name.split("_")[0]
+        return Windows(set_name, name, values, guided=set_name in GUIDED_SETS)
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,9 @@ class SimulatedCase:
         recording = teach(self.scenario, seed=self.seed, wrench_source=source, natural=self.natural).recording
         signals = recording.signals
         values = measures(recording.t, signals["pos"], signals["force"])
-        return Windows(NATURAL if self.natural else IDEAL, f"{self.scenario}-{self.seed}", values)
+        set_name, name = NATURAL if self.natural else IDEAL, f"{self.scenario}-{self.seed}"
+        guided = source != "flange_sensor" and not SCENARIOS[self.scenario].surfaces
+        return Windows(set_name, name, values, guided=guided)
 
 
 Case = RealCase | SimulatedCase
@@ -138,10 +147,14 @@ class Separation:
 
 @dataclass(frozen=True)
 class Realism:
-    """Separation of simulated from real windows, by people and measures; of each real set from the others."""
+    """Separation of simulated from real windows, by people and measures; of each real set from the others.
+
+    counts: recordings and windows by set; guided: as simulated, of free guided motion alone.
+    """
 
     counts: Mapping[str, tuple[int, int]]
     simulated: Mapping[str, Mapping[str, Separation]]
+    guided: Mapping[str, Mapping[str, Separation]]
     real: Mapping[str, Separation]
 
 
@@ -270,8 +283,13 @@ def summarise(loaded: Iterable[Windows | None]) -> Realism:
     return Realism(
         {name: _count([w for w in windows if w.set_name == name]) for name in (IDEAL, NATURAL, *sets)},
         {who: _by_measures([*real, *some], who) for who, some in simulated.items()},
+        {who: _by_measures(_guided([*real, *some]), who) for who, some in simulated.items()},
         {name: separation(real, name) for name in sets},
     )
+
+
+def _guided(windows: Sequence[Windows]) -> list[Windows]:
+    return [w for w in windows if w.guided]
 
 
 def _count(windows: Sequence[Windows]) -> tuple[int, int]:
@@ -382,16 +400,20 @@ def title(seeds: Sequence[int]) -> str:
 
 
 def _grids(result: Realism) -> list[Grid]:
-    before, after = result.simulated[IDEAL], result.simulated[NATURAL]
-    told = tuple((name, *_cells(before[name]), *_cells(after[name])) for name in before)
-    headings = ("measures", IDEAL, "right", NATURAL, "right")
     counts = tuple((name, str(n), str(k)) for name, (n, k) in result.counts.items())
     sets = tuple((name, *_cells(separate)) for name, separate in result.real.items())
     return [
-        Grid("simulated from real", headings, told),
+        _compared("simulated from real, free guided motion", result.guided),
+        _compared("simulated from real, all", result.simulated),
         Grid("a real set from the other real sets, all measures", ("set", "AUC", "right"), sets),
         Grid("what was compared", ("set", "recordings", "windows"), counts),
     ]
+
+
+def _compared(heading: str, by_people: Mapping[str, Mapping[str, Separation]]) -> Grid:
+    before, after = by_people[IDEAL], by_people[NATURAL]
+    rows = tuple((name, *_cells(before[name]), *_cells(after[name])) for name in before)
+    return Grid(heading, ("measures", IDEAL, "right", NATURAL, "right"), rows)
 
 
 def _cells(found: Separation) -> tuple[str, str]:
@@ -417,6 +439,9 @@ def as_json(result: Realism) -> dict[str, Any]:
         "counts": dict(result.counts),
         "simulated": {
             who: {name: vars(found) for name, found in by.items()} for who, by in result.simulated.items()
+        },
+        "guided": {
+            who: {name: vars(found) for name, found in by.items()} for who, by in result.guided.items()
         },
         "real": {name: vars(found) for name, found in result.real.items()},
     }

@@ -44,8 +44,8 @@ def draw_habits(rng: np.random.Generator) -> Habits:
     return Habits(
         bow=rng.uniform(0.05, 0.16),
         sway=rng.uniform(0.02, 0.06),
-        submovement_s=rng.uniform(0.4, 1.1),
-        overlap=rng.uniform(0.52, 0.7),
+        submovement_s=rng.uniform(0.5, 1.1),
+        overlap=rng.uniform(0.58, 0.72),
         rounding=rng.uniform(0.0, 0.2),
         pause=rng.uniform(0.05, 0.2),
         homing=rng.uniform(0.2, 0.6),

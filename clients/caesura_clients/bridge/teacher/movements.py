@@ -206,7 +206,7 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def real_figures(directory: Path) -> dict[str, dict[str, list[float]]]:
-    """Measure all recordings of a directory; set → figure → values. A set is the first word of a file name."""
+    """Measure the recordings of a directory; set → figure → values. A file's first word names its set."""
     found: dict[str, dict[str, list[float]]] = {}
     for file in sorted(directory.glob("*.npz")):
         recording = load_recording(file)

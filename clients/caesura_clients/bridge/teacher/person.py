@@ -93,12 +93,12 @@ def with_habits(person: Person, rng: np.random.Generator) -> Person:
 
     Noise is lower than of ideal people: part of what they were given for unrest are submovements.
     """
-    friction = rng.uniform(0.15, 1.0)
+    friction = rng.uniform(0.05, 0.6)
     return replace(
         person,
         joint_friction=friction,
         preload_n=np.sqrt(friction) * person.preload_n,
-        guiding_damping=rng.uniform(0.1, 0.8),
+        guiding_damping=rng.uniform(0.05, 0.6),
         habits=draw_habits(rng),
         stiction=rng.uniform(1.0, 1.6),
         tremor_n=0.4 * person.tremor_n,

@@ -102,7 +102,7 @@ def with_habits(person: Person, rng: np.random.Generator) -> Person:
         habits=draw_habits(rng),
         stiction=rng.uniform(1.0, 1.6),
         tremor_n=0.4 * person.tremor_n,
-        unrest_n=0.2 * person.unrest_n,
+        unrest_n=0.25 * person.unrest_n,
         motion_noise_n=0.3 * person.motion_noise_n,
         joint_noise=rng.uniform(0.1, 0.4),
         bias_wander_n=float(np.clip(rng.lognormal(np.log(1.5), 0.4), 0.6, 3.2)),

@@ -57,7 +57,7 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
     [
         ((), "either files or one --suite"),
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
-        (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip']"),
+        (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip', 'realism']"),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "no such file"),

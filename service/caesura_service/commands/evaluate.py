@@ -17,7 +17,7 @@ from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
-from caesura_service.judge import calibration, diagram, mutations, roundtrip
+from caesura_service.judge import calibration, diagram, mutations, realism, roundtrip
 from caesura_service.judge import evidence as libraries
 from caesura_service.judge.calibration import calibrate
 from caesura_service.judge.judging import Verdict, judge_all
@@ -35,8 +35,8 @@ DEFAULT_PRESET = "default"
 DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
 WORKERS = 2
 WIDTH = 90  # [characters] of text in a file
-THESIS, ROUNDTRIP = "thesis", "roundtrip"
-ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP]
+THESIS, ROUNDTRIP, REALISM = "thesis", "roundtrip", "realism"
+ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP, REALISM]
 SEEDS, THESIS_SEEDS = 5, 20
 SLACK_S = 0.2
 DATA_VARIABLE = "CAESURA_REAL_DATA"
@@ -156,6 +156,8 @@ def evaluate(
                 page = _roundtrip(people, workers) if mutated is None else _mutated(mutated, workers)
             elif suite_name == THESIS and not recordings:
                 page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
+            elif suite_name == REALISM and not recordings:
+                page = _realism(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
             else:
                 extent = Extent(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent)
@@ -201,6 +203,17 @@ def _roundtrip(seeds: range, workers: int) -> Page:
         text=lambda: roundtrip.as_text(summary, title),
         markdown=lambda: roundtrip.as_markdown(summary, title),
         plain=lambda: {"title": title, "trips": roundtrip.as_json(summary)},
+    )
+
+
+def _realism(data: Path, seeds: range, workers: int) -> Page:
+    cases = realism.cases(data, seeds)
+    result = realism.summarise(_watched(each(realism.load, cases, workers=workers), cases))
+    title = realism.title(seeds)
+    return Page(
+        text=lambda: realism.as_text(result, title),
+        markdown=lambda: realism.as_markdown(result, title),
+        plain=lambda: {"title": title, **realism.as_json(result)},
     )
 
 

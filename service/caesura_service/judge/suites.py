@@ -120,7 +120,7 @@ class TaughtCase:
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_clients.bridge.teacher.teaching import teach  # noqa: PLC0415
 
-        demonstration = teach(self.scenario, seed=self.seed, profile=self.profile)
+        demonstration = teach(self.scenario, seed=self.seed, profile=self.profile, natural=True)
         return demonstration.recording, truth_of(demonstration.truth, self.name)
 
 

@@ -190,12 +190,12 @@ def test_misuse_is_named() -> None:
         Teaching("button").truth()
 
 
-def test_the_recordings_in_the_repository_are_what_the_teacher_makes(nominal: Demonstration) -> None:
+def test_the_recordings_in_the_repository_are_what_the_teacher_makes(stored: Demonstration) -> None:
     # Rounding differs between machines and grows in contact, so the signals agree to a fraction of a step.
-    name = nominal.truth["scenario"]
-    stored = load_recording(DATA / f"{name}.npz")
-    assert_array_equal(stored.t, nominal.recording.t)
-    assert_allclose(stored.signals["pos"], nominal.recording.signals["pos"], atol=1e-4)
-    assert_allclose(stored.signals["force"], nominal.recording.signals["force"], atol=0.5)
+    name = stored.truth["scenario"]
+    file = load_recording(DATA / f"{name}.npz")
+    assert_array_equal(file.t, stored.recording.t)
+    assert_allclose(file.signals["pos"], stored.recording.signals["pos"], atol=1e-4)
+    assert_allclose(file.signals["force"], stored.recording.signals["force"], atol=0.5)
     truth = json.loads((DATA / f"{name}.ann.json").read_text(encoding="utf-8"))
-    assert [m["kind"] for m in truth["changepoints"]] == [m["kind"] for m in nominal.truth["changepoints"]]
+    assert [m["kind"] for m in truth["changepoints"]] == [m["kind"] for m in stored.truth["changepoints"]]

@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.recording import load_recording
 from caesura_service.commands import register
 from caesura_service.judge.baselines import Baseline, thresholds
@@ -56,7 +57,7 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
     [
         ((), "either files or one --suite"),
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
-        (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip']"),
+        (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip', 'realism']"),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "no such file"),
@@ -89,10 +90,10 @@ def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
 
 def test_the_teacher_teaches_every_scenario_with_each_profile_a_third():
     cases = suite("teacher", Extent(seeds=3))
-    assert len(cases) == 18
+    assert len(cases) == 3 * len(SCENARIOS)
     assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
     profiles = [case.profile for case in cases]
-    assert {profiles.count(profile) for profile in set(profiles)} == {6}
+    assert {profiles.count(profile) for profile in set(profiles)} == {len(SCENARIOS)}
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,10 @@ def teach(
         str | None, typer.Option(help="How the hand moves; the person's own if not given.")
     ] = None,
     rate: Annotated[float, typer.Option(help="Samples a second [Hz].")] = 1000.0,
+    natural: Annotated[
+        bool,
+        typer.Option("--natural", help="With habits, as the teacher suite has people; else ideal strokes."),
+    ] = False,
     list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:
     """Let a simulated person teach a Panda: a recording, and beside it what really happened."""
@@ -46,7 +50,7 @@ def teach(
     file = out or Path(f"{scenario}.npz")
     if file.suffix != ".npz":
         raise typer.BadParameter(f"{file} has suffix {file.suffix!r}, expected .npz", param_hint="--out")
-    teaching = _teaching(scenario, seed, wrench_source, profile, rate)
+    teaching = _teaching(scenario, seed, wrench_source, profile, rate, natural=natural)
     demonstration = _simulate(teaching)
     truth_file = file.with_suffix(".ann.json")
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -59,14 +63,18 @@ def teach(
     )
 
 
-def _teaching(scenario: str, seed: int, wrench_source: str, profile: str | None, rate: float) -> Teaching:
+def _teaching(
+    scenario: str, seed: int, wrench_source: str, profile: str | None, rate: float, *, natural: bool
+) -> Teaching:
     # Pinocchio and scipy take a second to load: only for who teaches.
     from caesura_clients.bridge.teacher.teaching import Teaching  # noqa: PLC0415
 
     source = cast(WrenchSource, _one_of(WRENCH_SOURCES, wrench_source, "--wrench-source"))
     chosen = cast(Profile, _one_of(PROFILES, profile, "--profile")) if profile else None
     try:
-        return Teaching(scenario, seed=seed, wrench_source=source, profile=chosen, rate_hz=rate)
+        return Teaching(
+            scenario, seed=seed, wrench_source=source, profile=chosen, rate_hz=rate, natural=natural
+        )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -28,6 +28,7 @@ FALL = np.array([0.0, 0.0, -GRAVITY])
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
 FRICTION_NM = np.array([0.7, 0.7, 0.7, 0.7, 0.3, 0.3, 0.3])
+STRIBECK_RAD_PER_S = 0.01  # joint speed over which stiction falls to sliding friction
 STICK_RAD_PER_S = 2e-4  # below it friction acts like a very stiff damper
 HAND_TURN_STIFFNESS = 25.0  # [Nm/rad]
 HAND_TURN_DAMPING = 3.0  # [Nms/rad]
@@ -67,6 +68,8 @@ class Guiding:
         rate_per_s = plan.person.force_rate_per_s
         self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
+        self._damping = plan.person.guiding_damping * DAMPING
+        self._stiction = plan.person.stiction
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
         self._v = np.zeros(7)
@@ -102,8 +105,11 @@ class Guiding:
         contact = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
         self._feel(tick, load_kg, float(contact[2]))
         outside = contact + load_kg * FALL
-        given = hand + at_flange(outside, lever) - DAMPING * twist
-        change = velocity_change(arm, self._v, given, self._friction_nm, load_kg, lever)
+        given = hand + at_flange(outside, lever) - self._damping * twist
+        friction_nm = self._friction_nm
+        if self._stiction != 1.0:
+            friction_nm = joint_friction(self._v, friction_nm, self._stiction)
+        change = velocity_change(arm, self._v, given, friction_nm, load_kg, lever)
         if load_kg > 0.0:
             outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
         row[:7], row[7:14], row[14:20] = self._q, self._v, twist
@@ -139,6 +145,12 @@ class Guiding:
         wrong = meant - effort_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
         corrected = self._press_n + DT / PRESS_FELT_S * wrong
         self._press_n = min(max(corrected, -PRESS_CORRECTION_N), PRESS_CORRECTION_N)
+
+
+def joint_friction(v: Array, sliding_nm: Array, stiction: float) -> Array:
+    """Coulomb friction (7,) [Nm] at joint velocities v (7,): higher near standstill (Stribeck)."""
+    slow = np.exp(-np.abs(v) / STRIBECK_RAD_PER_S)
+    return np.asarray(sliding_nm * (1.0 + (stiction - 1.0) * slow))
 
 
 def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[Array, Array]:

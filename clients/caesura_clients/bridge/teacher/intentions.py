@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import erf, log, sqrt
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,17 @@ UNIT_RESPONSES: Mapping[Profile, Callable[[Array], Array]] = MappingProxyType(
 )
 
 
+class Movement(Protocol):
+    """An intended movement that begins at a time and stays where it leads."""
+
+    @property
+    def start_s(self) -> float:
+        """Time at which it begins [s]."""
+
+    def positions(self, t: Array) -> Array:
+        """Displacement at times t (n,) [s], (n, 3) [m]."""
+
+
 @dataclass(frozen=True)
 class Stroke:
     """One intended movement.
@@ -92,7 +103,7 @@ class Stroke:
         return moved
 
 
-def path(start: Vector | Array, strokes: Sequence[Stroke], t: Array) -> Array:
+def path(start: Vector | Array, strokes: Sequence[Movement], t: Array) -> Array:
     """Intended position (n, 3) [m] at times t (n,) [s]: where it starts, plus all strokes."""
     positions = np.tile(np.asarray(start, dtype=np.float64), (t.size, 1))
     for stroke in strokes:

@@ -6,10 +6,11 @@ forces and loads are the thesis' own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from caesura_clients.bridge.teacher.habits import IDEAL, Habits, draw_habits
 from caesura_clients.bridge.teacher.intentions import PROFILES, Profile
 
 
@@ -48,6 +49,11 @@ class Person:
     bias_wander_n: float = 0.3  # over a recording, with the pose and slowly by itself
     hand_kg: float = 0.76  # gripper below the sensor, which feels its inertia
     impact_m: float = 0.012  # how far below a surface a movement towards it aims
+    habits: Habits = IDEAL
+    guiding_damping: float = 1.0  # share of the damping that the robot's guiding controller adds
+    joint_noise: float = 1.0  # factor of the errors of estimated joint torques
+    stiction: float = 1.0  # joint friction at standstill over that in motion
+    bias_period_m: float = 0.0  # way over which the bias repeats as the pose changes; 0 is a linear change
 
 
 THESIS = Person(name="thesis", correction=0.0)
@@ -80,3 +86,30 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
         bias_wander_n=rng.lognormal(np.log(0.9), 0.5),
         impact_m=rng.uniform(0.008, 0.03),
     )
+
+
+def with_habits(person: Person, rng: np.random.Generator) -> Person:
+    """Give a person habits and a calmer hand; its robot gets stiction and a bias that wanders with the pose.
+
+    Noise is lower than of ideal people: part of what they were given for unrest are submovements.
+    """
+    friction = rng.uniform(0.05, 0.6)
+    return replace(
+        person,
+        joint_friction=friction,
+        preload_n=np.sqrt(friction) * person.preload_n,
+        guiding_damping=rng.uniform(0.05, 0.6),
+        habits=draw_habits(rng),
+        stiction=rng.uniform(1.0, 1.6),
+        tremor_n=0.4 * person.tremor_n,
+        unrest_n=0.25 * person.unrest_n,
+        motion_noise_n=0.3 * person.motion_noise_n,
+        joint_noise=rng.uniform(0.1, 0.4),
+        bias_wander_n=float(np.clip(rng.lognormal(np.log(1.5), 0.4), 0.6, 3.2)),
+        bias_period_m=rng.uniform(0.4, 1.0),
+    )
+
+
+def habits_stream(seed: int) -> np.random.Generator:
+    """Make the generator of the habits of a seed, apart from the one of the person."""
+    return np.random.default_rng((seed, 1))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from math import exp
 
 import numpy as np
@@ -17,10 +17,12 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from caesura_clients.bridge.teacher.contact import Surface
 from caesura_clients.bridge.teacher.effort import Aim, Aims, aims_at, goal_to_reach
-from caesura_clients.bridge.teacher.intentions import Array, Stroke, path, time_of_share
+from caesura_clients.bridge.teacher.habits import IDEAL
+from caesura_clients.bridge.teacher.intentions import Array, Movement, Stroke, Vector, path, time_of_share
 from caesura_clients.bridge.teacher.noise import band_noise, wandering
 from caesura_clients.bridge.teacher.person import Person
 from caesura_clients.bridge.teacher.scenarios import Kind, Scenario, Step, tips
+from caesura_clients.bridge.teacher.submovements import Sweep, draw_bow, draw_submovements
 
 TICKS_PER_S = 1000.0
 DT = 1.0 / TICKS_PER_S  # [s]
@@ -29,7 +31,6 @@ WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
 PASSING_OVERLAP = 0.13  # of a stroke's duration, by which it and the next reach into each other
 LET_GO_S = 0.3  # in which a force is let go when the hand leaves
 PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
-MUSCLE_S = 0.03  # a hand's own smoothing of what it means to do
 PRELOAD_LEAD_S = 0.16
 CREEP_M_PER_S = 0.005  # intended speed at which the hand fully overcomes the arm's friction
 FELT_MASS_KG, FELT_DAMPING_NS_PER_M = 8.0, 20.0  # what a person expects of the guided arm
@@ -40,6 +41,17 @@ WANDER_S = 0.8
 TURN_WANDER_NM = 0.05
 LATERAL_PRESS_SHARE = 0.07  # nobody presses exactly along the normal
 LONG_PAUSE_S, LONG_MOVE_M = 0.8, 0.08
+BRIEF_PRESS_S = (0.25, 0.5)
+DRIFT_S, DRIFT_M_PER_S = (
+    (0.4, 1.6),
+    (0.002, 0.012),
+)  # creep after a stop and before a start: how long, how fast
+SLOW_M_PER_S = 0.025  # mean speed of tracing
+APPROACH_M, APPROACH_SHARE = (0.008, 0.03), (0.25, 0.5)  # last part of a touch: height, share of its duration
+TEMPO_HZ = (0.3, 2.0)
+TEMPO_LIMIT = 0.8  # speed never changes by more than this share
+LONGEST_LEAD_S = 0.15  # by which a change of tempo may shift an event
+FULL_SPEED_NOISE = 2.0  # times the noise at 0.1 m/s, reached in proportion to the speed
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,8 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
         planner.add(step, duration)
     n = round(planner.now / DT)
     t = np.arange(n) / TICKS_PER_S
-    moved = gaussian_filter1d(path(scenario.start, planner.strokes, t), MUSCLE_S / DT, axis=0, mode="nearest")
+    meant = path(scenario.start, planner.strokes, _with_tempo(t, person, rng))
+    moved = gaussian_filter1d(meant, person.habits.smoothing_s / DT, axis=0, mode="nearest")
     velocity: Array = np.gradient(moved, DT, axis=0)
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
@@ -102,11 +115,12 @@ class _Planner:
     def __init__(self, scenario: Scenario, person: Person, rng: np.random.Generator) -> None:
         self.scenario, self.person, self.rng = scenario, person, rng
         self.now = 0.0  # [s]
+        self.overlap = 0.0  # share of a step's duration by which it reaches into the next
         self.lead = 0.0  # [s] by which the next step begins early, because the last one does not stop
         self.place = np.array(scenario.start)  # [m] where the strokes so far lead
         self.push = np.zeros(3)  # [N] what the hand adds to holding its place
         self.press = 0.0  # [N] what it means the surface to feel
-        self.strokes: list[Stroke] = []
+        self.strokes: list[Movement] = []
         self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
         self.presses: list[Stroke] = []
@@ -119,18 +133,25 @@ class _Planner:
     def add(self, step: Step, duration: float) -> None:
         """Append a step that takes a duration [s]."""
         self.now -= self.lead
+        self.overlap = self._draw_overlap(step)
         _ACTS[step.kind](self, step, duration + self.lead)
         self.now += self.lead + duration
-        self.lead = PASSING_OVERLAP * duration if step.passing else 0.0
+        self.lead = self.overlap * duration
+
+    def _draw_overlap(self, step: Step) -> float:
+        """Draw by which share of its duration a step that passes its goal reaches into the next."""
+        rounding = self.person.habits.rounding
+        rounder = self.rng.uniform(0.0, 2.0 * rounding) if rounding else 0.0
+        return (PASSING_OVERLAP + rounder) * step.passing
 
     def _move(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
         self._let_go(min(LET_GO_S, duration))
-        long = not step.passing and np.linalg.norm(goal - self.place) > LONG_MOVE_M
+        long = not step.passing and not step.via and np.linalg.norm(goal - self.place) > LONG_MOVE_M
         if long and self.rng.random() < self.person.hesitation:
             self._hesitate(goal, duration)
         else:
-            self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing))
+            self._stroke(goal, duration * (1.0 + self.overlap), via=step.via)
 
     def _hesitate(self, goal: Array, duration: float) -> None:
         """Go part of the way, stop, go on; the demonstration gets longer by the stop."""
@@ -144,9 +165,24 @@ class _Planner:
         goal = self._scattered(step)
         fall = self.place[2] - goal[2]
         share = time_of_share(self.person.profile, fall / (fall + self.person.impact_m))
-        self._stroke(np.array([*goal[:2], self.place[2]]), duration)
-        self._stroke(goal - (0.0, 0.0, self.person.impact_m), duration / share)
+        ideal = self.person.habits == IDEAL
+        self._stroke(np.array([*goal[:2], self.place[2]]), duration, flat=not ideal)
+        below = goal - (0.0, 0.0, self.person.impact_m)
+        if ideal:
+            self._stroke(below, duration / share)
+        else:
+            self._approach(below, duration)
         self.touch_s = self.now
+
+    def _approach(self, below: Array, duration: float) -> None:
+        """Go down to a little above a surface, then touch it slowly, at the end of a duration."""
+        fall = self.place[2] - below[2]
+        height, part = min(0.5 * fall, self.rng.uniform(*APPROACH_M)), self.rng.uniform(*APPROACH_SHARE)
+        last = height + self.person.impact_m
+        above = below + np.array([0.0, 0.0, last])
+        share = time_of_share(self.person.profile, height / last)
+        self._stroke(above, (1.0 - 0.5 * part) * duration)
+        self._stroke(below, part * duration / share, delay=(1.0 - part) * duration)
 
     def _press(self, step: Step, duration: float) -> None:
         surface, force = self._surface_below(self.place), self._force(step)
@@ -162,7 +198,7 @@ class _Planner:
     def _slide(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
         goal[2] = self.place[2]
-        self._stroke(goal, duration * (1.0 + PASSING_OVERLAP * step.passing), flat=True)
+        self._stroke(goal, duration * (1.0 + self.overlap), flat=True)
         self._press_down(self._force(step), duration, duration, yields=False)
 
     def _grasp(self, step: Step, duration: float) -> None:
@@ -178,15 +214,62 @@ class _Planner:
             begin, length = self.rng.uniform(0.3, 0.5), self.rng.uniform(0.002, 0.008)
             direction = self.rng.normal(size=3)
             goal = self.place + length / np.linalg.norm(direction) * direction
-            self._stroke(goal, self.rng.uniform(0.3, 0.5), delay=begin * duration)
+            self._ideal_stroke(goal, self.rng.uniform(0.3, 0.5), delay=begin * duration)
+        if self.person.habits.drift and self.press == 0.0:
+            self._drift(duration, after=True)
+            self._drift(duration, after=False)
 
-    def _stroke(self, goal: Array, duration: float, *, delay: float = 0.0, flat: bool = False) -> None:
+    def _drift(self, duration: float, *, after: bool) -> None:
+        """Creep by chance: on from the last stop, or at the end of a pause, before the next start."""
+        if self.rng.random() > self.person.habits.drift:
+            return
+        length = min(self.rng.uniform(*DRIFT_S), 0.6 * duration)
+        way = length * self.rng.uniform(*DRIFT_M_PER_S) / 2.0
+        direction = self.rng.normal(size=3)
+        goal = self.place + way / np.linalg.norm(direction) * direction
+        early = 0.3 * length
+        self._ideal_stroke(goal, length, delay=-early if after else duration - length + early)
+
+    def _stroke(
+        self,
+        goal: Array,
+        duration: float,
+        *,
+        delay: float = 0.0,
+        flat: bool = False,
+        via: tuple[Vector, ...] = (),
+    ) -> None:
+        """Append a movement of this person to a place, past others."""
+        if self.person.habits == IDEAL and not via:
+            self._ideal_stroke(goal, duration, delay=delay, flat=flat)
+        else:
+            self._sweep(goal, duration, delay=delay, flat=flat, via=via)
+
+    def _ideal_stroke(self, goal: Array, duration: float, *, delay: float = 0.0, flat: bool = False) -> None:
         by = goal - self.place
-        size = self.person.deviation * float(np.linalg.norm(by))
-        deviation = size * self.rng.normal(size=(4, 3)) / np.array([[1.0], [1.2], [1.6], [2.0]])
-        deviation[:, 2] *= not flat
+        deviation = self._draw_deviation(by, flat=flat)
         self.strokes.append(Stroke(self.now + delay, duration, by, self.person.profile, deviation))
         self.place = goal
+
+    def _sweep(
+        self, goal: Array, duration: float, *, delay: float, flat: bool, via: tuple[Vector, ...]
+    ) -> None:
+        habits = self.person.habits
+        places = np.vstack([self.place, np.array(via).reshape(-1, 3), goal]) - self.place
+        deviation = self._draw_deviation(places[-1], flat=flat)
+        bow = draw_bow(places, habits, self.rng, flat=flat)
+        slow = bool(np.linalg.norm(places[-1]) < SLOW_M_PER_S * duration)
+        submovements = draw_submovements(duration, habits, self.rng, slow=slow)
+        self.strokes.append(
+            Sweep(self.now + delay, duration, places, submovements, self.person.profile, bow, deviation)
+        )
+        self.place = goal
+
+    def _draw_deviation(self, by: Array, *, flat: bool) -> Array:
+        size = self.person.deviation * float(np.linalg.norm(by))
+        deviation: Array = size * self.rng.normal(size=(4, 3)) / np.array([[1.0], [1.2], [1.6], [2.0]])
+        deviation[:, 2] *= not flat
+        return deviation
 
     def _push_with(self, push: Array, press: float, rise: float) -> None:
         self.pushes.append(Stroke(self.now, rise, push - self.push))
@@ -250,7 +333,27 @@ def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator
     scaled = np.where(moves, nominal / person.speed_factor, nominal * person.pause_factor)
     scaled *= np.exp(person.irregularity * rng.normal(size=len(steps)))
     least = np.array([0.9 if step.kind == "grasp" else 0.1 for step in steps])
-    return [float(d) for d in np.maximum(scaled, least)]
+    return [float(d) for d in _brief(np.maximum(scaled, least), steps, person, rng)]
+
+
+def _brief(durations: Array, steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> Array:
+    """Make some presses that follow a touch brief, by the person's habits."""
+    chance = person.habits.brief_press
+    if chance:
+        for i, (before, step) in enumerate(pairwise(steps), start=1):
+            seconds, chosen = rng.uniform(*BRIEF_PRESS_S), rng.random() < chance
+            if chosen and before.kind == "touch" and step.kind == "press":
+                durations[i] = seconds
+    return durations
+
+
+def _with_tempo(t: Array, person: Person, rng: np.random.Generator) -> Array:
+    """Times (n,) [s] at which a person is on an even path: ahead or behind where the tempo changes."""
+    if not person.habits.tempo:
+        return t
+    change = person.habits.tempo * band_noise(t.size, 1, TEMPO_HZ, TICKS_PER_S, rng)[:, 0]
+    lead = DT * np.cumsum(np.clip(change, -TEMPO_LIMIT, TEMPO_LIMIT))
+    return t + LONGEST_LEAD_S * np.tanh(lead / LONGEST_LEAD_S)
 
 
 def _feed_forward(velocity: Array, person: Person) -> Array:
@@ -266,14 +369,17 @@ def _feed_forward(velocity: Array, person: Person) -> Array:
     push = np.where(sizes[0] > sizes[1], early, push)
     inertia = FELT_MASS_KG * np.gradient(velocity, DT, axis=0)
     return np.clip(
-        inertia + FELT_DAMPING_NS_PER_M * velocity + push, -FEED_FORWARD_LIMIT_N, FEED_FORWARD_LIMIT_N
+        inertia + person.guiding_damping * FELT_DAMPING_NS_PER_M * velocity + push,
+        -FEED_FORWARD_LIMIT_N,
+        FEED_FORWARD_LIMIT_N,
     )
 
 
 def _unsteadiness(velocity: Array, person: Person, rng: np.random.Generator) -> Array:
     """Force of the hand that it does not mean [N], (n, 3): tremor, slow wander, and unrest while it moves."""
     n = len(velocity)
-    moving = np.minimum(1.0, np.linalg.norm(velocity, axis=1, keepdims=True) / FULL_UNREST_M_PER_S)
+    most = FULL_SPEED_NOISE if person.habits.speed_noise else 1.0
+    moving = np.minimum(most, np.linalg.norm(velocity, axis=1, keepdims=True) / FULL_UNREST_M_PER_S)
     force = person.tremor_n * band_noise(n, 3, TREMOR_HZ, TICKS_PER_S, rng)
     force += person.wander_n * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
     force += person.unrest_n * moving * band_noise(n, 3, UNREST_HZ, TICKS_PER_S, rng)

@@ -25,9 +25,9 @@ Kind = Literal["move", "touch", "press", "slide", "grasp", "release", "dwell"]
 class Step:
     """One thing that a person does.
 
-    move: to a place, passing it without stopping where `passing`. touch: until a surface stops the hand, at
-    `until_s`. press: with a force. slide: to a place along the surface, with a force. grasp, release: the
-    fingers have closed at, or begin to open at, `until_s`. dwell: stay.
+    move: to a place, on a smooth curve through `via`, without a stop there where `passing`. touch: until a
+    surface stops the hand, at `until_s`. press: with a force. slide: to a place along the surface, with a
+    force. grasp, release: the fingers have closed at, or begin to open at, `until_s`. dwell: stay.
     """
 
     kind: Kind
@@ -35,17 +35,22 @@ class Step:
     to: Vector | None = None
     force_n: float = 0.0
     passing: bool = False
+    via: tuple[Vector, ...] = ()
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A task: where it starts [m], its steps, and what stands around."""
+    """A task: where it starts [m], its steps, and what stands around.
+
+    traced: some movements are as slow as creep, so that the truth tells them apart by their length.
+    """
 
     name: str
     summary: str
     start: Vector
     steps: tuple[Step, ...]
     surfaces: tuple[Surface, ...] = ()
+    traced: bool = False
 
     @property
     def end(self) -> Vector:
@@ -198,6 +203,45 @@ BUTTON = Scenario(
     (*(_button(x, y) for x, y in BUTTON_PLACES), Surface(tips(0.172))),
 )
 
+TRACING = Scenario(
+    "tracing",
+    "trace an angle and an arc at about 13 mm/s",
+    (0.40, -0.10, 0.28),
+    (
+        Step("dwell", 1.0),
+        Step("move", 2.6, (0.42, -0.06, 0.20)),
+        Step("dwell", 3.6),
+        Step("move", 7.6, (0.47, -0.06, 0.20), passing=True),
+        Step("move", 11.6, (0.47, -0.01, 0.20)),
+        Step("dwell", 12.8),
+        Step("move", 18.8, (0.42, 0.04, 0.20), via=((0.455, 0.025, 0.20),)),
+        Step("dwell", 19.8),
+        Step("move", 21.4, (0.40, 0.0, 0.28)),
+        Step("dwell", 22.4),
+    ),
+    traced=True,
+)
+
+CURVES = Scenario(
+    "curves",
+    "carry the arm along three free curves of 0.5 to 1 m",
+    (0.42, -0.22, 0.28),
+    (
+        Step("dwell", 1.0),
+        Step("move", 5.0, (0.45, 0.22, 0.30), via=((0.55, -0.12, 0.40), (0.52, 0.08, 0.26))),
+        Step("dwell", 6.2),
+        Step(
+            "move",
+            12.2,
+            (0.44, -0.20, 0.32),
+            via=((0.36, 0.12, 0.42), (0.50, 0.02, 0.47), (0.58, -0.12, 0.36)),
+        ),
+        Step("dwell", 13.4),
+        Step("move", 16.4, (0.40, 0.02, 0.30), via=((0.50, -0.14, 0.24),)),
+        Step("dwell", 17.4),
+    ),
+)
+
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
-    {s.name: s for s in (THREE_POINT, PARKOUR, PICK_AND_PLACE, DISPENSER, WIPING, BUTTON)}
+    {s.name: s for s in (THREE_POINT, PARKOUR, PICK_AND_PLACE, DISPENSER, WIPING, BUTTON, TRACING, CURVES)}
 )

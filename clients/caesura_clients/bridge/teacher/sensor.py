@@ -15,7 +15,7 @@ import numpy as np
 from caesura_clients.bridge.teacher.guiding import Trace
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.noise import band_noise
-from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
+from caesura_clients.bridge.teacher.plan import DT, FULL_SPEED_NOISE, TICKS_PER_S, Plan
 from caesura_protocol.messages import WrenchSource
 from caesura_service.robot import Robot
 
@@ -60,6 +60,8 @@ class Sensors:
         self._tare = self._chance.bias + self._chance.white[: round(TARE_S / DT), :3].mean(axis=0)
         self._tare = self._tare if tared else np.zeros(3)
         self._start = np.array(plan.scenario.start)
+        self._most_noise = FULL_SPEED_NOISE if plan.person.habits.speed_noise else 1.0
+        self._period_m = plan.person.bias_period_m
         self._hand_kg = plan.person.hand_kg
         self._last_velocity = np.zeros(3)
         self._last_quaternion = np.zeros(4)
@@ -88,7 +90,7 @@ class Sensors:
         """Measured wrench (n, 6), and the joint torques (n, 7) that it was estimated from."""
         chance, tau = self._chance, None
         speed = np.linalg.norm(trace.twist[:, :3], axis=1)
-        moving = np.minimum(1.0, speed / FULL_MOTION_M_PER_S)[:, None]
+        moving = np.minimum(self._most_noise, speed / FULL_MOTION_M_PER_S)[:, None]
         if self._source == "joint_torque_estimate":
             tau = self._joint_torques(trace, moving, ticks)
             wrench = self._robot.wrenches_of_joint_torques(trace.q, tau)
@@ -97,8 +99,16 @@ class Sensors:
             wrench[:, :3] -= self._hand_kg * self._acceleration(trace)
         wrench += chance.white[ticks] + chance.coloured[ticks] * moving
         wrench[:, :3] += chance.bias - self._tare + chance.drift[ticks]
-        wrench[:, :3] += (positions - self._start) @ chance.gradient
+        wrench[:, :3] += self._pose_bias(positions)
         return wrench, tau
+
+    def _pose_bias(self, positions: Array) -> Array:
+        """Bias (n, 3) [N] at positions (n, 3) beside the one at the start."""
+        way = positions - self._start
+        if self._period_m:
+            way = self._period_m / (2.0 * np.pi) * np.sin(2.0 * np.pi * way / self._period_m)
+        bias: Array = way @ self._chance.gradient
+        return bias
 
     def _joint_torques(self, trace: Trace, moving: Array, ticks: slice) -> Array:
         """External joint torques as the robot estimates them: true ones plus the error of its model."""
@@ -123,17 +133,17 @@ class Sensors:
 def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance:
     n, person = plan.ticks, plan.person
     scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
-    wander = person.bias_wander_n * WANDER_OF_SOURCE.get(source, 0.0)
+    wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
     return _Chance(
         joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
-        joint_coloured=band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
+        joint_coloured=person.joint_noise * band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
-        joint_friction=JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
+        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
     )
 
 

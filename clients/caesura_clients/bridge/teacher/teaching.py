@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.bridge.teacher.guiding import Guiding
+from caesura_clients.bridge.teacher.habits import IDEAL
 from caesura_clients.bridge.teacher.intentions import Array, Profile
-from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person
+from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
 from caesura_clients.bridge.teacher.plan import DT, make_plan
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
 from caesura_clients.bridge.teacher.sensor import Sensors
@@ -45,7 +46,8 @@ class Demonstration:
 class Teaching:
     """One demonstration, simulated as it is read.
 
-    A scenario is one of `SCENARIOS`, by name, or one of your own. columns: names of the sample columns, time
+    A scenario is one of `SCENARIOS`, by name, or one of your own. natural: the person of the seed has habits
+    (`with_habits`), where `person` names no other. columns: names of the sample columns, time
     first; signals: names of the signals that they make up; duration_s: how long it will take.
     Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
     """
@@ -61,6 +63,7 @@ class Teaching:
         rate_hz: float = RATE_HZ,
         tared: bool = True,
         robot: Robot | None = None,
+        natural: bool = False,
     ) -> None:
         if isinstance(scenario, str) and scenario not in SCENARIOS:
             raise ValueError(f"unknown scenario {scenario!r}, known: {list(SCENARIOS)}")
@@ -68,7 +71,7 @@ class Teaching:
             raise ValueError(f"rate is {rate_hz} Hz, expected 1 to {1.0 / DT:g} Hz")
         rng = np.random.default_rng(seed)
         drawn = THESIS if seed == 0 else draw_person(rng, f"person-{seed}")
-        person = person or drawn
+        person = person or (with_habits(drawn, habits_stream(seed)) if natural else drawn)
         self.person = replace(person, profile=profile) if profile else person
         self.scenario = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
         self.seed, self.wrench_source = seed, wrench_source
@@ -107,8 +110,12 @@ class Teaching:
             "wrench_source": self.wrench_source,
             "hand_force_in_wrench": self.wrench_source
             in ("flange_sensor_with_hand", "joint_torque_estimate"),
-            **annotate(State(*(np.concatenate(part) for part in parts))),
+            **annotate(State(*(np.concatenate(part) for part in parts)), guided=self._guided),
         }
+
+    @property
+    def _guided(self) -> bool:
+        return self.scenario.traced or self.person.habits != IDEAL
 
     def _reported(self, t: Array) -> NDArray[np.bool_]:
         """Ticks on which a sample is due: the first at or after each multiple of the period."""
@@ -127,6 +134,7 @@ def teach(
     rate_hz: float = RATE_HZ,
     tared: bool = True,
     robot: Robot | None = None,
+    natural: bool = False,
 ) -> Demonstration:
     """Simulate a whole demonstration. Arguments and errors as for `Teaching`."""
     teaching = Teaching(
@@ -138,6 +146,7 @@ def teach(
         rate_hz=rate_hz,
         tared=tared,
         robot=robot,
+        natural=natural,
     )
     return finish(teaching, list(teaching.chunks(1.0)))
 

@@ -7,6 +7,7 @@ parts two movements, shorter ones and small corrections are optional (neither a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
@@ -44,6 +45,20 @@ PLATEAU_SHARE = 0.7  # of the force that a tenth of the contact exceeds
 DECAY_LEAST_S = 0.1
 
 
+GUIDED_RULE = (
+    RULE.replace(
+        "Motion starts and stops at 5 mm/s.", "Motion starts and stops at 10 mm/s, and creep below is rest."
+    )
+    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. A pause below 0.3 s and"
+    " a corner with less than 10 mm beside it are optional. A gradual edge has a wider tol, up to 0.4 s."
+)
+TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
+TRACING_PEAK_M_PER_S = 0.008  # of the lesser peak beside a corner, where a whole movement is slow
+SLOW_M_PER_S = 0.040  # a movement whose smoothed speed stays below is slow
+TRACING_LOOK_S = 0.6  # over which the turn of a slow movement is read
+EDGE_TOL_S = 0.4  # largest tolerance of a gradual edge
+
+
 @dataclass(frozen=True)
 class State:
     """True state at ticks of equal length: t (n,) [s]; velocity (n, 3) [m/s] of the flange; normal (n,) [N]
@@ -75,17 +90,23 @@ class Span(NamedTuple):
     small: bool = False
 
 
-def annotate(state: State) -> dict[str, Any]:
-    """Changepoints, segments, loads, forces and gripper events of a demonstration, ready for JSON."""
+def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
+    """Changepoints, segments, loads, forces and gripper events of a demonstration, ready for JSON.
+
+    guided: read movements of people with habits, which creep and trace; ideal ones do neither.
+    """
     contacts = contact_spans(state)
-    spans = _spans(state, contacts)
-    marks = _boundaries(state, spans, contacts) + _within_motions(state, spans) + _decays(state, contacts)
+    spans = _spans(state, contacts, guided=guided)
+    marks = _boundaries(state, spans, contacts) + _decays(state, contacts)
+    if guided:
+        marks = [_with_edge(state, mark) for mark in marks]
+    marks += _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
     marks = _told_apart(marks)
     return {
         "window": [0.0, _time(state, state.t.size - 1)],
-        "rule": RULE,
+        "rule": GUIDED_RULE if guided else RULE,
         "changepoints": sorted(marks, key=lambda mark: (mark["t"], mark["level"])),
         "segments": [
             {"t0": _time(state, s.first), "t1": _time(state, s.last), "cls": s.cls}
@@ -115,7 +136,7 @@ def contact_spans(state: State) -> list[tuple[int, int]]:
     return [(a, b) for a, b in joined if (b - a) * state.dt > TOUCH_S and state.normal[a:b].max() > TOUCH_N]
 
 
-def _spans(state: State, contacts: list[tuple[int, int]]) -> list[Span]:
+def _spans(state: State, contacts: list[tuple[int, int]], *, guided: bool) -> list[Span]:
     """The whole demonstration as consecutive spans."""
     edges = {0, state.t.size, *(e for contact in contacts for e in contact)}
     taken = {e for held in runs(state.load_kg > 0.0) for e in held}
@@ -126,22 +147,17 @@ def _spans(state: State, contacts: list[tuple[int, int]]) -> list[Span]:
         held = bool(state.load_kg[first] > 0.0)
         names: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
         names = ("sliding", "contact") if first in touching else names
-        spans += _motion_spans(state, first, last, names)
+        spans += _motion_spans(state, first, last, names, guided=guided)
     return spans
 
 
-def _motion_spans(state: State, first: int, last: int, names: tuple[Class, Class]) -> list[Span]:
+def _motion_spans(
+    state: State, first: int, last: int, names: tuple[Class, Class], *, guided: bool
+) -> list[Span]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
-    sliding = names[0] == "sliding"
-    velocity = state.velocity[first:last, : 2 if sliding else 3]
+    velocity = state.velocity[first:last, : 2 if names[0] == "sliding" else 3]
     speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
-    moves: list[Span] = []
-    for a, b in runs(speed > START_M_PER_S):
-        way = np.linalg.norm(np.sum(velocity[a:b], axis=0) * state.dt)
-        small = bool(speed[a:b].max() < SMALL_M_PER_S or way < SMALL_M)
-        short = sliding and (b - a) * state.dt < SLIDE_S
-        if speed[a:b].max() > SURE_M_PER_S:
-            moves.append(Span(a, b, names[0], small or short))
+    moves = (_guided_moves if guided else _ideal_moves)(velocity, speed, state.dt, names[0])
     at, spans = 0, []
     for move in _joined(moves, last - first, round(REST_S / state.dt)):
         spans += [Span(at, move.first, names[1])] * (move.first > at)
@@ -149,6 +165,55 @@ def _motion_spans(state: State, first: int, last: int, names: tuple[Class, Class
         at = move.last
     spans += [Span(at, last - first, names[1])] * (last - first > at)
     return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
+
+
+def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
+    """Movements of ideal people: what exceeds 5 mm/s, if it exceeds 10 mm/s."""
+    moves = []
+    for a, b in runs(speed > START_M_PER_S):
+        small = bool(speed[a:b].max() < SMALL_M_PER_S or _way(velocity[a:b], dt) < SMALL_M)
+        if speed[a:b].max() > SURE_M_PER_S:
+            moves.append(Span(a, b, cls, small or _slips(a, b, dt, cls)))
+    return moves
+
+
+def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
+    """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections."""
+    fast = [
+        Span(a, b, cls, _slips(a, b, dt, cls))
+        for a, b in _bridged(runs(speed > SURE_M_PER_S), round(REST_S / dt))
+        if speed[a:b].max() >= SMALL_M_PER_S and _way(velocity[a:b], dt) >= SMALL_M
+    ]
+    left = speed > TRACING_M_PER_S
+    for move in fast:
+        left[move.first : move.last] = False
+    slow = []
+    for a, b in _bridged(runs(left), round(REST_S / dt), apart=fast):
+        traced = _way(velocity[a:b], dt) >= TRACING_M
+        if traced or speed[a:b].max() > SURE_M_PER_S:
+            slow.append(Span(a, b, cls, not traced or _slips(a, b, dt, cls)))
+    return sorted(fast + slow)
+
+
+def _bridged(
+    stretches: list[tuple[int, int]], rest: int, apart: Sequence[Span] = ()
+) -> list[tuple[int, int]]:
+    """Join stretches that less than a rest [ticks] parts, unless a span of `apart` lies between them."""
+    joined: list[tuple[int, int]] = []
+    for first, last in stretches:
+        before = joined[-1][1] if joined else -rest
+        if first - before < rest and not any(before <= span.first < first for span in apart):
+            first = joined.pop()[0]
+        joined.append((first, last))
+    return joined
+
+
+def _way(velocity: Array, dt: float) -> float:
+    return float(np.linalg.norm(np.sum(velocity, axis=0) * dt))
+
+
+def _slips(first: int, last: int, dt: float, cls: Class) -> bool:
+    return cls == "sliding" and (last - first) * dt < SLIDE_S
 
 
 def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
@@ -189,40 +254,71 @@ def _large(span: Span) -> bool:
     return span.cls in MOVING and not span.small
 
 
-def _within_motions(state: State, spans: list[Span]) -> list[dict[str, Any]]:
+def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:
+    """Widen the tolerance of a start or stop to the time that the speed spends between 5 and 10 mm/s."""
+    if mark["kind"] not in ("start", "stop"):
+        return mark
+    tick, look = round(mark["t"] / state.dt), round(EDGE_TOL_S / state.dt)
+    near = slice(max(0, tick - look), tick + look)
+    speed = np.linalg.norm(state.velocity[near], axis=1)
+    gradual = float(np.sum((speed > START_M_PER_S) & (speed < SURE_M_PER_S)) * state.dt)
+    return {**mark, "tol": round(min(EDGE_TOL_S, max(mark["tol"], gradual)), 3)}
+
+
+def _within_motions(state: State, spans: list[Span], *, guided: bool) -> list[dict[str, Any]]:
     """Corners, speed dips and short rests inside of movements."""
     marks = []
     for span in spans:
         if _large(span):
-            marks += _dips(state, span)
+            marks += _guided_dips(state, span) if guided else _dips(state, span)
     return marks
 
 
 def _dips(state: State, span: Span) -> list[dict[str, Any]]:
-    axes = 2 if span.cls == "sliding" else 3
-    velocity = uniform_filter1d(
-        state.velocity[span.first : span.last, :axes], round(SMOOTH_S / state.dt), axis=0
-    )
+    velocity = _smoothed(state, span)
     speed = np.linalg.norm(velocity, axis=1)
     marks, look = [], round(CORNER_LOOK_S / state.dt)
     for tick in _clear_minima(speed):
-        time = _time(state, span.first + tick)
-        turn = _turn_deg(velocity, tick, look)
-        corner = turn > CORNER_DEG
-        marks.append(
-            _mark(time, "major", "corner", CORNER_TOL_S) if corner else _mark(time, "optional", "dip")
-        )
+        corner = _turn_deg(velocity, tick, look) > CORNER_DEG
+        marks.append(_dip(_time(state, span.first + tick), corner=corner))
     return marks
 
 
-def _clear_minima(speed: Array) -> list[int]:
+def _guided_dips(state: State, span: Span) -> list[dict[str, Any]]:
+    """Dips and corners of a movement that may be slow; a corner has 10 mm of way on either side."""
+    velocity = _smoothed(state, span)
+    speed = np.linalg.norm(velocity, axis=1)
+    slow = bool(speed.max() < SLOW_M_PER_S)
+    minima = _clear_minima(speed, TRACING_PEAK_M_PER_S if slow else SMALL_M_PER_S)
+    look = round((TRACING_LOOK_S if slow else CORNER_LOOK_S) / state.dt)
+    turned = [tick for tick in minima if _turn_deg(velocity, tick, look) > CORNER_DEG]
+    edges = [0, *turned, len(speed)]
+    legs = [_way(velocity[a:b], state.dt) for a, b in pairwise(edges)]
+    corners = {
+        tick for tick, legs_beside in zip(turned, pairwise(legs), strict=True) if min(legs_beside) >= SMALL_M
+    }
+    return [_dip(_time(state, span.first + tick), corner=tick in corners) for tick in minima]
+
+
+def _smoothed(state: State, span: Span) -> Array:
+    axes = 2 if span.cls == "sliding" else 3
+    part = state.velocity[span.first : span.last, :axes]
+    smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
+    return smooth
+
+
+def _dip(t: float, *, corner: bool) -> dict[str, Any]:
+    return _mark(t, "major", "corner", CORNER_TOL_S) if corner else _mark(t, "optional", "dip")
+
+
+def _clear_minima(speed: Array, least: float = SMALL_M_PER_S) -> list[int]:
     """Ticks of the lowest speed between two peaks that are clearly faster."""
     minima = []
     peak, low = 0.0, 0
     for tick, value in enumerate(speed):
         if value < speed[low]:
             low = tick
-        elif speed[low] < CORNER_DIP * min(peak, value) and min(peak, value) > SMALL_M_PER_S:
+        elif speed[low] < CORNER_DIP * min(peak, value) and min(peak, value) > least:
             minima.append(low)
             peak, low = float(value), tick
         if value > peak:

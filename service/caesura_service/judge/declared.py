@@ -18,7 +18,8 @@ def with_declarations(recording: Recording, truth: Truth) -> Recording:
     `flange_sensor_with_hand`. One that says the hand is not in it declares `flange_sensor` where no source is
     stated, and that no hand is on the robot where the wrench is an estimate.
     """
-    source, hand = recording.wrench_source or truth.wrench_source, recording.hand_on_robot
+    source: str | None = recording.wrench_source or truth.wrench_source
+    hand: str = recording.hand_on_robot
     if hand == "unknown" and truth.hand_on_robot is not None:
         hand = truth.hand_on_robot
     if truth.hand_in_wrench and source in {None, "flange_sensor"}:

@@ -18,12 +18,11 @@ from caesura_service.commands import register
 from caesura_service.judge import suites
 from caesura_service.judge.baselines import Baseline, thresholds
 from caesura_service.judge.declared import with_declarations
-from caesura_service.recordings import capabilities_of
 from caesura_service.judge.judging import judge, judge_all
 from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import Extent, FileCase, TaughtCase, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown
-from caesura_service.recordings import segment_recording
+from caesura_service.recordings import capabilities_of, segment_recording
 from caesura_service.truth import Leniency, Truth, TruthError, truth_of
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"

@@ -42,6 +42,16 @@ def test_creep_below_10_mm_a_second_is_rest() -> None:
     assert found[1][1] == pytest.approx(2.0, abs=0.1)
 
 
+def test_a_movement_starts_after_a_small_correction_before_it() -> None:
+    small = (0.018, 0.0, 0.0)
+    before = state([(1.0, REST), (0.4, small), (0.15, REST), (1.0, EAST), (1.0, REST)])
+    found = majors(before)
+    assert [kind for kind, _ in found] == ["start", "stop"]
+    assert found[0][1] == pytest.approx(1.55, abs=0.1)
+    optional = [m["t"] for m in annotate(before, guided=True)["changepoints"] if m["level"] == "optional"]
+    assert optional == [pytest.approx(1.0, abs=0.1)]
+
+
 def test_tracing_is_motion() -> None:
     trace = (0.009, 0.0, 0.0)
     found = majors(state([(1.0, REST), (4.0, trace), (1.0, REST)]))

@@ -178,17 +178,22 @@ def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[S
 
 
 def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
-    """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections."""
-    fast = [
-        Span(a, b, cls, _slips(a, b, dt, cls))
-        for a, b in _bridged(runs(speed > SURE_M_PER_S), round(REST_S / dt))
+    """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections.
+
+    A small run beside a large one is a correction: the large movement starts and stops where it does itself.
+    """
+    rest = round(REST_S / dt)
+    large = [
+        (a, b)
+        for a, b in runs(speed > SURE_M_PER_S)
         if speed[a:b].max() >= SMALL_M_PER_S and _way(velocity[a:b], dt) >= SMALL_M
     ]
+    fast = [Span(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
     left = speed > TRACING_M_PER_S
     for move in fast:
         left[move.first : move.last] = False
     slow = []
-    for a, b in _bridged(runs(left), round(REST_S / dt), apart=fast):
+    for a, b in _bridged(runs(left), rest, apart=fast):
         traced = _way(velocity[a:b], dt) >= TRACING_M
         if traced or speed[a:b].max() > SURE_M_PER_S:
             slow.append(Span(a, b, cls, not traced or _slips(a, b, dt, cls)))

@@ -59,7 +59,8 @@ def verdict(lattice: Lattice, ended: Ended) -> Verdict:
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
     values, best = values.tolist(), _best(lattice, ended)
-    others = sorted(set(range(len(kinds))) - {best}, key=values.__getitem__, reverse=True)
+    possible = (kind for kind, value in enumerate(values) if kind != best and value > -math.inf)
+    others = sorted(possible, key=values.__getitem__, reverse=True)
     odds_against = sum([math.exp(values[kind] - values[best]) for kind in others])
     probability = 1.0 / (1.0 + odds_against)
     if not others:

@@ -1,8 +1,9 @@
 """Which motion library explains recordings best: their log evidence, with nothing else of the model changed.
 
 The evidence of a recording is that of all segmentations of it together, parameters integrated out, by the
-exact offline recursion without pruning. No truth is looked at, and a library with more profiles is not better
-off, for each of them is less likely. A gap divides a recording; its parts' evidences add up.
+exact offline recursion without pruning. The preset is `strokes`, because movements of `default` follow no
+library. No truth is used. A library with more profiles has no advantage: each profile is less likely. A gap
+divides a recording; its parts' evidences add up.
 """
 
 from __future__ import annotations
@@ -10,16 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from caesura_clients.recording import Recording, RecordingError, load_recording
-from caesura_service.changepoint.default import early_moves, even_moves
+from caesura_service.changepoint.default import STROKES, early_moves, even_moves
 from caesura_service.changepoint.models import ChannelModel, Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
@@ -60,7 +61,14 @@ class Told:
 
 
 def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
-    """The preset with other profiles of movement; whatever else its channels are, they stay."""
+    """Return the preset with other profiles of movement, and every other channel unchanged.
+
+    Raises ValueError for a preset whose movements follow no library.
+    """
+    if not any(_has_library(model) for model in preset.lattice().channels.values()):
+        raise ValueError(
+            f"preset {preset.name!r} has no library of movements to exchange, expected {STROKES.name!r}"
+        )
 
     def channels(bias_n: float) -> dict[str, ChannelModel]:
         return {name: _moving(model, moves) for name, model in preset.channels(bias_n).items()}
@@ -68,8 +76,12 @@ def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
     return replace(preset, channels=channels)
 
 
+def _has_library(model: ChannelModel) -> TypeGuard[Profiled]:
+    return isinstance(model, Profiled) and model.channel == "position"
+
+
 def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
-    if isinstance(model, Profiled) and model.channel == "position":
+    if _has_library(model):
         return replace(model, library=replace(model.library, profiles=moves))
     return model
 
@@ -83,7 +95,7 @@ def tell(case: Case) -> Told:
         raise RecordingError(f"{case.name}: {error}") from error
     told = {}
     for name, moves in LIBRARIES.items():
-        preset = with_moves(PRESETS["default"], moves())
+        preset = with_moves(STROKES, moves())
         model = filter_of(preset, capabilities_of(recording), tared=tared)
         told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
     return Told(case.name, sum(map(len, parts)), told)
@@ -108,7 +120,7 @@ def _parts(recording: Recording) -> tuple[list[list[Observed]], bool]:
 
 def title(what: str, told: Sequence[Told]) -> str:
     """Of a comparison of so many recordings."""
-    return f"{what}: log evidence of {len(told)} recordings by motion library, preset default, offline"
+    return f"{what}: log evidence of {len(told)} recordings by motion library, preset {STROKES.name}, offline"
 
 
 def ordered(told: Iterable[Told]) -> list[Told]:

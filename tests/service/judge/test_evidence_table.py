@@ -12,11 +12,10 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.recording import RecordingError
-from caesura_service.changepoint.default import human_motion_library
+from caesura_service.changepoint.default import DEFAULT, STROKES, human_motion_library
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands import register
 from caesura_service.judge.evidence import LIBRARIES, Told, grid, tell, with_moves
 from caesura_service.judge.suites import FileCase
@@ -36,15 +35,14 @@ def button() -> Told:
 
 
 def test_only_the_library_of_movements_is_exchanged():
-    default = PRESETS["default"]
-    other = with_moves(default, LIBRARIES["lognormal"]())
-    before, after = default.channels(1.5), other.channels(1.5)
+    other = with_moves(STROKES, LIBRARIES["lognormal"]())
+    before, after = STROKES.channels(1.5), other.channels(1.5)
     assert [name for name in before if before[name] != after[name]] == ["moving"]
     assert len(after["moving"].library) == 16
     assert after["moving"].noise == before["moving"].noise
     assert after["moving"].target == before["moving"].target
     assert after["moving"].library.calm == before["moving"].library.calm
-    assert other.kinds == default.kinds
+    assert other.kinds == STROKES.kinds
 
 
 def test_the_presets_own_library_gives_the_presets_own_evidence():
@@ -52,12 +50,16 @@ def test_the_presets_own_library_gives_the_presets_own_evidence():
     data = [
         Observed(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
     ]
-    same = with_moves(PRESETS["default"], human_motion_library().profiles)
+    same = with_moves(STROKES, human_motion_library().profiles)
     told = [
-        segment_offline(preset.lattice(), Geometric(20.0), data).log_evidence
-        for preset in (PRESETS["default"], same)
+        segment_offline(preset.lattice(), Geometric(20.0), data).log_evidence for preset in (STROKES, same)
     ]
     assert told[0] == told[1]
+
+
+def test_movements_without_a_library_are_refused():
+    with pytest.raises(ValueError, match=r"preset 'default' has no library of movements.*expected 'strokes'"):
+        with_moves(DEFAULT, LIBRARIES["lognormal"]())
 
 
 def test_a_movement_of_the_teacher_is_no_overdamped_response(button: Told):

@@ -333,7 +333,7 @@ def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
     pipeline = make_pipeline(opening_of(taught, "default"), "default")
     assert isinstance(pipeline, SegmentationPipeline)
     fresh = []
-    for again in range(4):
+    for again in range(5):  # one rest joins two of them
         samples[:, 0] += 12.9 * bool(again)
         for first in range(0, len(samples), 100):
             pipeline.push(samples[first : first + 100])

@@ -107,7 +107,7 @@ class CompiledFilter(Smoothed):
 
     @property
     def log_evidence(self) -> Array:
-        """(h, groups) the same over the kinds of a group."""
+        """(h, groups) the same over the kinds of a group, to the power of the lattice."""
         return self._state.evidence[:, : self._living].T.copy()
 
     @property
@@ -119,7 +119,7 @@ class CompiledFilter(Smoothed):
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         state, living = self._state, slice(self._living)
         survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
-        scores = (state.priors[1, :, living] + survived + state.evidence[:, living]).T
+        scores = (state.priors[1, :, living] + survived + state.plain[:, living]).T
         best, group = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
         node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
         before = int(state.node_group[node])

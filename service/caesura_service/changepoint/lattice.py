@@ -42,6 +42,9 @@ class Lattice:
     filters keep apart what such a prior needs: each of these kinds is a group of its own, all others together
     are one group. Without unrepeated kinds there is a single group, and every kind may follow every other.
 
+    `power` is that of a segment's evidence in every probability; the best segmentation takes the evidence
+    as it is. Below 1 the posterior allows for models that are only nearly right (Miller & Dunson 2019).
+
     groups: (kinds,) the group of each kind; log_transition: (groups, groups) log weight of the second after
     the first, which replaces the prior weights of the kinds by those that may follow, normalised.
     Raises ValueError where a kind names a channel that is not there.
@@ -51,6 +54,7 @@ class Lattice:
     kinds: tuple[Kind, ...]
     choice: Choice = "mixture"
     unrepeated: tuple[str, ...] = ()
+    power: float = 1.0
     groups: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     log_transition: Array = field(init=False, repr=False, compare=False)
 
@@ -58,6 +62,8 @@ class Lattice:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
         if unknown or not self.kinds:
             raise ValueError(f"kinds name channels {sorted(unknown)}, known: {sorted(self.channels)}")
+        if not 0.0 < self.power <= 1.0:
+            raise ValueError(f"power is {self.power}, expected 0 < power ≤ 1")
         groups = _groups(self.kinds, self.unrepeated)
         object.__setattr__(self, "groups", groups)
         object.__setattr__(self, "log_transition", self._log_transition(groups))
@@ -98,6 +104,21 @@ class Lattice:
             sum(channel[c] for c in kind.channels) + np.log(kind.weight / total) for kind in self.kinds
         ]
         return np.column_stack(columns)
+
+    @property
+    def log_weight(self) -> Array:
+        """(kinds,) log prior weight of each kind."""
+        weights = np.array([kind.weight for kind in self.kinds], np.float64)
+        result: Array = np.log(weights / weights.sum())
+        return result
+
+    def temper(self, kind_log_evidence: Array) -> Array:
+        """(…, kinds) the same with the evidence to its power; prior weights stay as they are."""
+        if self.power == 1.0:
+            return kind_log_evidence
+        log_weight = self.log_weight
+        tempered: Array = log_weight + self.power * (kind_log_evidence - log_weight)
+        return tempered
 
     def combine(self, kind_log_evidence: Array) -> Array:
         """(h, groups) log evidence of each hypothesis over the kinds of each group; (h, kinds) is given."""

@@ -51,12 +51,13 @@ class Offline:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Log P(t,s) for every start t: values[t][i] is that of t..t+i, (groups,), and (kinds,) beside it.
+    """Log P(t,s) for every start t: values[t][i] is that of t..t+i, (groups,), to the lattice's power.
 
-    What is not followed is not there.
+    best: the same as it is, for the maximum; kinds: (kinds,). What is not followed is not there.
     """
 
     values: list[Array]
+    best: list[Array]
     kinds: list[Array]
 
 
@@ -84,6 +85,7 @@ def segment_offline(
 
 def _collect(lattice: Lattice, hazard: Hazard, data: Sequence[Observed], prune_ratio: float) -> _Evidence:
     values: list[list[Array]] = [[] for _ in data]
+    best: list[list[Array]] = [[] for _ in data]
     kinds: list[list[Array]] = [[] for _ in data]
     rows, starts = lattice.empty(), np.zeros(0, np.int64)
     transition = lattice.log_transition
@@ -92,9 +94,10 @@ def _collect(lattice: Lattice, hazard: Hazard, data: Sequence[Observed], prune_r
     for now, observed in enumerate(data):
         rows, starts = lattice.extend(rows, observed), np.append(starts, now)
         each = lattice.kind_log_evidence(rows)
-        total = lattice.combine(each)
-        for start, value, kind in zip(starts.tolist(), total, each, strict=True):
+        total, plain = lattice.combine(lattice.temper(each)), lattice.combine(each)
+        for start, value, largest, kind in zip(starts.tolist(), total, plain, each, strict=True):
             values[start].append(value)
+            best[start].append(largest)
             kinds[start].append(kind)
         ended = log_sum_exp(prior[starts] + hazard.log_mass(now + 1 - starts)[:, None] + total, axis=0)
         prior[now + 1] = log_sum_exp(ended[:, None] + transition, axis=0)
@@ -104,7 +107,7 @@ def _collect(lattice: Lattice, hazard: Hazard, data: Sequence[Observed], prune_r
             keep = joint >= joint.max() + np.log(prune_ratio)
             keep[-1] = True
             rows, starts = lattice.select(rows, keep), starts[keep]
-    return _Evidence([np.array(v) for v in values], [np.array(k) for k in kinds])
+    return _Evidence(*([np.array(one) for one in each] for each in (values, best, kinds)))
 
 
 class _Backward:
@@ -120,8 +123,8 @@ class _Backward:
         followed, best_followed = np.zeros((n + 1, groups)), np.zeros((n + 1, groups))
         chosen = np.zeros((n + 1, groups), np.int64)  # the group that follows, by the one before
         for start in range(n - 1, -1, -1):
-            self.total[start] = log_sum_exp(_terms(evidence, hazard, followed, start, n), axis=0)
-            terms = _terms(evidence, hazard, best_followed, start, n)
+            self.total[start] = log_sum_exp(_terms(evidence.values, hazard, followed, start, n), axis=0)
+            terms = _terms(evidence.best, hazard, best_followed, start, n)
             step = terms.argmax(axis=0)
             self.best[start] = terms.max(axis=0)
             self.length[start] = step + 1
@@ -131,12 +134,12 @@ class _Backward:
             chosen[start], best_followed[start] = scores.argmax(axis=1), scores.max(axis=1)
 
 
-def _terms(evidence: _Evidence, hazard: Hazard, ahead: Array, start: int, n: int) -> Array:
+def _terms(evidence: list[Array], hazard: Hazard, ahead: Array, start: int, n: int) -> Array:
     """(lengths, groups) what each end of a segment from `start` contributes.
 
     ahead: (n + 1, groups) the value of all from an observation on, by the group of the segment before.
     """
-    values = evidence.values[start]
+    values = evidence[start]
     lengths = np.arange(1, len(values) + 1)
     terms: Array = values + hazard.log_mass(lengths)[:, None] + ahead[start + lengths]
     if len(values) == n - start:

@@ -1,7 +1,8 @@
 """The run-length filter on starts: which hypothesis is the current segment, now that one more sample is in.
 
 With L_j(s,t) the evidence of samples s..t as one segment of group j, S and g from the hazard, and R the
-log weight of a group after another (`Lattice.log_transition`):
+log weight of a group after another (`Lattice.log_transition`). L is the evidence to the lattice's power in
+sums, and the evidence itself in maxima:
 
     joint(s,t) = logsumexp_j [A_j(s) + log S(t−s) + L_j(s,t)]
     E_i(t+1)   = logsumexp_s [A_i(s) + log g(t−s+1) + L_i(s,t)]
@@ -69,7 +70,10 @@ class OnlineFilter(Smoothed):
         self.before: Groups = np.zeros((0, groups), np.int64)  # (h, groups) of the best segmentation before
         self.rows: LatticeRows = self.lattice.empty()
         self.kind_log_evidence: Array = np.zeros((0, kinds))  # (h, kinds)
-        self.log_evidence: Array = np.zeros((0, groups))  # (h, groups) the same over the kinds of a group
+        self.log_evidence: Array = np.zeros(
+            (0, groups)
+        )  # (h, groups) over the kinds of a group, to its power
+        self.map_evidence: Array = np.zeros((0, groups))  # (h, groups) the same as it is, for the maximum
         self.ended: dict[Node, Ended] = {}  # what ends at a start that living hypotheses descend from
         self.root_node: Node = (0, NOTHING)  # the latest that every living hypothesis descends from
         self.final = FinalPath(kinds)  # the segments before the root
@@ -153,7 +157,7 @@ class OnlineFilter(Smoothed):
     def map_path(self) -> list[Ended]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         survived = self.hazard.log_survival(self.count - 1 - self.starts)[:, None]
-        scores = self.map_prior + survived + self.log_evidence
+        scores = self.map_prior + survived + self.map_evidence
         best, group = np.unravel_index(int(np.argmax(scores)), scores.shape)
         path = [self._segment(int(best), int(group))]
         while path[-1].node != self.root_node:
@@ -172,13 +176,15 @@ class OnlineFilter(Smoothed):
         self.map_prior = np.concatenate([self.map_prior, self._next.best[None]])
         self.before = np.concatenate([self.before, self._next.before[None]])
         self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
-        self.log_evidence = self.lattice.combine(self.kind_log_evidence)
+        self.log_evidence = self.lattice.combine(self.lattice.temper(self.kind_log_evidence))
+        self.map_evidence = self.lattice.combine(self.kind_log_evidence)
         self._heed(changepoint)
         born = self.count in self.starts[-1:]
         nowhere = np.full(len(self._next.prior), -np.inf)
         links = self._next if born else self._next._replace(prior=nowhere, best=nowhere)
-        followed = np.where(self.log_prior > -np.inf, self.log_evidence, -np.inf)
-        self._window.remember(self.count, self.starts, followed, self.kind_log_evidence, links)
+        followed = self.log_prior > -np.inf
+        tempered, plain = (np.where(followed, e, -np.inf) for e in (self.log_evidence, self.map_evidence))
+        self._window.remember(self.count, self.starts, tempered, plain, self.kind_log_evidence, links)
         self.count += 1
 
     def _heed(self, changepoint: bool | None) -> None:
@@ -188,8 +194,9 @@ class OnlineFilter(Smoothed):
             self._keep(newborn == changepoint)
 
     def _prepare_next(self) -> None:
-        mass = self.hazard.log_mass(self.count - self.starts)[:, None] + self.log_evidence
-        total, scores = log_sum_exp(self.log_prior + mass, axis=0), self.map_prior + mass
+        mass = self.hazard.log_mass(self.count - self.starts)[:, None]
+        total = log_sum_exp(self.log_prior + (mass + self.log_evidence), axis=0)
+        scores = self.map_prior + (mass + self.map_evidence)
         self._next = link(total, scores.max(axis=0), self.lattice.log_transition, free=False)
         for group in self._next.nodes:
             self.ended[self.count, group] = self._segment(int(scores[:, group].argmax()), group)
@@ -216,6 +223,7 @@ class OnlineFilter(Smoothed):
     def _select(self, keep: NDArray[np.bool_]) -> None:
         self.starts, self.log_prior = self.starts[keep], self.log_prior[keep]
         self.map_prior, self.log_evidence = self.map_prior[keep], self.log_evidence[keep]
+        self.map_evidence = self.map_evidence[keep]
         self.kind_log_evidence, self.before = self.kind_log_evidence[keep], self.before[keep]
         self.rows = self.lattice.select(self.rows, keep)
 

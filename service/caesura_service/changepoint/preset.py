@@ -36,7 +36,8 @@ class Preset:
     `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
     best segmentation does.
 
-    `unrepeated` names kinds of which no two segments follow each other.
+    `unrepeated` names kinds of which no two segments follow each other. `power` of the evidence makes stated
+    probabilities mean what they say; it does not change the best segmentation.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Preset:
     least_segment_s: float = 0.3
     threshold: float | None = None
     unrepeated: tuple[str, ...] = ()
+    power: float = 1.0
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(
@@ -72,7 +74,7 @@ class Preset:
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}
         choice: Choice = "maximum" if self.maximum else "mixture"
-        return Lattice(channels, kinds, choice, self.unrepeated)
+        return Lattice(channels, kinds, choice, self.unrepeated, self.power)
 
     def online(
         self, *, contact: bool = True, transport: bool = True, bias_n: float = SENSOR_BIAS_N

@@ -125,7 +125,8 @@ class Window:
 
     def __init__(self, size: int, kinds: int, groups: int) -> None:
         self.size = size
-        self._evidence = np.full((size, size, groups), -np.inf)  # [start mod size, age]
+        self._evidence = np.full((size, size, groups), -np.inf)  # [start mod size, age] to its power
+        self._map_evidence = np.full((size, size, groups), -np.inf)  # the same as it is
         self._kinds = np.zeros((size, size, kinds))  # the same of each kind
         self._links: list[Links] = [first_links(groups)] * size  # at [start mod size]
 
@@ -137,13 +138,16 @@ class Window:
         """What a segment from this start descends from."""
         return self._links[start % self.size]
 
-    def remember(self, now: int, starts: Starts, log_evidence: Array, kinds: Array, links: Links) -> None:
-        """Keep the evidence (h, groups) and (h, kinds) of what ends now, and a start's links."""
-        self._evidence[now % self.size] = -np.inf
+    def remember(
+        self, now: int, starts: Starts, log_evidence: Array, map_evidence: Array, kinds: Array, links: Links
+    ) -> None:
+        """Keep the evidence (h, groups), twice, and (h, kinds) of what ends now, and a start's links."""
+        self._evidence[now % self.size] = self._map_evidence[now % self.size] = -np.inf
         self._links[now % self.size] = links
         recent = starts > now - self.size
         starts = starts[recent]
         self._evidence[starts % self.size, now - starts] = log_evidence[recent]
+        self._map_evidence[starts % self.size, now - starts] = map_evidence[recent]
         self._kinds[starts % self.size, now - starts] = kinds[recent]
 
     def smoothed(self, count: int, hazard: Hazard, log_transition: Array, log_total: float) -> Array:
@@ -178,6 +182,7 @@ class Window:
         """
         for earlier in range(self.oldest(count), start):
             self._evidence[earlier % self.size, start - earlier :] = -np.inf
+            self._map_evidence[earlier % self.size, start - earlier :] = -np.inf
         if before is not None:
             self._links[start % self.size] = _with_past(self.links(start), before, log_transition)
         ended: dict[Node, Ended] = {}
@@ -185,10 +190,10 @@ class Window:
         rows, log_mass = starts % self.size, hazard.log_mass(1 + np.arange(starts.size))
         for end in range(start + 1, count + 1):
             size = end - start
-            mass = log_mass[:size][::-1, None] + self._evidence[rows[:size], end - 1 - starts[:size]]
+            mass, at = log_mass[:size][::-1, None], (rows[:size], end - 1 - starts[:size])
             past = [self.links(s) for s in range(start, end)]
-            total = log_sum_exp(np.array([one.prior for one in past]) + mass, axis=0)
-            scores = np.array([one.best for one in past]) + mass
+            total = log_sum_exp(np.array([one.prior for one in past]) + (mass + self._evidence[at]), axis=0)
+            scores = np.array([one.best for one in past]) + (mass + self._map_evidence[at])
             best = scores.argmax(axis=0)
             free = end < count and self.links(end).free
             links = link(total, scores.max(axis=0), log_transition, free=free)

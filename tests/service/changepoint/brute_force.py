@@ -66,7 +66,10 @@ class BruteForce:
         self.n, self.hazard, self.free, self.transition = n, hazard, free, lattice.log_transition
         known = kinds or kind_log_evidence(lattice, data)
         self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= n}
-        evidence = {key: lattice.combine(kinds[None])[0] for key, kinds in self.kinds.items()}
+        evidence = {
+            key: (lattice.combine(lattice.temper(kinds[None]))[0], lattice.combine(kinds[None])[0])
+            for key, kinds in self.kinds.items()
+        }
         lengths = np.arange(n + 1)
         self.mass = [-np.inf, *hazard.log_mass(lengths[1:]).tolist()]  # by length
         self.survival = hazard.log_survival(lengths).tolist()
@@ -79,18 +82,18 @@ class BruteForce:
         self.total = float(log_sum_exp(self.joint))
 
     def log_joints(
-        self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], np.ndarray]
+        self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
     ) -> tuple[float, float]:
         """The sum, and the largest, over all sequences of groups along a path."""
         total = best = np.zeros(len(self.transition))
         for start, end in pairwise(path):
             weight = np.zeros_like(self.transition) if end in self.free else self.transition
-            mass = self.mass[end - start] + evidence[start, end]
-            total = log_sum_exp((total + mass)[:, None] + weight, axis=0)
-            best = ((best + mass)[:, None] + weight).max(axis=0)
+            tempered, plain = (self.mass[end - start] + one for one in evidence[start, end])
+            total = log_sum_exp((total + tempered)[:, None] + weight, axis=0)
+            best = ((best + plain)[:, None] + weight).max(axis=0)
         last = path[-1]
-        mass = self.survival[n - 1 - last] + evidence[last, n]
-        return float(log_sum_exp(total + mass)), float((best + mass).max())
+        tempered, plain = (self.survival[n - 1 - last] + one for one in evidence[last, n])
+        return float(log_sum_exp(total + tempered)), float((best + plain).max())
 
     def probability(self, holds: list[bool]) -> float:
         chosen = self.joint[np.array(holds)]

@@ -26,6 +26,7 @@ TOUCHED = {
     "without_friction": {"slid_along"},
     "without_transitions": set(),
     "without_refractory": set(),
+    "without_power": set(),
 }
 
 
@@ -41,12 +42,12 @@ def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str
     assert WITHOUT[name].kinds == DEFAULT.kinds
     changed = {
         field
-        for field in ("unrepeated", "refractory_s", "mean_segment_s", "filter")
+        for field in ("unrepeated", "refractory_s", "mean_segment_s", "power", "filter")
         if getattr(WITHOUT[name], field) != getattr(DEFAULT, field)
     }
-    assert changed == {"without_transitions": {"unrepeated"}, "without_refractory": {"refractory_s"}}.get(
-        name, set()
-    )
+    of_preset = {"transitions": "unrepeated", "refractory": "refractory_s", "power": "power"}
+    expected = of_preset.get(name.removeprefix("without_"))
+    assert changed == ({expected} if expected else set())
 
 
 @pytest.mark.parametrize("name", WITHOUT)

@@ -68,7 +68,7 @@ def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, len
         _settings(lattice, parameters),
         channels,
         np.array([[name in kind.channels for name in lattice.channels] for kind in lattice.kinds]),
-        _log_weights(lattice),
+        lattice.log_weight,
         np.ascontiguousarray(lattice.groups),
         np.ascontiguousarray(lattice.log_transition),
         *_stacked([model for model in models if isinstance(model, Profiled)], n),
@@ -94,14 +94,9 @@ def _settings(lattice: Lattice, p: FilterParameters) -> NDArray[Any]:
         prune = np.log(p.prune_ratio)
     maximum = lattice.choice == "maximum"
     return np.array(
-        [(prune, p.keep_youngest, p.cap, p.window, p.certain, p.certain_after, maximum)], SETTINGS
+        [(prune, p.keep_youngest, p.cap, p.window, p.certain, p.certain_after, maximum, lattice.power)],
+        SETTINGS,
     )
-
-
-def _log_weights(lattice: Lattice) -> Floats:
-    weights = np.array([kind.weight for kind in lattice.kinds], np.float64)
-    result: Floats = np.log(weights / weights.sum())
-    return result
 
 
 def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:

@@ -102,6 +102,7 @@ SETTINGS = np.dtype(
         ("certain", "f8"),
         ("certain_after", "i8"),
         ("maximum", "i8"),  # over kinds; otherwise their mixture
+        ("power", "f8"),  # of the evidence in sums
     ]
 )
 
@@ -147,10 +148,11 @@ class State(NamedTuple):
     nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned
     slots: Ints  # (s,) those of the living, then the free ones
     ages: Floats  # (s,) samples, the last one included
-    rows: Floats  # (rows, s) the next six, one after the other
+    rows: Floats  # (rows, s) the next seven, one after the other
     priors: Floats  # (2, g, s) A(start), and the same with maximum
     joint: Floats  # (s,)
-    evidence: Floats  # (g, s) over the kinds of a group
+    evidence: Floats  # (g, s) over the kinds of a group, to its power
+    plain: Floats  # (g, s) the same as it is
     pairs: Floats  # (g, s) joint of each group
     kinds: Floats  # (kinds, s) log evidence of each kind
     sums: Floats  # (fields, s) what the channel models keep
@@ -172,6 +174,7 @@ class State(NamedTuple):
     node_group: Ints  # (n,) of the segment that ended here
     node_kinds: Floats  # (n, kinds) of that segment
     window_evidence: Floats  # (w, g, W) of the segment [end, group, start]
+    window_plain: Floats  # (w, g, W) the same as it is
     window_kinds: Floats  # (w, w, kinds) the same of each kind
     window_shares: (
         Floats  # (w, g, W) probability [next, group, start] that what ends before `next` began at `start`
@@ -203,14 +206,14 @@ def fresh_state(
     window = int(settings["window"][0])
     slots, nodes = whole(int(settings["cap"][0]) + 1), (groups + 1) * 4 * (window + 2)
     libraries, blocks = profiled
-    plain = 4 * groups + 1  # rows of priors, joint, evidence and pairs
+    first = 5 * groups + 1  # rows of priors, joint, evidence twice, and pairs
     wide = whole(window)
     shapes: dict[str, tuple[int, ...]] = {
         "now": (7,),
         "previous": (7,),
         "past": (PAST, AXES),
         "ages": (slots,),
-        "rows": (plain + kinds + fields, slots),
+        "rows": (first + kinds + fields, slots),
         "channel": (channels, slots),
         "work": (WORK, slots),
         "profiles": (libraries, slots, blocks, 6, BLOCK),
@@ -222,6 +225,7 @@ def fresh_state(
         "next": (2, groups),
         "node_kinds": (nodes, kinds),
         "window_evidence": (window, groups, wide),
+        "window_plain": (window, groups, wide),
         "window_kinds": (window, window, kinds),
         "window_shares": (window, groups, wide),
         "window_flow": (window, groups, groups),
@@ -243,9 +247,10 @@ def fresh_state(
         priors=rows[: 2 * groups].reshape(2, groups, slots),
         joint=rows[2 * groups],
         evidence=rows[2 * groups + 1 : 3 * groups + 1],
-        pairs=rows[3 * groups + 1 : plain],
-        kinds=rows[plain : plain + kinds],
-        sums=rows[plain + kinds :],
+        plain=rows[3 * groups + 1 : 4 * groups + 1],
+        pairs=rows[4 * groups + 1 : first],
+        kinds=rows[first : first + kinds],
+        sums=rows[first + kinds :],
         ended_at=np.zeros(groups, np.int64),
         next_before=np.full(groups + 1, FREE),
         next_nodes=np.zeros(groups + 1, np.int64),
@@ -260,7 +265,7 @@ def fresh_state(
         settled_start=np.zeros(nodes, np.int64),
         settled_group=np.zeros(nodes, np.int64),
     )
-    state.window_evidence[:] = state.window_priors[:] = -np.inf
+    state.window_evidence[:] = state.window_plain[:] = state.window_priors[:] = -np.inf
     state.counters["nodes"] = 1
     state.node_start[0], state.node_references[0] = 0, groups + 1
     return state

@@ -178,32 +178,59 @@ def follow_path(here, joins):
 def weigh_kinds(here):
     """`Lattice.kind_log_evidence` and `combine`."""
     model, state = model_at(here), state_at(here)
-    lanes, kinds = whole(state.counters[0].living), state.kinds
-    state.evidence[:, :lanes] = -math.inf
+    lanes, kinds, plain = whole(state.counters[0].living), state.kinds, state.plain
     for k in range(kinds.shape[0]):
         kinds[k, :lanes] = model.log_weight[k]
         for c in range(model.members.shape[1]):
             if model.members[k, c]:
                 add(kinds[k], state.channel[c], lanes)
-        most(state.evidence[model.groups[k]], kinds[k], lanes)
-    if not model.settings[0].maximum:
-        for group in range(state.evidence.shape[0]):
-            mix_kinds(here, group, lanes)
+    over_groups(here, plain, 1.0, lanes)
+    power = model.settings[0].power
+    if power != 1.0:
+        over_groups(here, state.evidence, power, lanes)
+    else:
+        for group in range(plain.shape[0]):
+            put(state.evidence[group], plain[group], lanes)
 
 
 @compiled
-def mix_kinds(here, group, lanes):
-    """The mixture of a group's kinds, given their maximum."""
+def over_groups(here, evidence, power, lanes):
+    """`Lattice.combine` of the kinds' evidence to some power."""
     model, state = model_at(here), state_at(here)
-    kinds, evidence, total, each = state.kinds, state.evidence[group], state.work[0], state.work[1]
-    total[:lanes] = 0.0
+    kinds, total, each = state.kinds, state.work[0], state.work[1]
+    evidence[:, :lanes] = -math.inf
     for k in range(kinds.shape[0]):
-        if model.groups[k] == group:
-            beside(each, kinds[k], evidence, lanes)
-            exponentials(each, 0.0, lanes)
-            add(total, each, lanes)
-    logarithms(total, lanes)
-    add(evidence, total, lanes)
+        temper(each, kinds[k], model.log_weight[k], power, lanes)
+        most(evidence[model.groups[k]], each, lanes)
+    if model.settings[0].maximum:
+        return
+    for group in range(evidence.shape[0]):
+        total[:lanes] = 0.0
+        for k in range(kinds.shape[0]):
+            if model.groups[k] == group:
+                temper(each, kinds[k], model.log_weight[k], power, lanes)
+                beside(each, each, evidence[group], lanes)
+                exponentials(each, 0.0, lanes)
+                add(total, each, lanes)
+        logarithms(total, lanes)
+        add(evidence[group], total, lanes)
+
+
+@compiled
+def temper(each, values, log_weight, power, lanes):
+    """`Lattice.temper` of one kind."""
+    if power == 1.0:
+        put(each, values, lanes)
+        return
+    for i in range(lanes):
+        each[i] = log_weight + power * (values[i] - log_weight)
+
+
+@compiled
+def put(target, values, lanes):
+    """One to the other."""
+    for i in range(lanes):
+        target[i] = values[i]
 
 
 @compiled
@@ -235,9 +262,9 @@ def prepare_next(here):
     for group in range(state.nodes.shape[0]):
         best, chosen = -math.inf, 0
         for place in range(me.living):
-            mass = model.log_mass[me.count - state.starts[place]] + state.evidence[group, place]
-            terms[place] = state.priors[0, group, place] + mass
-            score = state.priors[1, group, place] + mass
+            mass = model.log_mass[me.count - state.starts[place]]
+            terms[place] = state.priors[0, group, place] + (mass + state.evidence[group, place])
+            score = state.priors[1, group, place] + (mass + state.plain[group, place])
             if score > best:
                 best, chosen = score, place
         state.ended[1, group], state.ended_at[group] = best, chosen
@@ -375,7 +402,7 @@ def best_pair(here):
     for place in range(me.living):
         survived = model.log_survival[me.count - 1 - state.starts[place]]
         for group in range(state.nodes.shape[0]):
-            score = state.priors[1, group, place] + survived + state.evidence[group, place]
+            score = state.priors[1, group, place] + survived + state.plain[group, place]
             if score > best:
                 best, chosen, of_group = score, place, group
     return chosen, of_group

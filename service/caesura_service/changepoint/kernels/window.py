@@ -25,8 +25,10 @@ def remember(here):
     me = state.counters[0]
     now, size = me.count, state.window_evidence.shape[0]
     row = now % size
-    evidence, kinds, starts = state.window_evidence[row], state.window_kinds[row], state.starts
+    evidence, plain, starts = state.window_evidence[row], state.window_plain[row], state.starts
+    kinds = state.window_kinds[row]
     evidence[:] = -math.inf
+    plain[:] = -math.inf
     remember_links(here, row)
     for place in range(me.living - 1, -1, -1):
         start = starts[place]
@@ -35,6 +37,7 @@ def remember(here):
         for group in range(evidence.shape[0]):
             if state.priors[0, group, place] > -math.inf:
                 evidence[group, start % size] = state.evidence[group, place]
+                plain[group, start % size] = state.plain[group, place]
         for k in range(kinds.shape[1]):
             kinds[start % size, k] = state.kinds[k, place]
 
@@ -141,6 +144,7 @@ def sum_from(here, start, before):
     for end in range(start, me.count):
         for earlier in range(max(0, me.count - size), start):
             state.window_evidence[end % size, :, earlier % size] = -math.inf
+            state.window_plain[end % size, :, earlier % size] = -math.inf
     begin_anew(here, start, before)
     for end in range(start + 1, me.count + 1):
         for group in range(state.begun.shape[0]):
@@ -176,11 +180,17 @@ def end_anew(here, start, end, group):
         state.terms,
         state.counted,
     )
-    best, chosen, evidence = -math.inf, start, state.window_evidence[(end - 1) % size, group]
+    row = (end - 1) % size
+    best, chosen, evidence, plain = (
+        -math.inf,
+        start,
+        state.window_evidence[row, group],
+        state.window_plain[row, group],
+    )
     for s in range(start, end):
-        mass = model.log_mass[end - s] + evidence[s % size]
-        terms[s - start] = priors[0, group, s % size] + mass
-        score = priors[1, group, s % size] + mass
+        mass = model.log_mass[end - s]
+        terms[s - start] = priors[0, group, s % size] + (mass + evidence[s % size])
+        score = priors[1, group, s % size] + (mass + plain[s % size])
         if score > best:
             best, chosen = score, s
         starts[s - start] = s

@@ -37,8 +37,9 @@ def correlation(time_s: float) -> float:
 # A hand's velocity, its errors on the way, and a sensor's bias that wanders with the pose all last about one
 # submovement.
 MEMORY_S = 0.5
-REST_SPEED_M_PER_S = 0.005
-SLOW = REST_SPEED_M_PER_S * STEP_S  # [m] the longest step of a rest
+# A hand that stops creeps on for a while: motion starts and stops where its speed passes 5 to 10 mm/s.
+CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
+SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
@@ -49,7 +50,7 @@ CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
 
 def guided_motion() -> GuidedMotion:
     """A hand on a robot: it wanders by 0.5 mm a step, errs by a fifth of its speed, starts by 2 mm."""
-    return GuidedMotion(correlation(MEMORY_S), floor=0.0005, share=0.2, burst=0.002, pace=SLOW)
+    return GuidedMotion(correlation(MEMORY_S), floor=0.0005, share=0.2, burst=0.002, pace=REST)
 
 
 def even_moves() -> list[Profile]:
@@ -79,7 +80,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     """Scales from what sensors and hands do (statistics of real recordings), none from a scenario.
 
     A hand at rest keeps within 0.3–1 mm and shifts by a tenth of that from one observation to the next;
-    slower than 5 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias wanders by
+    slower than 10 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias wanders by
     2.3 N within a recording. How much is known to about a third (nu0 = 5: the log scale has a deviation of
     1/√(2 nu0)).
     """
@@ -87,7 +88,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     return {
         "moving": guided_motion(),
         "corner": CornerStart(gamma=30.0, pace=SLOW),
-        "still": Walk("position", scale=REST_STEP_M, still=SLOW),
+        "still": Walk("position", scale=REST_STEP_M, still=REST),
         "stopped": Walk("position", scale=REST_STEP_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
         "pressed": Walk("force", scale=0.5, presence=beyond),
@@ -101,7 +102,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     """The same with movements along a library of strokes, and without corners."""
-    channels = {**default_channels(bias_n), "moving": stroke()}
+    channels = {
+        **default_channels(bias_n),
+        "moving": stroke(),
+        "still": Walk("position", scale=REST_STEP_M, still=SLOW),
+    }
     return {name: model for name, model in channels.items() if name != "corner"}
 
 

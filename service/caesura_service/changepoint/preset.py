@@ -14,8 +14,7 @@ from caesura_service.changepoint.parameters import FilterParameters
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
-TARED_BIAS_N = 1.5  # what wanders within a recording
-UNTARED_BIAS_N = 5.0  # real sensors that were not tared read 1–5 N in free space
+SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is known of the wrench
 
 # What is left where the force cannot tell contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
@@ -53,7 +52,7 @@ class Preset:
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(
-        self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = SENSOR_BIAS_N
     ) -> Lattice:
         """The lattice over what the wrench can carry.
 
@@ -75,7 +74,9 @@ class Preset:
         choice: Choice = "maximum" if self.maximum else "mixture"
         return Lattice(channels, kinds, choice, self.unrepeated)
 
-    def online(self, *, contact: bool = True, transport: bool = True, bias_n: float = TARED_BIAS_N) -> Filter:
+    def online(
+        self, *, contact: bool = True, transport: bool = True, bias_n: float = SENSOR_BIAS_N
+    ) -> Filter:
         """A filter at its beginning; arguments as for `lattice`."""
         lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
         return filter_for(lattice, self.hazard, self.filter)

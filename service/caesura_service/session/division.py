@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, Segment
 from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.preset import STEP_S, TARED_BIAS_N, UNTARED_BIAS_N, Preset
+from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold
 from caesura_service.session.corrections import Heeded
@@ -20,6 +20,7 @@ from caesura_service.session.history import History
 from caesura_service.session.settled import Part, Settled
 from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import WrenchCapabilities
+from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
 
 
 class _Seen(NamedTuple):
@@ -34,7 +35,7 @@ class _Seen(NamedTuple):
 def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool) -> Filter:
     """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
     return preset.online(
-        contact=source.contact_models, transport=source.transport_models, bias_n=_bias_n(tared=tared)
+        contact=source.contact_models, transport=source.transport_models, bias_n=_bias_n(source, tared=tared)
     )
 
 
@@ -50,7 +51,7 @@ class Division:
         self.settled = Settled()
         self.places = array("d")  # [s] where a segment begins whose first own observation is this one
         self._preset, self._history, self._heeded = preset, history, heeded
-        self._bias_n = _bias_n(tared=tared)
+        self._bias_n = _bias_n(source, tared=tared)
         self._decided = None if preset.threshold is None else OnlineThreshold(self.online, preset.threshold)
         self._baseline: list[Stretch] = []  # the last free space that has settled
         self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
@@ -183,8 +184,9 @@ class Division:
         )
 
 
-def _bias_n(*, tared: bool) -> float:
-    return TARED_BIAS_N if tared else UNTARED_BIAS_N
+def _bias_n(source: WrenchCapabilities, *, tared: bool) -> float:
+    """[N] scale of what free space reads. A tracked bias is scaled to that of a tared sensor."""
+    return TARED_BIAS_N if tared or source.bias == "mixture" else UNTARED_BIAS_N
 
 
 def _starts_alike(one: Stretch, other: Stretch) -> bool:

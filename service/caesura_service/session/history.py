@@ -15,13 +15,15 @@ from caesura_service.changepoint.models import Observed
 from caesura_service.program import Moment
 from caesura_service.session.spool import Log
 from caesura_service.signals import Observation
+from caesura_service.signals.tare import TARED_BIAS_N
 
 Array = NDArray[np.float64]
 Row = tuple[float, ...]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
-_ORIENTATION, _JOINTS, _COLUMNS = slice(12, 16), slice(16, 23), 23  # nan where unknown, as the gripper
+_ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
+_SCALE, _COLUMNS = 23, 24
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS = (np.nan,) * 4, (np.nan,) * 7
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
@@ -64,6 +66,7 @@ class History:
                 np.nan if width is None else width,
                 *(_NO_ORIENTATION if orientation is None else orientation),
                 *(_NO_JOINTS if joints is None else joints),
+                force_scale(observation),
             )
         )
         self._count += 1
@@ -71,7 +74,7 @@ class History:
     def observed(self, index: int) -> Observed:
         """What the segment models see of an observation."""
         row = self._row(index)
-        return Observed(np.array(row[_POSITION]), np.array(row[_FORCE]), row[_HOLDING])
+        return Observed(np.array(row[_POSITION]), np.array(row[_FORCE]) / row[_SCALE], row[_HOLDING])
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
@@ -165,6 +168,11 @@ def _upper_decile(values: Array) -> float:
     below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
     low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
     return float(low + share * (high - low))
+
+
+def force_scale(observation: Observation) -> float:
+    """Scale of what free space reads, relative to a tared sensor; segment models see force / scale."""
+    return 1.0 if observation.bias_n is None else observation.bias_n / TARED_BIAS_N
 
 
 def holding(observation: Observation) -> float:

@@ -33,7 +33,7 @@ from caesura_service.session.corrections import (
 )
 from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
-from caesura_service.session.history import History, holding
+from caesura_service.session.history import History, force_scale, holding
 from caesura_service.session.settled import Part
 from caesura_service.session.view import Pipeline, View
 from caesura_service.signals import (
@@ -93,7 +93,8 @@ def layout_of(opening: Open) -> Layout:
 
 def observed(observation: Observation) -> Observed:
     """What the segment models see of an observation."""
-    return Observed(observation.position_base, observation.force_base, holding(observation))
+    force = observation.force_base / force_scale(observation)
+    return Observed(observation.position_base, force, holding(observation))
 
 
 class _Looked(NamedTuple):

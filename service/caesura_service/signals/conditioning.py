@@ -12,20 +12,21 @@ What comes out does not depend on how the samples were cut into pushes, bit for 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.arithmetic import Arithmetic, best
+from caesura_service.signals.bias import BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
-from caesura_service.signals.tare import RestCriterion, Tare, TareState, Taring
+from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
@@ -95,6 +96,7 @@ class _State(NamedTuple):
     waiting: tuple[FilteredRow, ...] = ()  # for the tare
     after_gap: bool = False
     rows: int = 0  # of the segmentation grid
+    bias: BiasState = BiasState()
 
 
 class Conditioner:
@@ -242,7 +244,7 @@ class Conditioner:
         filtered = self._filtered(state, anchor, first, recent)
         waiting = (*state.waiting, *filtered)
         after_gap, rows = state.after_gap and not filtered, state.rows + len(filtered)
-        return _State(self._filter.tail(recent), gripper, tare, waiting, after_gap, rows), events
+        return _State(self._filter.tail(recent), gripper, tare, waiting, after_gap, rows, state.bias), events
 
     def _restarted(self, state: _State) -> _State:
         tare = self._taring.interrupted(state.tare, "samples are missing within the tare window")
@@ -282,4 +284,21 @@ class Conditioner:
             return state, ()
         known = self._columns, tare, self._arithmetic
         observations = tuple(observation_of(filtered, *known) for filtered in state.waiting)
-        return state._replace(waiting=()), observations
+        if self.layout.source.bias == "tare":
+            return state._replace(waiting=()), observations
+        bias, tracked = self._track(state.bias, observations, tared=tare.bias is not None)
+        return state._replace(waiting=(), bias=bias), tracked
+
+    def _track(
+        self, bias: BiasState, observations: tuple[Observation, ...], *, tared: bool
+    ) -> tuple[BiasState, tuple[Observation, ...]]:
+        """Take the tracked bias off the force of each observation, as it was known before."""
+        tracker = BiasTracker(TARED_BIAS_N if tared else UNTARED_BIAS_N)
+        tracked = []
+        for observation in observations:
+            mean, scale = tracker.estimate(bias)
+            bias = tracker.advance(bias, observation.force_base)
+            force = observation.force_base - mean
+            force.setflags(write=False)
+            tracked.append(replace(observation, force_base=force, bias_n=scale))
+        return bias, tuple(tracked)

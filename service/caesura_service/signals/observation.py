@@ -25,13 +25,14 @@ class Observation:
     index: int  # counts observations from 0, across gaps
     t: float  # [s] session time that it describes
     position_base: Array  # (3,) [m] flange
-    force_base: Array  # (3,) [N] of the environment on the robot, tared; zeros without a wrench
+    force_base: Array  # (3,) [N] of the environment on the robot, less its bias; zeros without a wrench
     orientation: Array | None  # (4,) x y z w, flange to base
     joints: Array | None  # (7,) [rad]
     gripper_width: float | None  # [m]; None without a gripper, from a flag, or before either is clear
     gripper_closed: bool | None  # settled on something or nothing, as known at t
     speed: float  # [m/s] of the flange
     after_gap: bool  # samples are missing between the observation before and this one
+    bias_n: float | None = None  # [N] scale of what free space reads, where it is tracked
 
 
 class FilteredRow(NamedTuple):

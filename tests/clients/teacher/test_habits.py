@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -40,6 +41,24 @@ def test_creep_below_10_mm_a_second_is_rest() -> None:
     found = majors(state([(1.0, REST), (1.0, EAST), (0.8, creep), (1.0, REST)]))
     assert [kind for kind, _ in found] == ["start", "stop"]
     assert found[1][1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_movement_starts_after_a_small_correction_before_it() -> None:
+    small = (0.018, 0.0, 0.0)
+    before = state([(1.0, REST), (0.4, small), (0.15, REST), (1.0, EAST), (1.0, REST)])
+    found = majors(before)
+    assert [kind for kind, _ in found] == ["start", "stop"]
+    assert found[0][1] == pytest.approx(1.55, abs=0.1)
+    optional = [m["t"] for m in annotate(before, guided=True)["changepoints"] if m["level"] == "optional"]
+    assert optional == [pytest.approx(1.0, abs=0.1)]
+
+
+def test_a_slow_approach_to_a_contact_makes_no_stop_before_it() -> None:
+    approach = (0.018, 0.0, 0.0)
+    touched = state([(1.0, REST), (1.0, EAST), (0.1, REST), (0.4, approach), (1.0, REST)])
+    assert [kind for kind, _ in majors(touched)] == ["start", "stop"]
+    normal = np.where(touched.t > 2.5, 5.0, 0.0)
+    assert [kind for kind, _ in majors(replace(touched, normal=normal))] == ["start", "contact_on"]
 
 
 def test_tracing_is_motion() -> None:

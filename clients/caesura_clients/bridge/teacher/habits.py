@@ -50,7 +50,7 @@ def draw_habits(rng: np.random.Generator) -> Habits:
         pause=rng.uniform(0.05, 0.2),
         homing=rng.uniform(0.2, 0.6),
         easing=rng.uniform(0.3, 0.7),
-        drift=rng.uniform(0.3, 0.8),
+        drift=rng.uniform(0.1, 0.4),
         tempo=rng.uniform(0.04, 0.12),
         smoothing_s=rng.uniform(0.04, 0.08),
         brief_press=rng.uniform(0.1, 0.4),

@@ -42,10 +42,7 @@ TURN_WANDER_NM = 0.05
 LATERAL_PRESS_SHARE = 0.07  # nobody presses exactly along the normal
 LONG_PAUSE_S, LONG_MOVE_M = 0.8, 0.08
 BRIEF_PRESS_S = (0.25, 0.5)
-DRIFT_S, DRIFT_M_PER_S = (
-    (0.4, 1.6),
-    (0.002, 0.012),
-)  # creep after a stop and before a start: how long, how fast
+DRIFT_S, DRIFT_M_PER_S = (0.3, 1.0), (0.002, 0.010)  # creep beside a rest: how long, how fast at most
 SLOW_M_PER_S = 0.025  # mean speed of tracing
 APPROACH_M, APPROACH_SHARE = (0.008, 0.03), (0.25, 0.5)  # last part of a touch: height, share of its duration
 TEMPO_HZ = (0.3, 2.0)

@@ -7,7 +7,7 @@ parts two movements, shorter ones and small corrections are optional (neither a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
@@ -22,6 +22,7 @@ from caesura_clients.bridge.teacher.intentions import Array
 Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding"]
 Level = Literal["major", "optional"]
 MOVING = ("motion", "transport", "sliding")
+REST_OF: Mapping[Class, Class] = {"motion": "steady", "transport": "hold", "sliding": "contact"}
 Mask = NDArray[np.bool_]
 
 RULE = (
@@ -97,10 +98,10 @@ def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
     """
     contacts = contact_spans(state)
     spans = _spans(state, contacts, guided=guided)
-    marks = _boundaries(state, spans, contacts) + _decays(state, contacts)
+    marks = _boundaries(state, spans, contacts)
     if guided:
-        marks = [_with_edge(state, mark) for mark in marks]
-    marks += _within_motions(state, spans, guided=guided)
+        marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
+    marks += _decays(state, contacts) + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
     marks = _told_apart(marks)
@@ -178,17 +179,22 @@ def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[S
 
 
 def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
-    """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections."""
-    fast = [
-        Span(a, b, cls, _slips(a, b, dt, cls))
-        for a, b in _bridged(runs(speed > SURE_M_PER_S), round(REST_S / dt))
+    """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections.
+
+    A small run beside a large one is a correction: the large movement starts and stops where it does itself.
+    """
+    rest = round(REST_S / dt)
+    large = [
+        (a, b)
+        for a, b in runs(speed > SURE_M_PER_S)
         if speed[a:b].max() >= SMALL_M_PER_S and _way(velocity[a:b], dt) >= SMALL_M
     ]
+    fast = [Span(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
     left = speed > TRACING_M_PER_S
     for move in fast:
         left[move.first : move.last] = False
     slow = []
-    for a, b in _bridged(runs(left), round(REST_S / dt), apart=fast):
+    for a, b in _bridged(runs(left), rest, apart=fast):
         traced = _way(velocity[a:b], dt) >= TRACING_M
         if traced or speed[a:b].max() > SURE_M_PER_S:
             slow.append(Span(a, b, cls, not traced or _slips(a, b, dt, cls)))
@@ -252,6 +258,25 @@ def _boundaries(state: State, spans: list[Span], contacts: list[tuple[int, int]]
 
 def _large(span: Span) -> bool:
     return span.cls in MOVING and not span.small
+
+
+def _beside_rests(state: State, spans: list[Span], marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Mark a start or stop beside a small movement as optional, unless a rest lies beyond the small one.
+
+    Where one does, the tolerance covers the small movement. marks: one for each pair of spans in a row.
+    """
+    marked = []
+    for index, (mark, (before, after)) in enumerate(zip(marks, pairwise(spans), strict=True)):
+        small = before if before.small else after if after.small else None
+        beyond = spans[max(0, index - 1)] if before.small else spans[min(index + 2, len(spans) - 1)]
+        if small is None or mark["level"] != "major" or mark["kind"] not in ("start", "stop"):
+            marked.append(mark)
+        elif beyond is not small and beyond.cls != REST_OF[small.cls]:
+            marked.append({**mark, "level": "optional"})
+        else:
+            covered = (small.last - small.first) * state.dt
+            marked.append({**mark, "tol": round(min(EDGE_TOL_S, max(mark["tol"], covered)), 3)})
+    return marked
 
 
 def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,72 @@
+"""The bias of an estimated wrench, tracked from the past only.
+
+An estimate from joint torques errs by the robot's model, and the error wanders. A robot without a hand on it
+touches something or it does not, so every force is one of two things:
+
+    p(F) = π N(m, b² I) + (1 − π) N(0, c² I)
+
+free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space under
+what was known before:
+
+    m  = n m0 + w Σ r F / (n + w Σ r)
+    b² = (ν b0² + w Σ r |F − m|²) / (ν + 3 w Σ r)
+
+with the tare as m0. w < 1, since errors last for a second and ten observations a second are no ten
+measurements. m is taken off the force, and b is the scale of free space. DESIGN, "Segmentation: what real
+recordings taught".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+AXES = 3
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+class BiasState(NamedTuple):
+    """Sums over the observations so far: r, r F (3,) [N], r |F − m|² [N²]."""
+
+    weight: float = 0.0
+    total: tuple[float, float, float] = ORIGIN
+    squares: float = 0.0
+
+
+@dataclass(frozen=True)
+class BiasTracker:
+    """Two-component mixture of a force: its free space has a mean and a scale.
+
+    scale_n [N] b0; contact_n [N] c; free_share π; prior_mean n and prior_scale ν: observations that the prior
+    is worth; weight w.
+    """
+
+    scale_n: float
+    contact_n: float = 10.0
+    free_share: float = 0.5
+    prior_mean: float = 1.0
+    prior_scale: float = 10.0
+    weight: float = 0.1
+
+    def estimate(self, state: BiasState) -> tuple[Array, float]:
+        """Mean (3,) and scale [N] of free space, from the observations so far."""
+        mean = self.weight * np.array(state.total) / (self.prior_mean + self.weight * state.weight)
+        squares = self.prior_scale * self.scale_n**2 + self.weight * state.squares
+        return mean, math.sqrt(squares / (self.prior_scale + AXES * self.weight * state.weight))
+
+    def advance(self, state: BiasState, force: Array) -> BiasState:
+        """Take one force (3,) [N], tared."""
+        mean, scale = self.estimate(state)
+        off2 = float((force - mean) @ (force - mean))
+        free = math.log(self.free_share) - AXES * math.log(scale) - 0.5 * off2 / scale**2
+        touched = math.log1p(-self.free_share) - AXES * math.log(self.contact_n)
+        touched -= 0.5 * float(force @ force) / self.contact_n**2
+        share = 1.0 / (1.0 + math.exp(min(touched - free, 500.0)))
+        x, y, z = (np.array(state.total) + share * force).tolist()
+        return BiasState(state.weight + share, (x, y, z), state.squares + share * off2)

@@ -20,7 +20,7 @@ from caesura_clients.recording import Recording, RecordingError, load_recording
 from caesura_service.changepoint.default import STROKES, early_moves, even_moves
 from caesura_service.changepoint.models import ChannelModel, Observed
 from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.preset import TARED_BIAS_N, Preset
+from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
@@ -65,7 +65,7 @@ def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
 
     Raises ValueError for a preset whose movements follow no library.
     """
-    if not any(_has_library(model) for model in preset.channels(TARED_BIAS_N).values()):
+    if not any(_has_library(model) for model in preset.lattice().channels.values()):
         raise ValueError(
             f"preset {preset.name!r} has no library of movements to exchange, expected {STROKES.name!r}"
         )

@@ -44,7 +44,7 @@ def test_a_threshold_divides_as_in_the_thesis(tmp_path: Path):
     for options in ([], ["--threshold", 0.2]):
         out = tmp_path / "out.json"
         done = caesura(
-            "segment", DATA / "pick_and_place.npz", "--preset", "integrated", *options, "--json", out
+            "segment", DATA / "pick_and_place.npz", "--preset", "integrated_tab_4_5", *options, "--json", out
         )
         assert done.exit_code == 0, done.output
         found.append(json.loads(out.read_text()))

@@ -33,7 +33,7 @@ def segment(position: Array, force: Array) -> float:
     moving = profiled(position - position[0], MOTION_PROFILES, 1.0, 0.025)
     still = marginal(position - position[0], 1.0, 0.025).sum()
     untouched = marginal(force, 1.0, 0.5).sum()
-    pressed = profiled(force, FORCE_PROFILES, 1.0, 1.25)
+    pressed = profiled(force, FORCE_PROFILES, 10.0, 1.25)
     weight = np.array([0.0, 0.0, min(float(force[:, 2].mean()), -LEAST_KG * GRAVITY)])
     loaded = marginal(force - weight, 1.0, 0.5).sum()
     kinds = np.array([moving + untouched, still + pressed, moving + loaded])

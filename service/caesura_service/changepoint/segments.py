@@ -18,6 +18,7 @@ from caesura_service.changepoint.threshold import OnlineThreshold
 from caesura_service.changepoint.window import NOTHING, Ended
 
 INTERVAL_PROBABILITY = 0.9
+MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,9 @@ def verdict(lattice: Lattice, ended: Ended) -> Verdict:
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
     values, best = values.tolist(), _best(lattice, ended)
-    others = sorted(set(range(len(kinds))) - {best}, key=values.__getitem__, reverse=True)
-    odds_against = sum([math.exp(values[kind] - values[best]) for kind in others])
+    possible = (kind for kind, value in enumerate(values) if kind != best and value > -math.inf)
+    others = sorted(possible, key=values.__getitem__, reverse=True)
+    odds_against = sum([math.exp(min(values[kind] - values[best], MOST_ODDS)) for kind in others])
     probability = 1.0 / (1.0 + odds_against)
     if not others:
         return Verdict(kinds[best], probability, None, 0.0)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AXES = 3
+TRACKED_BIAS_N = 1.5  # scale of free space under the tracked mean, before any observation
 ORIGIN = (0.0, 0.0, 0.0)
 
 

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.arithmetic import Arithmetic, best
-from caesura_service.signals.bias import BiasState, BiasTracker
+from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
-from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
+from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
@@ -293,7 +293,7 @@ class Conditioner:
         self, bias: BiasState, observations: tuple[Observation, ...], *, tared: bool
     ) -> tuple[BiasState, tuple[Observation, ...]]:
         """Take the tracked bias off the force of each observation, as it was known before."""
-        tracker = BiasTracker(TARED_BIAS_N if tared else UNTARED_BIAS_N)
+        tracker = BiasTracker(TRACKED_BIAS_N if tared else UNTARED_BIAS_N)
         tracked = []
         for observation in observations:
             mean, scale = tracker.estimate(bias)

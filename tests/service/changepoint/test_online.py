@@ -310,6 +310,7 @@ def test_no_two_rests_and_no_two_contacts_follow_each_other(seed: int) -> None:
     for observed, boundary in pieces(np.random.default_rng(seed), 120):
         online.step(observed, boundary=boundary)
         shown = stretches(online)
+        assert all(np.isfinite(one.verdict.log_odds) for one in shown)
         for one, other in pairwise(shown):
             same = one.verdict.kind.name == other.verdict.kind.name
             assert (

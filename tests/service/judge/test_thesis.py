@@ -42,8 +42,9 @@ from caesura_service.judge.thesis.measure import (
     standing_since,
 )
 from caesura_service.judge.thesis.rows import ROWS, Boundary, Row
-from caesura_service.judge.thesis.suite import MAIN, Setting, Task, perform, tasks
+from caesura_service.judge.thesis.suite import MAIN, OPEN, Setting, Task, perform, tasks
 from caesura_service.judge.thesis.summary import summarise
+from caesura_service.recordings import views
 from caesura_service.truth import Point, Truth
 
 ROW = Row("R", "Fig.", "s", "force", (Boundary(2.0), Boundary(4.0), Boundary(4.5)), states="12?1")
@@ -128,12 +129,25 @@ def test_the_thesis_own_decay_is_called_free_only_with_the_nu0_of_its_force_mode
     x, y = (np.append(np.linspace(a, b, 7)[1:], c) for a, b, c in DECAY_ASIDE)
     forces = np.column_stack([x, y, np.append(fall(14.986, 3.283, 7)[1:], 1.076)])
 
-    def free_over_contact(nu0: float) -> float:
-        channels = Setting("x", pressed_nu0=nu0).preset("integrated").channels(1.0)
+    def free_over_contact(preset: str) -> float:
+        channels = PRESETS[preset].channels(1.0)
         return evidence(channels["untouched"], forces) - evidence(channels["pressed"], forces)
 
-    assert abs(free_over_contact(1.0)) < 0.5  # Tab. 4.5
-    assert free_over_contact(10.0) > 9.0  # Tab. 4.3
+    assert abs(free_over_contact("integrated_tab_4_5")) < 0.5
+    assert free_over_contact("integrated") > 9.0
+
+
+def test_only_the_nu0_of_a_press_differs_between_the_presets_of_the_integrated_model():
+    forces = np.random.default_rng(5).normal(0.0, 3.0, (12, 3))
+    force, integrated, printed = (
+        PRESETS[name].channels(1.0) for name in ("force", "integrated", "integrated_tab_4_5")
+    )
+    assert evidence(integrated["pressed"], forces) == evidence(force["pressed"], forces)
+    assert evidence(printed["pressed"], forces) != evidence(force["pressed"], forces)
+    assert (integrated["pressed"].noise, printed["pressed"].noise) == (Noise(10.0, 1.25), Noise(1.0, 1.25))
+    others = set(integrated) - {"pressed", "moving"}
+    assert {name: integrated[name] for name in others} == {name: printed[name] for name in others}
+    assert integrated["moving"].noise == printed["moving"].noise == Noise(1.0, 0.025)
 
 
 def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pytest.MonkeyPatch):
@@ -235,9 +249,32 @@ def test_a_setting_changes_what_it_names():
     assert Setting("x", window=31).conditioning.filter.delay_s == pytest.approx(0.15)
     other = Setting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
     assert other.length_unit_m == 0.5
-    integrated = Setting("x", pressed_nu0=10.0).preset("integrated").channels(1.0)
-    assert integrated["pressed"].noise == Noise(10.0, 1.25)
-    assert integrated["moving"].noise == Noise(1.0, 0.025)
+    printed = Setting("x", integrated="integrated_tab_4_5")
+    assert printed.judged(NAMED["R13"]).preset == "integrated_tab_4_5"
+    assert printed.judged(NAMED["R9"]) is NAMED["R9"]
+
+
+def test_the_rows_of_the_integrated_model_are_also_judged_with_the_nu0_of_its_own_table():
+    (printed,) = (setting for setting in OPEN if setting.integrated != "integrated")
+    assert printed.name == printed.integrated == "integrated_tab_4_5"
+    judged = {row.name for row in ROWS if row.preset == "integrated"}
+    assert {row.name for row in ROWS if printed.wants(row)} == judged == {"R10", "R11", "R13"}
+
+
+def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def spy(recording, preset, *, threshold):
+        asked.append(preset)
+        return views(recording, preset, threshold=threshold)
+
+    monkeypatch.setattr(measure, "views", spy)
+    pair = tuple(
+        Setting(name, integrated=name, online=True, rows=("R13",))
+        for name in ("integrated", "integrated_tab_4_5")
+    )
+    perform(Task(Taught("pick_and_place", 101, "overdamped"), pair))
+    assert asked == ["integrated", "integrated_tab_4_5"]
 
 
 def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():

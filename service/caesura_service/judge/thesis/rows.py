@@ -272,4 +272,4 @@ ROWS: tuple[Row, ...] = (
     ),
 )
 # The same boundaries by the preset that a session has without being asked, and its way to decide.
-ROWS = (*ROWS, replace(ROWS[-1], name="R13 ours", preset="default", threshold=None))
+ROWS = (*ROWS, replace(ROWS[-1], name="R13 default", preset="default", threshold=None))

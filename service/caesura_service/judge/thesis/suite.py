@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from caesura_clients.bridge.teacher.intentions import Profile
 from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.presets import PRESETS, Preset
-from caesura_service.changepoint.profiled import Profiled
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.judge.thesis.demonstrations import Taught
 from caesura_service.judge.thesis.measure import Outcome, measure, see
@@ -24,8 +23,8 @@ class Setting:
 
     best: the best segmentation decides, not a threshold; mean_segment_s: segments are geometric about it, not
     of any length; window: of the filter [rows of 0.01 s]; length_unit_m: instead of the constant velocity
-    model's; pressed_nu0: instead of the ν0 with which a model expects a press; online: measure the online
-    rows too; rows: only these, all where empty.
+    model's; integrated: the preset that judges the rows of `integrated`; online: measure the online rows too;
+    rows: only these, all where empty.
     """
 
     name: str
@@ -37,7 +36,7 @@ class Setting:
     mean_segment_s: float | None = None
     window: int | None = None
     length_unit_m: float | None = None
-    pressed_nu0: float | None = None
+    integrated: str = "integrated"
     online: bool = False
     rows: tuple[str, ...] = ()
 
@@ -51,6 +50,10 @@ class Setting:
         standard = ConditioningParameters()
         return standard if self.window is None else replace(standard, savgol_window=self.window)
 
+    def judged(self, row: Row) -> Row:
+        """Return the row with the preset that this setting judges it by."""
+        return replace(row, preset=self.integrated) if row.preset == "integrated" else row
+
     def preset(self, name: str) -> Preset:
         """A preset with what this setting changes."""
         preset = PRESETS[name]
@@ -58,8 +61,6 @@ class Setting:
             preset = replace(preset, mean_segment_s=self.mean_segment_s)
         if self.length_unit_m is not None:
             preset = replace(preset, channels=_Measured(preset.channels, self.length_unit_m))
-        if self.pressed_nu0 is not None:
-            preset = replace(preset, channels=_Pressed(preset.channels, self.pressed_nu0))
         return preset
 
 
@@ -79,22 +80,6 @@ class _Measured:
         }
 
 
-@dataclass(frozen=True)
-class _Pressed:
-    """Channels whose force model has another ν0."""
-
-    channels: Callable[[float], Mapping[str, ChannelModel]]
-    nu0: float
-
-    def __call__(self, bias_n: float) -> Mapping[str, ChannelModel]:
-        return {
-            name: replace(model, noise=replace(model.noise, nu0=self.nu0))
-            if isinstance(model, Profiled) and model.channel == "force"
-            else model
-            for name, model in self.channels(bias_n).items()
-        }
-
-
 MAIN = (
     Setting("overdamped", online=True),
     Setting("minimum jerk", profile="minimum_jerk", online=True),
@@ -108,7 +93,7 @@ OPEN = (
     Setting("sensor as drawn", wander=True),
     Setting("gripper felt", gripper=True, rows=("R8", "R10", "R11")),
     Setting("teacher's times", timed=False),
-    Setting("ν0 of Tab. 4.3", pressed_nu0=10.0, rows=("R10", "R11")),
+    Setting("integrated_tab_4_5", integrated="integrated_tab_4_5", online=True, rows=("R10", "R11", "R13")),
     *(Setting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
 )
 
@@ -145,10 +130,10 @@ def perform(task: Task) -> Result:
     return {
         setting.name: [
             measure(
-                row,
+                setting.judged(row),
                 seen[setting.conditioning],
                 task.taught.seed,
-                setting.preset(row.preset),
+                setting.preset(setting.judged(row).preset),
                 best=setting.best,
                 any_length=setting.mean_segment_s is None,
             )

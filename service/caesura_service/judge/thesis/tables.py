@@ -25,6 +25,7 @@ NOTES = (
     "* Λ = 1, which keeps every pair of K and D overdamped.",
     "* Length unit of the constant velocity model: 1 cm.",
     "* Wrench: a sensor below the hand, base frame, tared over the first 0.4 s.",
+    "* ν0 of a press: 10 of Tab. 4.3; integrated_tab_4_5 has the 1 of Tab. 4.5.",
     "* R10's table is not printed: times of R7, and 6.4 s as the hand has it.",
     "* A boundary is right near the thesis' time or the simulated hand's own event.",
 )

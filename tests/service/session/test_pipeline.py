@@ -348,7 +348,7 @@ def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
 def test_a_threshold_decides_online_as_it_does_for_the_whole_recording(taught: Recording):
     view = segment_recording(taught, "integrated", threshold=0.2)
     kinds = [one.kind for one in view.segments]
-    assert kinds == ["motion", "contact", "contact", "transport", "transport", *kinds[5:]]
+    assert kinds == ["motion", "contact", "contact", "motion", "transport", "transport", *kinds[6:]]
     every = list(views(taught, "integrated", threshold=0.2))
     assert any(one.certainty == "final" for one in every[-2].changepoints)
     with pytest.raises(ValueError, match="threshold is 20"):

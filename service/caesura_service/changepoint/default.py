@@ -97,9 +97,9 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "pressed": Walk("force", scale=0.5, presence=beyond),
         "slid_along": Friction(least=beyond, pace=SLOW),
         "laden": Laden(QUIET, bias=bias_n, absence=beyond),
-        "empty": Held(0.03),
+        "empty": Held(0.01),
         "gripping": Held(0.5, change=0.05),
-        "holding": Held(0.97),
+        "holding": Held(0.99),
     }
 
 
@@ -113,9 +113,9 @@ def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     return {name: model for name, model in channels.items() if name != "corner"}
 
 
-# A load and a wandering bias look alike. Without a gripper's state a load is one segment in fifty: an
-# invented load is worse than a load that is shown as a movement.
-_LADEN_WEIGHT = 0.02
+# A load and a wandering bias look alike. Without a gripper's state a load is three segments in a hundred: an
+# invented load is worse than a load that is shown as a movement. A gripper's state errs one time in a hundred.
+_LADEN_WEIGHT = 0.03
 STROKE_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
     Kind("steady", "steady", "free", ("still", "untouched", "empty")),

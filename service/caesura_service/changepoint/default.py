@@ -90,7 +90,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerStart(gamma=30.0, pace=SLOW),
+        "corner": CornerStart(gamma=40.0, pace=SLOW),
         "still": Walk("position", scale=REST_STEP_M, still=REST),
         "stopped": Walk("position", scale=REST_STEP_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
@@ -114,7 +114,7 @@ def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 
 # A load and a wandering bias look alike. Without a gripper's state a load is three segments in a hundred: an
-# invented load is worse than a load that is shown as a movement. A gripper's state errs one time in a hundred.
+# invented load is worse than one that is shown as a movement. A gripper's state errs one time in a hundred.
 _LADEN_WEIGHT = 0.03
 STROKE_KINDS = (
     Kind("motion", "motion", "free", ("moving", "untouched", "empty")),

@@ -14,7 +14,7 @@ from caesura_service.changepoint.parameters import FilterParameters
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
-SENSOR_BIAS_N = 2.3  # scale of what free space reads, where nothing else is known of the wrench
+SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is known of the wrench
 
 # What is left where the force cannot tell contact: the kinds, and the channels that look at the position.
 MOVEMENT = (

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TARED_BIAS_N = 2.3  # scale of what free space reads after a tare: the median by which real biases wander
+TARED_BIAS_N = 1.5  # scale of what free space reads after a tare: the bias wanders within a recording
 UNTARED_BIAS_N = 5.0  # and without one: real sensors read 1–5 N in free space
 
 

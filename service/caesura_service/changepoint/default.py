@@ -129,7 +129,7 @@ ALL_KINDS = tuple(
     replace(kind, channels=(*kind.channels, "corner")) if kind.motion == "motion" else kind
     for kind in STROKE_KINDS
 )
-UNREPEATED = tuple(kind.name for kind in ALL_KINDS if kind.motion == "steady")
+UNREPEATED = (("steady", "hold"), ("contact",))  # rests, with and without a load; contacts
 
 DEFAULT = Preset(
     "default",

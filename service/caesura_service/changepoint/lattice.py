@@ -38,9 +38,9 @@ class Lattice:
     `choice`: the evidence of a segment is the prior-weighted mixture over its kinds, or their maximum
     (thesis (3.64)).
 
-    `unrepeated` names kinds of which no two segments follow each other: two rests in a row are one rest. The
-    filters keep apart what such a prior needs: each of these kinds is a group of its own, all others together
-    are one group. Without unrepeated kinds there is a single group, and every kind may follow every other.
+    `unrepeated` has groups of kinds, by name, of which no two segments follow each other: two rests in a row
+    are one rest, whether the hand holds something or not. All other kinds are one more group. Without
+    unrepeated kinds there is a single group, and every kind may follow every other.
 
     `power` is that of a segment's evidence in every probability; the best segmentation takes the evidence
     as it is. Below 1 the posterior allows for models that are only nearly right (Miller & Dunson 2019).
@@ -53,7 +53,7 @@ class Lattice:
     channels: Mapping[str, ChannelModel]
     kinds: tuple[Kind, ...]
     choice: Choice = "mixture"
-    unrepeated: tuple[str, ...] = ()
+    unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
     groups: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     log_transition: Array = field(init=False, repr=False, compare=False)
@@ -69,11 +69,12 @@ class Lattice:
         object.__setattr__(self, "log_transition", self._log_transition(groups))
 
     def _log_transition(self, groups: NDArray[np.int64]) -> Array:
-        """(groups, groups): 0 between groups, −inf for an unrepeated kind after itself, rows normalised."""
+        """(groups, groups): 0 between groups, −inf for an unrepeated one after itself, rows normalised."""
         weights = np.array([kind.weight for kind in self.kinds])
         total = np.bincount(groups, weights) / weights.sum()
         allowed = np.ones((total.size, total.size))
-        for group in {int(groups[i]) for i, kind in enumerate(self.kinds) if kind.name in self.unrepeated}:
+        apart = {name for names in self.unrepeated for name in names}
+        for group in {int(groups[i]) for i, kind in enumerate(self.kinds) if kind.name in apart}:
             allowed[group, group] = 0.0
         if total.size == 1:
             return np.zeros((1, 1))
@@ -136,10 +137,9 @@ class Lattice:
         return log_sum_exp(kind_log_evidence, axis=1)
 
 
-def _groups(kinds: tuple[Kind, ...], unrepeated: tuple[str, ...]) -> NDArray[np.int64]:
+def _groups(kinds: tuple[Kind, ...], unrepeated: tuple[tuple[str, ...], ...]) -> NDArray[np.int64]:
     """(kinds,) the group of each kind; those that may be repeated are the first group."""
-    apart = [kind.name for kind in kinds if kind.name in unrepeated]
-    first = int(len(apart) < len(kinds))
-    return np.array(
-        [first + apart.index(kind.name) if kind.name in apart else 0 for kind in kinds], dtype=np.int64
-    )
+    number = {name: i for i, names in enumerate(unrepeated) for name in names}
+    found = [number.get(kind.name, -1) for kind in kinds]
+    order = {group: place for place, group in enumerate(sorted(set(found)))}
+    return np.array([order[group] for group in found], dtype=np.int64)

@@ -36,8 +36,8 @@ class Preset:
     `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
     best segmentation does.
 
-    `unrepeated` names kinds of which no two segments follow each other. `power` of the evidence makes stated
-    probabilities mean what they say; it does not change the best segmentation.
+    `unrepeated` has groups of kinds of which no two segments follow each other. `power` of the evidence makes
+    stated probabilities mean what they say; it does not change the best segmentation.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Preset:
     refractory_s: float = 0.0
     least_segment_s: float = 0.3
     threshold: float | None = None
-    unrepeated: tuple[str, ...] = ()
+    unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
     filter: FilterParameters = field(default_factory=FilterParameters)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
-from caesura_service.changepoint.kernels.layout import Model, State, fresh_state, with_more_nodes
+from caesura_service.changepoint.kernels.layout import FREE, Model, State, fresh_state, with_more_nodes
 from caesura_service.changepoint.kernels.unpacking import table_of
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import Observed
@@ -124,7 +124,7 @@ class CompiledFilter(Smoothed):
         node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
         before = int(state.node_group[node])
         path = [Ended(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]
-        while node != root:
+        while node not in (root, FREE):
             parent, group = int(state.node_parent[node]), before
             before = int(state.node_group[parent])
             start = int(state.node_start[parent])

@@ -62,6 +62,8 @@ class Lattice:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
         if unknown or not self.kinds:
             raise ValueError(f"kinds name channels {sorted(unknown)}, known: {sorted(self.channels)}")
+        if not all(kind.weight > 0.0 for kind in self.kinds):
+            raise ValueError(f"weights are {[kind.weight for kind in self.kinds]}, expected all above 0")
         if not 0.0 < self.power <= 1.0:
             raise ValueError(f"power is {self.power}, expected 0 < power ≤ 1")
         groups = _groups(self.kinds, self.unrepeated)

@@ -211,6 +211,7 @@ class OnlineFilter(Smoothed):
         keep = (joint >= least) | young
         if keep.sum() > p.cap:
             self.capped += 1
+            joint = np.where(keep, self.log_joint, -np.inf)
             ranked = np.argsort(joint[: keep.size - p.keep_youngest], kind="stable")
             keep[ranked[: keep.size - p.cap]] = False
         if dropped.any() or not keep.all():

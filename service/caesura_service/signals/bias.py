@@ -8,12 +8,13 @@ touches something or it does not, so every force is one of two things:
 free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space under
 what was known before:
 
-    m  = n m0 + w Σ r F / (n + w Σ r)
+    m  = (n m0 + w Σ r F) / (n + w Σ r)
     b² = (ν b0² + w Σ r |F − m|²) / (ν + 3 w Σ r)
 
-with the tare as m0. w < 1, since errors last for a second and ten observations a second are no ten
-measurements. m is taken off the force, and b is the scale of free space. DESIGN, "Segmentation: what real
-recordings taught".
+with the tare as m0, and the sums over the whole session; each |F − m|² has the m of its time. w < 1, since
+errors last for a second and ten observations a second are no ten measurements. b stays between what a model
+errs by in motion, which a long rest does not show, and half of the scale of contact. m is taken off the
+force, and b is the scale of free space. DESIGN, "Segmentation: what real recordings taught".
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 
 AXES = 3
 TRACKED_BIAS_N = 1.5  # scale of free space under the tracked mean, before any observation
+LEAST_SCALE_N = 1.0  # by which an estimate errs in motion, however quiet a rest was
+MOST_LOG_ODDS = 500.0  # against free space, beyond which a force says nothing of it
 ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -59,7 +62,8 @@ class BiasTracker:
         """Mean (3,) and scale [N] of free space, from the observations so far."""
         mean = self.weight * np.array(state.total) / (self.prior_mean + self.weight * state.weight)
         squares = self.prior_scale * self.scale_n**2 + self.weight * state.squares
-        return mean, math.sqrt(squares / (self.prior_scale + AXES * self.weight * state.weight))
+        scale = math.sqrt(squares / (self.prior_scale + AXES * self.weight * state.weight))
+        return mean, min(max(scale, LEAST_SCALE_N), 0.5 * self.contact_n)
 
     def advance(self, state: BiasState, force: Array) -> BiasState:
         """Take one force (3,) [N], tared."""
@@ -68,6 +72,8 @@ class BiasTracker:
         free = math.log(self.free_share) - AXES * math.log(scale) - 0.5 * off2 / scale**2
         touched = math.log1p(-self.free_share) - AXES * math.log(self.contact_n)
         touched -= 0.5 * float(force @ force) / self.contact_n**2
-        share = 1.0 / (1.0 + math.exp(min(touched - free, 500.0)))
+        if not touched - free < MOST_LOG_ODDS:
+            return state
+        share = 1.0 / (1.0 + math.exp(touched - free))
         x, y, z = (np.array(state.total) + share * force).tolist()
         return BiasState(state.weight + share, (x, y, z), state.squares + share * off2)

@@ -87,7 +87,7 @@ def group_before(here, start):
     """`OnlineFilter._group_before`; FREE where the best segmentation has no such start."""
     state = state_at(here)
     node = best_node(here)
-    while node != state.counters[0].root:
+    while node != state.counters[0].root and node != FREE:
         if state.node_start[node] == start:
             return state.node_group[node]
         node = state.node_parent[node]
@@ -374,7 +374,7 @@ def certain(here):
     oldest, youngest = me.count - settings.window, me.count - 1 - settings.certain_after
     node = best_node(here)
     after = me.count  # the start that follows in the path; count is none
-    while node != me.root:
+    while node not in (me.root, FREE):
         start, parent = state.node_start[node], state.node_parent[node]
         if start < oldest:
             return -1

@@ -59,6 +59,16 @@ def node_at(here, start, group):
 
 
 @compiled
+def node_made(here, nodes, i):
+    """The node that an earlier group of the next start has after the same segment; FREE without one."""
+    before, node = state_at(here).next_before, FREE
+    for other in range(i):
+        if before[other] == before[i] and nodes[other] != FREE:
+            node = nodes[other]
+    return node
+
+
+@compiled
 def refer(here, node):
     """One reference more; returns the node."""
     state = state_at(here)

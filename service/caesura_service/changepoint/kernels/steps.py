@@ -7,7 +7,7 @@ import math
 from caesura_service.changepoint.kernels.channels import take
 from caesura_service.changepoint.kernels.elementary import exponentials, logarithms, most_of, shares_of
 from caesura_service.changepoint.kernels.layout import FREE
-from caesura_service.changepoint.kernels.nodes import copy, new_node, refer, release, settle
+from caesura_service.changepoint.kernels.nodes import copy, new_node, node_made, refer, release, settle
 from caesura_service.changepoint.kernels.residuals import whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.changepoint.kernels.window import keep_shares, link, remember, smooth, sum_from
@@ -280,10 +280,7 @@ def make_nodes(here):
     state = state_at(here)
     count, nodes = state.counters[0].count, state.next_nodes
     for i in range(nodes.size):
-        before, node = state.next_before[i], FREE
-        for other in range(i):
-            if state.next_before[other] == before and nodes[other] != FREE:
-                node = nodes[other]
+        before, node = state.next_before[i], node_made(here, nodes, i)
         if i < nodes.size - 1 and state.next[1, i] == -math.inf:
             nodes[i] = FREE
         elif node != FREE:

@@ -13,7 +13,7 @@ import math
 
 from caesura_service.changepoint.kernels.elementary import exponentials, log_sum_exp, shares_of
 from caesura_service.changepoint.kernels.layout import FREE
-from caesura_service.changepoint.kernels.nodes import new_node, node_at, refer, release
+from caesura_service.changepoint.kernels.nodes import new_node, node_at, node_made, refer, release
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.compiling.decorators import compiled
 
@@ -205,10 +205,7 @@ def nodes_anew(here, start, end):
     state = state_at(here)
     size, nodes = state.window_evidence.shape[0], state.anew[end - start]
     for i in range(nodes.size):
-        before, node = state.next_before[i], FREE
-        for other in range(i):
-            if state.next_before[other] == before and nodes[other] != FREE:
-                node = nodes[other]
+        before, node = state.next_before[i], node_made(here, nodes, i)
         if i < nodes.size - 1 and state.next[1, i] == -math.inf:
             nodes[i] = FREE
         elif node != FREE:

@@ -28,7 +28,7 @@ LengthUnit = Literal["m", "cm", "mm"]
 ForceFrame = Literal["base", "flange"]
 WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
 HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
-Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding"]
+Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding", "turning"]
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
 Certainty = Literal["provisional", "final"]
@@ -241,6 +241,8 @@ class Segment(Message):
     load_kg: float | None  # transport and hold: what is carried
     load_sd_kg: float | None
     corrected: bool = False  # somebody said what it is
+    turn: Vector | None = None  # [rad] base frame: axis times angle, of all turns together
+    centre: Vector | None = None  # [m] turning: the point of its axis that is nearest to where it begins
 
     @property
     def force(self) -> Vector:

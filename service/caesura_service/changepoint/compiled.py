@@ -54,7 +54,7 @@ class CompiledFilter(Smoothed):
         not finite; nothing has changed then.
         """
         now = self._state.now
-        now[:3], now[3:6], now[6] = observed
+        now[:3], now[3:6], now[9], now[6:9] = observed
         if not self._room:
             self._make_room()
         known = steps.UNKNOWN if changepoint is None else int(changepoint)

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Observed, Rows, select
 
 Array = NDArray[np.float64]
+NOWHERE = Observed(np.zeros(AXES), np.zeros(AXES))
 
 EARLY, LATE = 20, 500  # observations between which nothing may grow
 SPARE_BYTES = 2048  # what Python itself allocates now and then; a number an observation would be 4000
@@ -118,11 +119,8 @@ def everywhere(
     scale = np.broadcast_to(np.asarray(scale, float), AXES)
     grid = np.stack(np.meshgrid(spread, spread, spread, indexing="ij"), -1).reshape(-1, AXES)
     volumes = np.einsum("i,j,k->ijk", width, width, width).ravel() * np.prod(scale)
-    zero = np.zeros(AXES)
     values = np.asarray(centre, float) + scale * grid
-    if channel == "position":
-        return [Observed(value, zero) for value in values], volumes
-    return [Observed(zero, value) for value in values], volumes
+    return [NOWHERE._replace(**{channel: value}) for value in values], volumes
 
 
 def mass(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, Observed, Rows, append
+from caesura_service.changepoint.models import AXES, Channel, Observed, Rows, append, signal
 
 Array = NDArray[np.float64]
 
-LENGTH_FLOOR_M = 1e-9  # below which a displacement has no direction
+LENGTH_FLOOR = 1e-9  # below which a displacement has no direction
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class CornerStart:
     stays. It needs no look at what comes after the segment, so a segment's evidence remains its own. γ
     exceeds what a start from rest costs the movement at the speed at which people pass corners (0.1 m/s).
 
-    gamma [nats]; pace [m]: least step at a peak, since a hand at rest has no corners.
+    gamma [nats]; pace [unit]: least step at a peak, since a hand at rest has no corners. channel: the
+    position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a corner.
     """
 
     gamma: float
@@ -38,6 +39,7 @@ class CornerStart:
     dip_width: float = 0.08
     chord: int = 3
     reach: int = 5
+    channel: Channel = "position"
 
     @property
     def memory(self) -> int:
@@ -45,14 +47,14 @@ class CornerStart:
         return self.reach + 2
 
     def empty(self) -> Rows:
-        """Rows: n, last positions, position at the start, path before, step at it, peaks, log weight."""
+        """Rows: n, last values, value at the start, path before, step at it, peaks, log weight."""
         vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
         past = np.zeros((0, self.memory, AXES))
         return np.zeros(0, np.int64), past, vectors, vectors, scalars, scalars, scalars, scalars
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
-        z = observed.position
+        z = signal(observed, self.channel)
         past = np.concatenate([rows[1][-1][1:], z[None]]) if len(rows[0]) else np.tile(z, (self.memory, 1))
         steps = np.sqrt((np.diff(past, axis=0) ** 2).sum(axis=1))
         n = append(rows[0], 0)
@@ -73,9 +75,9 @@ class CornerStart:
         return n + 1, every, start, before, speed, peak_before, peak_after, weight
 
     def _log_weight(self, before: Array, after: Array, speed: Array, peak: Array) -> Array:
-        """(h,) of displacements (h, 3) [m] before and after, the step at the start and the lesser peak."""
+        """(h,) of displacements (h, 3) [unit] before and after, the step at the start and the lesser peak."""
         lengths = np.sqrt((before**2).sum(axis=1)), np.sqrt((after**2).sum(axis=1))
-        known = (peak > self.pace) & (lengths[0] > LENGTH_FLOOR_M) & (lengths[1] > LENGTH_FLOOR_M)
+        known = (peak > self.pace) & (lengths[0] > LENGTH_FLOOR) & (lengths[1] > LENGTH_FLOOR)
         cosine = (before * after).sum(axis=1) / np.where(known, lengths[0] * lengths[1], 1.0)
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         turned = (turn - self.turn_deg) / self.turn_width_deg

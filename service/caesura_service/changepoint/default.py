@@ -22,9 +22,12 @@ from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.levels import Biased, Constant, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise
+from caesura_service.changepoint.pace import Pace
+from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
+from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.walk import Walk
 
@@ -41,6 +44,11 @@ MEMORY_S = 0.5
 CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
+# A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
+# the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
+HANDS_BREADTH_M = 0.1
+TURN_RADIUS_M = 0.05  # of the arc on which the reported point of the tool goes while it turns in place
+FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
 STROKES_REFRACTORY_S = 0.2
@@ -93,7 +101,12 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "corner": CornerStart(gamma=40.0, pace=SLOW),
         "still": Walk("position", scale=REST_STEP_M, still=REST),
         "stopped": Walk("position", scale=REST_STEP_M),
+        "turning": Pace("rotation", least=REST / HANDS_BREADTH_M),
+        "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
+        "unturned": Pace("rotation", most=REST / HANDS_BREADTH_M),
+        "about_a_point": Pivot(floor=0.0005, share=0.2 * 0.5 * TURN_RADIUS_M, reach=TURN_RADIUS_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
+        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
         "pressed": Walk("force", scale=0.5, presence=beyond),
         "slid_along": Friction(least=beyond, pace=SLOW),
         "laden": Laden(QUIET, bias=bias_n, absence=beyond),
@@ -104,13 +117,14 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 
 def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    """The same with movements along a library of strokes, and without corners."""
+    """The same with movements along a library of strokes, without corners and without turns."""
     channels = {
         **default_channels(bias_n),
         "moving": stroke(),
         "still": Walk("position", scale=REST_STEP_M, still=SLOW),
     }
-    return {name: model for name, model in channels.items() if name != "corner"}
+    used = {channel for kind in STROKE_KINDS for channel in kind.channels}
+    return {name: model for name, model in channels.items() if name in used}
 
 
 # A load and a wandering bias look alike. Without a gripper's state a load is three segments in a hundred: an
@@ -125,9 +139,17 @@ STROKE_KINDS = (
     Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
 )
 
-ALL_KINDS = tuple(
-    replace(kind, channels=(*kind.channels, "corner")) if kind.motion == "motion" else kind
-    for kind in STROKE_KINDS
+_MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
+_FREE = {"free": ("not_set_in",), "contact": (), "transport": ()}
+_TURN = ("turning", "turned_back", "about_a_point")
+ALL_KINDS = (
+    *(
+        replace(kind, channels=(*kind.channels, *_MORE[kind.motion], *_FREE[kind.contact]))
+        for kind in STROKE_KINDS
+    ),
+    Kind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
+    Kind("turning", "motion", "contact", (*_TURN, "pressed", "gripping")),
+    Kind("turning", "motion", "transport", (*_TURN, "laden", "holding"), _LADEN_WEIGHT),
 )
 UNREPEATED = (("steady", "hold"), ("contact",))  # rests, with and without a load; contacts
 

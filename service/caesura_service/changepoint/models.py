@@ -20,10 +20,12 @@ from caesura_service.changepoint.profiles import whiten
 Array = NDArray[np.float64]
 Rows = tuple[NDArray[Any], ...]
 Choice = Literal["mixture", "maximum"]
-Channel = Literal["position", "force"]
+Channel = Literal["position", "force", "rotation"]
 Origin = Literal["previous", "first", "zero"]
 
 AXES = 3
+UNTURNED = np.zeros(AXES)  # the rotation of a pose without an orientation
+UNTURNED.setflags(write=False)
 
 
 class Observed(NamedTuple):
@@ -32,6 +34,7 @@ class Observed(NamedTuple):
     position: Array  # (3,) [m]
     force: Array  # (3,) [N] of the environment on the robot
     holding: float = np.nan  # 1 the gripper holds something, 0 it does not, nan unknown
+    rotation: Array = UNTURNED  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
 
 
 class ChannelModel(Protocol):
@@ -75,7 +78,8 @@ def log_absence(squared: ArrayLike, most: float) -> Array:
 
 def signal(observed: Observed, channel: Channel) -> Array:
     """(3,) the channel's values."""
-    return observed.position if channel == "position" else observed.force
+    value: Array = getattr(observed, channel)
+    return value
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.pivot import Pivot
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
@@ -19,7 +20,8 @@ SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is kno
 # What is left where the force cannot tell contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
     Kind("motion", "motion", "free", ("moving", "corner")),
-    Kind("steady", "steady", "free", ("still",)),
+    Kind("steady", "steady", "free", ("still", "unturned")),
+    Kind("turning", "motion", "free", ("turning", "turned_back", "about_a_point")),
 )
 
 
@@ -54,19 +56,33 @@ class Preset:
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(
-        self, *, contact: bool = True, transport: bool = True, bias_n: float = SENSOR_BIAS_N
+        self,
+        *,
+        contact: bool = True,
+        transport: bool = True,
+        orientation: bool = False,
+        bias_n: float = SENSOR_BIAS_N,
     ) -> Lattice:
-        """The lattice over what the wrench can carry.
+        """The lattice over what the session reports.
 
-        Without contact the force is not looked at, and what remains is whether the arm moves. bias_n [N]:
-        scale of what free space may read. Raises ValueError where nothing is left to look at.
+        Without contact the force is not looked at, and what remains is whether the arm moves. Without an
+        orientation no channel looks at the rotation, and nothing turns. bias_n [N]: scale of what free space
+        may read. Raises ValueError where nothing is left to look at.
         """
         channels = self.channels(bias_n)
+        if not orientation:
+            channels = {name: model for name, model in channels.items() if not looks_at_rotation(model)}
         if contact:
             kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         else:
-            found = (replace(k, channels=tuple(c for c in k.channels if c in channels)) for k in MOVEMENT)
-            kinds = tuple(kind for kind in found if kind.channels and kind.channels != ("corner",))
+            kinds = MOVEMENT
+        turns = any(map(looks_at_rotation, channels.values()))
+        kinds = tuple(
+            replace(kind, channels=tuple(channel for channel in kind.channels if channel in channels))
+            for kind in kinds
+            if turns or kind.name != "turning"
+        )
+        kinds = tuple(kind for kind in kinds if {*kind.channels} - {"corner"})
         if not kinds:
             raise ValueError(
                 f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
@@ -77,10 +93,15 @@ class Preset:
         return Lattice(channels, kinds, choice, self.unrepeated, self.power)
 
     def online(
-        self, *, contact: bool = True, transport: bool = True, bias_n: float = SENSOR_BIAS_N
+        self,
+        *,
+        contact: bool = True,
+        transport: bool = True,
+        orientation: bool = False,
+        bias_n: float = SENSOR_BIAS_N,
     ) -> Filter:
         """A filter at its beginning; arguments as for `lattice`."""
-        lattice = self.lattice(contact=contact, transport=transport, bias_n=bias_n)
+        lattice = self.lattice(contact=contact, transport=transport, orientation=orientation, bias_n=bias_n)
         return filter_for(lattice, self.hazard, self.filter)
 
     @property
@@ -88,3 +109,8 @@ class Preset:
         """The prior of segment lengths, in samples."""
         mean, early = self.mean_segment_s * SEGMENTATION_HZ, round(self.refractory_s * SEGMENTATION_HZ)
         return Refractory(mean, early) if early else Geometric(mean)
+
+
+def looks_at_rotation(model: ChannelModel) -> bool:
+    """Whether a channel model needs an orientation."""
+    return isinstance(model, Pivot) or getattr(model, "channel", None) == "rotation"

@@ -51,7 +51,7 @@ class Stretch:
 
 
 def verdict(lattice: Lattice, ended: Ended) -> Verdict:
-    """The best kind of the group that the best segmentation has, and the probability of every kind.
+    """The best kind of the group that the best segmentation has, and the probability of its name.
 
     Given where the segment begins and ends, and the group of the segment before it: a kind that may not
     follow that one has no probability, unless the best segmentation repeats it, as it may after a gap.
@@ -60,10 +60,14 @@ def verdict(lattice: Lattice, ended: Ended) -> Verdict:
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
     values, best = values.tolist(), _best(lattice, ended)
-    possible = (kind for kind, value in enumerate(values) if kind != best and value > -math.inf)
-    others = sorted(possible, key=values.__getitem__, reverse=True)
-    odds_against = sum([math.exp(min(values[kind] - values[best], MOST_ODDS)) for kind in others])
-    probability = 1.0 / (1.0 + odds_against)
+    possible = [kind for kind, value in enumerate(values) if kind != best and value > -math.inf]
+    possible.sort(key=values.__getitem__, reverse=True)
+    odds = [math.exp(min(values[kind] - values[best], MOST_ODDS)) for kind in possible]
+    alike = [kinds[kind].name == kinds[best].name for kind in possible]
+    others = [kind for kind, same in zip(possible, alike, strict=True) if not same]
+    in_favour = 1.0 + sum([value for value, same in zip(odds, alike, strict=True) if same])
+    odds_against = sum([value for value, same in zip(odds, alike, strict=True) if not same])
+    probability = in_favour / (in_favour + odds_against)
     if not others:
         return Verdict(kinds[best], probability, None, 0.0)
     second = others[0]

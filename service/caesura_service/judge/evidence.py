@@ -96,7 +96,7 @@ def tell(case: Case) -> Told:
     told = {}
     for name, moves in LIBRARIES.items():
         preset = with_moves(STROKES, moves())
-        model = filter_of(preset, capabilities_of(recording), tared=tared)
+        model = filter_of(preset, capabilities_of(recording), tared=tared, orientation=False)
         told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
     return Told(case.name, sum(map(len, parts)), told)
 

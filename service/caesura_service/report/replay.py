@@ -59,7 +59,8 @@ def replay(recording: Recording, preset: str) -> Replay:
     chosen = PRESETS[preset]
     conditioner = Conditioner(layout_of(opening_of(recording, preset)))
     observations = tuple(_conditioned(recording, conditioner))
-    online = filter_of(chosen, conditioner.layout.source, tared=conditioner.tare is not None)
+    layout, tared = conditioner.layout, conditioner.tare is not None
+    online = filter_of(chosen, layout.source, tared=tared, orientation=layout.has_orientation)
     beliefs = tuple(_believed(online, observations))
     return Replay(
         observations=observations,

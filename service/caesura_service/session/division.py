@@ -10,8 +10,9 @@ from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
-from caesura_protocol.messages import Changepoint, Segment
+from caesura_protocol.messages import Changepoint, Segment, Vector
 from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.pivot import centre_of
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold
@@ -32,10 +33,16 @@ class _Seen(NamedTuple):
     changepoint: Changepoint
 
 
-def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool) -> Filter:
-    """A filter for what the wrench can carry. Raises ValueError where the preset looks at nothing else."""
+def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool) -> Filter:
+    """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
+
+    Raises ValueError where the preset looks at nothing that is reported.
+    """
     return preset.online(
-        contact=source.contact_models, transport=source.transport_models, bias_n=_bias_n(source, tared=tared)
+        contact=source.contact_models,
+        transport=source.transport_models,
+        orientation=orientation,
+        bias_n=_bias_n(source, tared=tared),
     )
 
 
@@ -43,11 +50,18 @@ class Division:
     """Takes the observations of a history one by one, with what somebody has said of them."""
 
     def __init__(
-        self, preset: Preset, source: WrenchCapabilities, history: History, heeded: Heeded, *, tared: bool
+        self,
+        preset: Preset,
+        source: WrenchCapabilities,
+        history: History,
+        heeded: Heeded,
+        *,
+        tared: bool,
+        orientation: bool,
     ) -> None:
-        """Raises ValueError where the preset looks at nothing that the wrench can carry."""
-        self.tared = tared
-        self.online = filter_of(preset, source, tared=tared)
+        """Raises ValueError where the preset looks at nothing that is reported."""
+        self.tared, self._orientation = tared, orientation
+        self.online = filter_of(preset, source, tared=tared, orientation=orientation)
         self.settled = Settled()
         self.places = array("d")  # [s] where a segment begins whose first own observation is this one
         self._preset, self._history, self._heeded = preset, history, heeded
@@ -103,7 +117,8 @@ class Division:
         label = self._heeded.label(start, stretch.end)
         if label is None:
             return stretch
-        kind = next(kind for kind in self.online.lattice.kinds if kind.name == label)
+        named = [kind for kind in self.online.lattice.kinds if kind.name == label]
+        kind = max(named, key=lambda kind: kind.contact == stretch.verdict.kind.contact)
         return replace(stretch, verdict=Verdict(kind, 1.0, None, 0.0))
 
     def _settling(self, fresh: list[Stretch]) -> int:
@@ -143,6 +158,7 @@ class Division:
     def _segment(self, stretch: Stretch, load: Load | None) -> Segment:
         found, history = stretch.verdict, self._history
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
+        turn, centre = self._turn(begin, last, found.kind.name)
         return Segment(
             t0=self.places[stretch.start],
             tn=self._end(stretch.end),
@@ -161,7 +177,20 @@ class Division:
             load_kg=None if load is None else load.kg,
             load_sd_kg=None if load is None else load.sd_kg,
             corrected=self._heeded.label(stretch.start, stretch.end) is not None,
+            turn=turn,
+            centre=centre,
         )
+
+    def _turn(self, begin: int, last: int, kind: str) -> tuple[Vector | None, Vector | None]:
+        """By how much the robot turns from one observation to another [rad], and where the axis lies [m]."""
+        if not self._orientation:
+            return None, None
+        turned = self._history.turned(begin, last)
+        if kind != "turning":
+            return turned, None
+        middle = (begin + last) // 2
+        places = [self._history.position(index) for index in (begin, middle, last)]
+        return turned, centre_of(places, [self._history.turned(begin, index) for index in (middle, last)])
 
     def _joins(self, start: int) -> bool:
         """Whether a segment with its first own observation at `start` begins where the one before it ends."""

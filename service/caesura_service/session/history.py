@@ -23,9 +23,9 @@ Row = tuple[float, ...]
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
-_SCALE, _COLUMNS = 23, 24
+_SCALE, _ROTATION, _COLUMNS = 23, slice(24, 27), 27
 _ROW = struct.Struct(f"{_COLUMNS}d")
-_NO_ORIENTATION, _NO_JOINTS = (np.nan,) * 4, (np.nan,) * 7
+_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * 7, (0.0,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
@@ -67,6 +67,7 @@ class History:
                 *(_NO_ORIENTATION if orientation is None else orientation),
                 *(_NO_JOINTS if joints is None else joints),
                 force_scale(observation),
+                *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
             )
         )
         self._count += 1
@@ -74,7 +75,8 @@ class History:
     def observed(self, index: int) -> Observed:
         """What the segment models see of an observation."""
         row = self._row(index)
-        return Observed(np.array(row[_POSITION]), np.array(row[_FORCE]) / row[_SCALE], row[_HOLDING])
+        force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
+        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
@@ -87,6 +89,12 @@ class History:
     def position(self, index: int) -> tuple[float, float, float]:
         """[m] flange position."""
         x, y, z = self._row(index)[_POSITION]
+        return x, y, z
+
+    def turned(self, begin: int, last: int) -> tuple[float, float, float]:
+        """[rad] sum of the rotations from one observation to another, each a vector in the base frame."""
+        before, after = self._row(begin)[_ROTATION], self._row(last)[_ROTATION]
+        x, y, z = (b - a for a, b in zip(before, after, strict=True))
         return x, y, z
 
     def force(self, index: int) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Gap, Open, WrenchReport
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import UNTURNED, Observed
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold import check_level
@@ -94,7 +94,8 @@ def layout_of(opening: Open) -> Layout:
 def observed(observation: Observation) -> Observed:
     """What the segment models see of an observation."""
     force = observation.force_base / force_scale(observation)
-    return Observed(observation.position_base, force, holding(observation))
+    rotation = UNTURNED if observation.rotation is None else observation.rotation
+    return Observed(observation.position_base, force, holding(observation), rotation)
 
 
 class _Looked(NamedTuple):
@@ -184,7 +185,10 @@ class SegmentationPipeline:
         return GrowingProgram(self._history.moment, self._preset.least_segment_s)
 
     def _begin(self, *, tared: bool) -> None:
-        self._division = Division(self._preset, self._source, self._history, self._heeded, tared=tared)
+        orientation = self._conditioner.layout.has_orientation
+        self._division = Division(
+            self._preset, self._source, self._history, self._heeded, tared=tared, orientation=orientation
+        )
 
     def _take(self, conditioned: Conditioned) -> None:
         for t0, tn in conditioned.gaps:
@@ -279,7 +283,7 @@ class SegmentationPipeline:
             finished=self._finished,
             marks=[self._mark(before, part) for before, part in pairwise(parts)],
             spans=spans,
-            kinds=[kind.name for kind in self._division.online.lattice.kinds],
+            kinds=[*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)],
             apps=self._view.apps,
         )
 

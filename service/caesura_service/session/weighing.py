@@ -17,7 +17,7 @@ from caesura_service.session.history import History
 LEAST_BASELINE = 3  # observations of free space that a baseline needs
 EDGE = 2  # observations at either end of a stretch that belong to the transition
 DEPENDENT = 4.0  # forces stay alike for 0.2 s, so that many observations count as one
-MOST_BIASES = 2.0  # free space that reads more than this many scales of the bias is something else
+MOST_BIASES = 1.3  # free space that reads more than this many scales of the bias is something else
 WANDER_N = 0.5  # what it may have wandered by where there is free space on one side only
 
 

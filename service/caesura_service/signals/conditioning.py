@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.arithmetic import Arithmetic, best
-from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
+from caesura_service.signals.bias import ORIGIN, TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
+from caesura_service.signals.rotation import rotation_between
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
 from caesura_service.signals.wrench import WrenchCapabilities
 
@@ -97,6 +98,8 @@ class _State(NamedTuple):
     after_gap: bool = False
     rows: int = 0  # of the segmentation grid
     bias: BiasState = BiasState()
+    orientation: Array | None = None  # of the last observation
+    rotation: tuple[float, float, float] = ORIGIN  # [rad] that observations have turned by so far
 
 
 class Conditioner:
@@ -244,7 +247,11 @@ class Conditioner:
         filtered = self._filtered(state, anchor, first, recent)
         waiting = (*state.waiting, *filtered)
         after_gap, rows = state.after_gap and not filtered, state.rows + len(filtered)
-        return _State(self._filter.tail(recent), gripper, tare, waiting, after_gap, rows, state.bias), events
+        tail = self._filter.tail(recent)
+        taken = state._replace(
+            tail=tail, gripper=gripper, tare=tare, waiting=waiting, after_gap=after_gap, rows=rows
+        )
+        return taken, events
 
     def _restarted(self, state: _State) -> _State:
         tare = self._taring.interrupted(state.tare, "samples are missing within the tare window")
@@ -284,6 +291,7 @@ class Conditioner:
             return state, ()
         known = self._columns, tare, self._arithmetic
         observations = tuple(observation_of(filtered, *known) for filtered in state.waiting)
+        state, observations = _turned(state, observations)
         if self.layout.source.bias == "tare":
             return state._replace(waiting=()), observations
         bias, tracked = self._track(state.bias, observations, tared=tare.bias is not None)
@@ -302,3 +310,18 @@ class Conditioner:
             force.setflags(write=False)
             tracked.append(replace(observation, force_base=force, bias_n=scale))
         return bias, tuple(tracked)
+
+
+def _turned(state: _State, observations: tuple[Observation, ...]) -> tuple[_State, tuple[Observation, ...]]:
+    """Add to each observation the sum of the rotations so far, where its orientation is known."""
+    before, total, turned = state.orientation, np.array(state.rotation), []
+    for observation in observations:
+        after = observation.orientation
+        if after is None:
+            return state, observations
+        total = total if before is None else total + rotation_between(before, after)
+        total.setflags(write=False)
+        turned.append(replace(observation, rotation=total))
+        before = after
+    x, y, z = total.tolist()
+    return state._replace(orientation=before, rotation=(x, y, z)), tuple(turned)

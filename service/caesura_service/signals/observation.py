@@ -33,6 +33,7 @@ class Observation:
     speed: float  # [m/s] of the flange
     after_gap: bool  # samples are missing between the observation before and this one
     bias_n: float | None = None  # [N] scale of what free space reads, where it is tracked
+    rotation: Array | None = None  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
 
 
 class FilteredRow(NamedTuple):

@@ -42,6 +42,25 @@ def rotated(quaternions: Array, vectors: Array) -> Array:
     return vectors + w * turned + _cross(axis, turned)
 
 
+def rotation_between(before: Array, after: Array) -> Array:
+    """Rotation vector (3,) [rad] in the base frame from one orientation to another, at most a half turn.
+
+    Unit quaternions (4,) x y z w, frame to base. The logarithm of after · before⁻¹ (Solà 2017, section 2.4);
+    it does not depend on how the frame is turned in the tool.
+    """
+    ax, ay, az, aw = after.tolist()
+    bx, by, bz, bw = before.tolist()
+    x = aw * -bx + ax * bw + ay * -bz - az * -by
+    y = aw * -by - ax * -bz + ay * bw + az * -bx
+    z = aw * -bz + ax * -by - ay * -bx + az * bw
+    w = aw * bw + ax * bx + ay * by + az * bz
+    sine = math.sqrt(x * x + y * y + z * z)
+    if w < 0.0:
+        x, y, z, w = -x, -y, -z, -w
+    scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
+    return np.array([scale * x, scale * y, scale * z])
+
+
 def _cross(a: Array, b: Array) -> Array:
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

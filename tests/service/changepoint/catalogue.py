@@ -16,7 +16,7 @@ from typing import Any, get_args
 import numpy as np
 
 from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
-from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.contract import NOWHERE, rows_after
 from caesura_service.changepoint.corner import CornerStart
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.friction import Friction
@@ -24,9 +24,12 @@ from caesura_service.changepoint.guided import GuidedMotion
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
+from caesura_service.changepoint.pace import Pace
+from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
+from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
 
@@ -57,11 +60,7 @@ class Entry:
 
     def observe(self, values: np.ndarray) -> list[Observed]:
         """Observations of values (n, 3) [unit] in the model's channel."""
-        zero = np.zeros(3)
-        values = self.unit * values
-        if self.channel == "position":
-            return [Observed(value, zero) for value in values]
-        return [Observed(zero, value) for value in values]
+        return [NOWHERE._replace(**{self.channel: value}) for value in self.unit * values]
 
 
 @dataclass(frozen=True)
@@ -209,8 +208,13 @@ EVERYTHING: dict[str, ChannelModel] = {
     "held": Held(0.2, change=0.1),
     "friction": Friction(least=2.0, pace=0.002),
     "corner": CornerStart(gamma=30.0, pace=0.0005),
+    "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
+    "no rise": NoRise(scale=1.0),
+    "pace": Pace("rotation", least=0.02, most=0.1),
+    "pivot": Pivot(floor=0.001, share=0.02, reach=0.1),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
+    "default's lattice with an orientation": Whole(PRESETS["default"].lattice(orientation=True)),
 }
 
 
@@ -220,7 +224,8 @@ def observations(count: int, seed: int = 0) -> list[Observed]:
     position = np.array([0.4, -0.3, 0.2]) + np.cumsum(rng.normal(0, 0.01, (count, 3)), axis=0)
     force = rng.normal([0.5, 0.0, -3.0], 1.0, (count, 3))
     holding = np.resize([np.nan, 0.0, 0.0, 1.0, np.nan], count)
-    return [Observed(*one) for one in zip(position, force, holding.tolist(), strict=True)]
+    rotation = np.cumsum(rng.normal(0, 0.05, (count, 3)), axis=0)
+    return [Observed(*one) for one in zip(position, force, holding.tolist(), rotation, strict=True)]
 
 
 def digest() -> str:

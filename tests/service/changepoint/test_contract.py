@@ -19,8 +19,11 @@ from caesura_service.changepoint.evidence import known_mean_log_evidence, log_me
 from caesura_service.changepoint.friction import Friction
 from caesura_service.changepoint.levels import Held
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.pace import Pace
+from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.rise import NoRise
 from service.changepoint.catalogue import (
     APART,
     DENSITY,
@@ -282,5 +285,12 @@ def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:
 
 def test_the_catalogue_has_every_model_of_every_preset() -> None:
     used = {type(model) for preset in PRESETS.values() for model in preset.channels(1.5).values()}
-    listed = {type(entry.model) for entry in MODELS.values()} | {Held, Friction, CornerStart}
+    listed = {type(entry.model) for entry in MODELS.values()} | {
+        Held,
+        Friction,
+        CornerStart,
+        NoRise,
+        Pace,
+        Pivot,
+    }
     assert used <= listed

@@ -21,12 +21,16 @@ from caesura_service.changepoint.kernels.layout import (
     GUIDED,
     HELD,
     LADEN,
+    NO_RISE,
+    PACE,
+    PIVOT,
     PROFILED,
     STATES,
     VELOCITY,
     WALK,
 )
 from caesura_service.changepoint.kernels.movement import corner, guided
+from caesura_service.changepoint.kernels.pivot import pivot
 from caesura_service.changepoint.kernels.profiles import profiled
 from caesura_service.changepoint.kernels.residuals import (
     LOG_2PI,
@@ -43,7 +47,7 @@ from caesura_service.changepoint.kernels.residuals import (
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.compiling.decorators import compiled
 
-FORCE, HOLDING = 3, 6  # places in an observation
+FORCE, HOLDING = 3, 9  # places in an observation
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 
 
@@ -81,6 +85,12 @@ def take_weighing(here, c, joins):
         guided(here, c, joins)
     elif which == CORNER:
         corner(here, c)
+    elif which == PIVOT:
+        pivot(here, c)
+    elif which == PACE:
+        pace(here, c, joins)
+    elif which == NO_RISE:
+        no_rise(here, c, joins)
 
 
 @compiled
@@ -93,6 +103,39 @@ def walk(here, c, joins):
     told = channel.constant - 0.5 * (channel.nu + AXES) * math.log1p(step2 / (channel.nu * channel.scale2))
     told += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
     add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+
+
+@compiled
+def pace(here, c, joins):
+    """`Pace`. Field: Σ log weight. The step is the same for every hypothesis."""
+    model, state = model_at(here), state_at(here)
+    channel, told = model.channels[c], 0.0
+    if joins:
+        step2 = step_squared(here, channel.signal, joins)
+        told = log_presence(step2, channel.least) + log_absence(step2, channel.still)
+    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+
+
+@compiled
+def no_rise(here, c, joins):
+    """`NoRise`. Fields: force before the start, largest rise."""
+    model, state = model_at(here), state_at(here)
+    channel, living, told = model.channels[c], state.counters[0].living, state.channel[c]
+    before, risen = state.sums[channel.field], state.sums[channel.field + 1]
+    now = force_of(state.now)
+    before[living - 1] = force_of(state.previous) if joins else now
+    place = living - 1
+    while place >= 0 and state.ages[place] - 1 <= channel.reach:
+        risen[place] = max(risen[place], now - before[place])
+        place -= 1
+    for i in range(whole(living)):
+        told[i] = -0.5 * risen[i] * risen[i] / channel.scale2
+
+
+@compiled
+def force_of(seen):
+    """[N] size of an observation's force."""
+    return math.sqrt(seen[FORCE] ** 2 + seen[FORCE + 1] ** 2 + seen[FORCE + 2] ** 2)
 
 
 @compiled

@@ -32,14 +32,17 @@ from caesura_service.changepoint.kernels.layout import (
 from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.levels import GRAVITY, Biased, Carried, Constant, Held, Laden
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
+from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew
-SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES}
+SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES, "rotation": 2 * AXES}
 ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
 FORCE = SIGNALS["force"]
 
@@ -294,6 +297,7 @@ def _guided(model: GuidedMotion) -> Record:
 def _corner(model: CornerStart) -> Record:
     return {
         "model": layout.CORNER,
+        "signal": SIGNALS[model.channel],
         "gamma": model.gamma,
         "pace": model.pace,
         "turn": model.turn_deg,
@@ -302,6 +306,27 @@ def _corner(model: CornerStart) -> Record:
         "dip_width": model.dip_width,
         "chord": model.chord,
         "reach": model.reach,
+    }
+
+
+def _pace(model: Pace) -> Record:
+    return {"model": layout.PACE, "signal": SIGNALS[model.channel], "least": model.least, "still": model.most}
+
+
+def _no_rise(model: NoRise) -> Record:
+    return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach}
+
+
+def _pivot(model: Pivot) -> Record:
+    return {
+        "model": layout.PIVOT,
+        "joint": True,
+        "pooled": AXES,
+        "nu0": model.nu0,
+        "floor2": model.floor**2,
+        "scale2": model.share**2,
+        "reach2": model.reach**2,
+        "offset": 0.5 * model.nu0 * np.log(model.nu0),
     }
 
 
@@ -318,6 +343,9 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     Friction: _friction,
     GuidedMotion: _guided,
     CornerStart: _corner,
+    Pivot: _pivot,
+    Pace: _pace,
+    NoRise: _no_rise,
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
@@ -333,6 +361,9 @@ _WIDTHS: Mapping[type, int] = {
     Friction: 1,
     GuidedMotion: 3,
     CornerStart: 10,
+    Pivot: 15,
+    Pace: 1,
+    NoRise: 2,
 }
 
 

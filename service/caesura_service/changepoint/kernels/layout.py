@@ -26,15 +26,15 @@ AXES = 3
 BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
 STATES = 3  # of the contact model
-PAST = 16  # positions that a model may look back on
+SEEN = 3 * AXES + 1  # numbers of an observation
+PAST = 16  # observations that a model may look back on
 
 # Rows of a library's table: φw, w, Σφ²w, Σ log scale.
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
-PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION, GUIDED, CORNER = range(
-    12
-)
+PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION = range(10)
+GUIDED, CORNER, PIVOT, PACE, NO_RISE = range(10, 15)
 PREVIOUS, FIRST, ZERO = range(3)
 
 CHANNEL = np.dtype(
@@ -141,9 +141,9 @@ class State(NamedTuple):
     """
 
     counters: NDArray[Any]  # (1,) COUNTERS
-    now: Floats  # (7,) the observation: position 3, force 3, whether the gripper holds something
-    previous: Floats  # (7,) the one before
-    past: Floats  # (PAST, 3) the last positions, this one included
+    now: Floats  # (10,) the observation: position 3, force 3, rotation 3, whether the gripper holds something
+    previous: Floats  # (10,) the one before
+    past: Floats  # (PAST, 6) the last positions and rotations, this one included
     starts: Ints  # (s,)
     nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned
     slots: Ints  # (s,) those of the living, then the free ones
@@ -209,9 +209,9 @@ def fresh_state(
     first = 5 * groups + 1  # rows of priors, joint, evidence twice, and pairs
     wide = whole(window)
     shapes: dict[str, tuple[int, ...]] = {
-        "now": (7,),
-        "previous": (7,),
-        "past": (PAST, AXES),
+        "now": (SEEN,),
+        "previous": (SEEN,),
+        "past": (PAST, 2 * AXES),
         "ages": (slots,),
         "rows": (first + kinds + fields, slots),
         "channel": (channels, slots),

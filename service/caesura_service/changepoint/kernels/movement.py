@@ -18,7 +18,7 @@ SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion
 PEAK, TOTAL = 5, 6  # rows of the work; those before `BY_LENGTH` hold one scale each
 OWN_STEPS = 2  # observations of a segment after which the steps before it play no part
 START, BEFORE, SPEED, PEAK_BEFORE, PEAK_AFTER, WEIGHT = 0, 3, 6, 7, 8, 9  # fields of a corner
-LENGTH_FLOOR_M = 1e-9
+LENGTH_FLOOR = 1e-9
 MOST = 50.0  # of the logistic function's argument
 
 
@@ -37,11 +37,17 @@ def guided(here, c, joins):
     for place in range(old, living):
         square, log_scale = innovation(here, channel, int(state.ages[place]) - 1)
         add_step(sums, square, log_scale, place, place + 1)
-    paced = log_presence(step_squared_at(state.past, 1), channel.pace) if joins else 0.0
+    paced = log_presence(step_squared_at(state.past, 1, 0), channel.pace) if joins else 0.0
     for place in range(living):
         sums[PACED, place] += paced
     tell_length(here, c)
     mix_scales(here, channel, sums, state.channel[c])
+
+
+@compiled
+def column(channel):
+    """Where a channel's values begin in `state.past`: positions come first, then rotations."""
+    return AXES if channel.signal else 0
 
 
 @compiled
@@ -124,12 +130,12 @@ def add_up(told, work, sums, lanes):
 
 @compiled
 def corner(here, c):
-    """`CornerStart`. Fields: position at the start 3, path before it 3, step at it, peaks 2, log weight."""
+    """`CornerStart`. Fields: value at the start 3, path before it 3, step at it, peaks 2, log weight."""
     model, state = model_at(here), state_at(here)
     channel, living, past = model.channels[c], state.counters[0].living, state.past
     sums = state.sums[channel.field : channel.field + 10]
     begin(sums, past, living - 1, channel)
-    step = math.sqrt(step_squared_at(past, 1))
+    step = math.sqrt(step_squared_at(past, 1, column(channel)))
     place = living - 2
     while place >= 0 and state.ages[place] - 1 <= channel.reach:
         sums[PEAK_AFTER, place] = max(sums[PEAK_AFTER, place], step)
@@ -144,23 +150,23 @@ def corner(here, c):
 @compiled
 def begin(sums, past, place, channel):
     """A start here: what it looks back on."""
-    last = past.shape[0] - 1
+    last, first = past.shape[0] - 1, column(channel)
     for a in range(AXES):
-        sums[START + a, place] = past[last, a]
-        sums[BEFORE + a, place] = past[last - 1, a] - past[last - 1 - channel.chord, a]
-    sums[SPEED, place] = math.sqrt(step_squared_at(past, 1))
+        sums[START + a, place] = past[last, first + a]
+        sums[BEFORE + a, place] = past[last - 1, first + a] - past[last - 1 - channel.chord, first + a]
+    sums[SPEED, place] = math.sqrt(step_squared_at(past, 1, first))
     peak = 0.0
     for back in range(2, channel.reach + 2):
-        peak = max(peak, math.sqrt(step_squared_at(past, back)))
+        peak = max(peak, math.sqrt(step_squared_at(past, back, first)))
     sums[PEAK_BEFORE, place] = peak
 
 
 @compiled
-def step_squared_at(past, back):
-    """Squared length of the last step, or of one before it."""
+def step_squared_at(past, back, first):
+    """Squared length of the last step, or of one before it; first: column of the values."""
     last = past.shape[0] - back
     total = 0.0
-    for a in range(AXES):
+    for a in range(first, first + AXES):
         total += (past[last, a] - past[last - 1, a]) ** 2
     return total
 
@@ -168,10 +174,10 @@ def step_squared_at(past, back):
 @compiled
 def corner_weight(sums, past, place, channel):
     """`CornerStart._log_weight`."""
-    last = past.shape[0] - 1
+    last, first = past.shape[0] - 1, column(channel)
     before2 = after2 = product = 0.0
     for a in range(AXES):
-        before, after = sums[BEFORE + a, place], past[last, a] - sums[START + a, place]
+        before, after = sums[BEFORE + a, place], past[last, first + a] - sums[START + a, place]
         before2 += before**2
         after2 += after**2
         product += before * after
@@ -179,7 +185,7 @@ def corner_weight(sums, past, place, channel):
         min(sums[PEAK_BEFORE, place], sums[PEAK_AFTER, place]),
         math.sqrt(before2) * math.sqrt(after2),
     )
-    if peak <= channel.pace or math.sqrt(before2) <= LENGTH_FLOOR_M or math.sqrt(after2) <= LENGTH_FLOOR_M:
+    if peak <= channel.pace or math.sqrt(before2) <= LENGTH_FLOOR or math.sqrt(after2) <= LENGTH_FLOOR:
         return 0.0
     turn = math.degrees(math.acos(min(max(product / lengths, -1.0), 1.0)))
     turned = (turn - channel.turn) / channel.turn_width

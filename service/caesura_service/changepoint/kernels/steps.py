@@ -6,21 +6,21 @@ import math
 
 from caesura_service.changepoint.kernels.channels import take
 from caesura_service.changepoint.kernels.elementary import exponentials, logarithms, most_of, shares_of
-from caesura_service.changepoint.kernels.layout import FREE
+from caesura_service.changepoint.kernels.layout import AXES, FREE
 from caesura_service.changepoint.kernels.nodes import copy, new_node, node_made, refer, release, settle
 from caesura_service.changepoint.kernels.residuals import whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.changepoint.kernels.window import keep_shares, link, remember, smooth, sum_from
 from caesura_service.compiling.decorators import compiled
 
-HOLDING = 6  # place in an observation; before it what has to be finite
+HOLDING, ROTATION = 9, 6  # places in an observation; before the first what has to be finite
 UNKNOWN = -1
 REFUSED = -2
 
 
 @compiled
 def step(here, boundary, changepoint):
-    """Take the observation `state.now`, of which position and force have to be finite.
+    """Take the observation `state.now`, of which all but the last number have to be finite.
 
     here: where the table of the arrays is. boundary: it follows a gap. changepoint: 1 or 0 where it is known
     whether a segment starts here, else UNKNOWN. There has to be room for one more hypothesis and one more
@@ -165,13 +165,14 @@ def take_next(here, place):
 
 @compiled
 def follow_path(here, joins):
-    """Keep the last positions; before the first one all are where that is."""
+    """Keep the last positions and rotations; before the first one all are what that is."""
     state = state_at(here)
     past = state.past
     last = past.shape[0] - 1
     for i in range(last + 1):
-        for a in range(past.shape[1]):
+        for a in range(AXES):
             past[i, a] = past[i + 1, a] if joins and i < last else state.now[a]
+            past[i, AXES + a] = past[i + 1, AXES + a] if joins and i < last else state.now[ROTATION + a]
 
 
 @compiled

@@ -186,7 +186,8 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
     thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
     """
-    online = filter_of(preset, capabilities_of(seen.recording), tared=seen.tared)
+    orientation = seen.observations[0].rotation is not None
+    online = filter_of(preset, capabilities_of(seen.recording), tared=seen.tared, orientation=orientation)
     rows = [observed(one) for one in seen.observations]
     hazard = Uniform(len(rows)) if any_length else online.hazard
     offline = segment_offline(online.lattice, hazard, rows)

@@ -1,0 +1,50 @@
+"""How fast something changes, or may change, without a model of how it does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.models import (
+    AXES,
+    Channel,
+    Observed,
+    Rows,
+    append,
+    log_absence,
+    log_presence,
+    signal,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """A weight on every step of a channel; the evidence has no density of the channel's values.
+
+    least [unit] weighs a step by 1 − exp(−step²/2 least²), and most [unit] by exp(−step²/2 most²); 0 leaves
+    the weight out. Both are at most 1, and the first observation of all has no step. The rotation is weighed
+    so: with a density of it, a movement without a rotation looks like a rest, and a rest like a turn.
+    """
+
+    channel: Channel
+    least: float = 0.0
+    most: float = 0.0
+
+    def empty(self) -> Rows:
+        """Rows: the last value, Σ log weight."""
+        return np.zeros((0, AXES)), np.zeros(0)
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        z, joins = signal(observed, self.channel), len(rows[0]) > 0
+        step2 = float(((z - rows[0][-1]) ** 2).sum()) if joins else 0.0
+        weight = log_presence(step2, self.least) + log_absence(step2, self.most) if joins else 0.0
+        return np.tile(z, (len(rows[0]) + 1, 1)), append(rows[1], 0.0) + weight
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        return np.asarray(rows[1], np.float64)

@@ -1,0 +1,127 @@
+"""A turn about a fixed point: where the position goes while the orientation changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.evidence import known_mean_log_evidence
+from caesura_service.changepoint.models import AXES, Observed, Rows, append
+
+Array = NDArray[np.float64]
+
+SMALL_ANGLE_RAD = 1e-6  # below which the series of the rotation matrix ends at its second term
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """The position turns about a centre that stays where it is, and that nobody knows.
+
+    With the rotation exp(φ_t) from one observation to the next, E_t = exp(φ_t) − I, and the centre c,
+
+        z_t − z_{t−1} = E_t (z_{t−1} − c) + w_t ε_t,    w_t² = floor² + share² |φ_t|²
+
+    This is linear in c. The innovations ε are isotropic normal; their variance has a scaled inverse
+    chi-squared prior with nu0 degrees of freedom and scale 1. The centre is normal about the segment's start,
+    with `reach` times the standard deviation of ε: the conjugate prior, under which the evidence of a linear
+    regression has a closed form (Bishop 2006, exercise 3.23). The equation holds for every point of the tool;
+    the prior and the weight depend on which one is reported.
+
+    Every step is weighed by exp(−|z_t − z_{t−1}|²/2 (floor² + reach² |φ_t|²)), which is at most 1: an arc
+    about a centre further away than `reach` is a movement, not a turn in place.
+
+    floor [m]; share [m/rad]; reach [m].
+    """
+
+    floor: float
+    share: float
+    reach: float
+    nu0: float = 10.0
+
+    def empty(self) -> Rows:
+        """Rows: n, start, last position, last rotation, ΣEᵀE, ΣEᵀy, Σ|y|², Σ log w, Σ log weight."""
+        vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
+        return (
+            np.zeros(0, np.int64),
+            vectors,
+            vectors,
+            vectors,
+            np.zeros((0, AXES, AXES)),
+            vectors,
+            scalars,
+            scalars,
+            scalars,
+        )
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation. A segment begins at the position before its first one."""
+        z, rotation, joins = observed.position, observed.rotation, len(rows[0]) > 0
+        before, turned = (rows[2][-1], rotation - rows[3][-1]) if joins else (z, np.zeros(AXES))
+        e = rotation_matrix(turned) - np.eye(AXES)
+        y = z - before - e @ before
+        step2, angle2 = float((z - before) @ (z - before)), float(turned @ turned)
+        scale2 = self.floor**2 + self.share**2 * angle2
+        near = -0.5 * step2 / (self.floor**2 + self.reach**2 * angle2)
+        n, gram, cross, squares, log_scales, weights = (
+            append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 4, 5, 6, 7, 8)
+        )
+        return (
+            n + 1,
+            append(rows[1], before),
+            np.tile(z, (len(n), 1)),
+            np.tile(rotation, (len(n), 1)),
+            gram + e.T @ e / scale2,
+            cross + e.T @ y / scale2,
+            squares + y @ y / scale2,
+            log_scales + 0.5 * math.log(scale2),
+            weights + near,
+        )
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        n, start, _, _, gram, cross, squares, log_scales, weights = rows
+        b = cross + np.einsum("hij,hj->hi", gram, start)  # counted from the start, y is y + E start
+        total = squares + ((cross + b) * start).sum(axis=1)
+        weight = 1.0 / self.reach**2
+        posterior = gram + weight * np.eye(AXES)
+        explained = (b * np.linalg.solve(posterior, b[:, :, None])[:, :, 0]).sum(axis=1)
+        log_det = np.linalg.slogdet(posterior)[1] - AXES * math.log(weight)
+        left = np.maximum(total - explained, 0.0)
+        density = known_mean_log_evidence(AXES * n, left, self.nu0, 1.0)
+        result: Array = density - 0.5 * log_det - AXES * log_scales + weights
+        return result
+
+
+def centre_of(
+    places: Sequence[Sequence[float]], turns: Sequence[Sequence[float]]
+) -> tuple[float, float, float]:
+    """Point of a turn's axis that is nearest to where the turn begins [m].
+
+    places: the first position [m], then one for each of `turns`, the rotation vectors [rad] since the first.
+    Least squares over what the rotations move across the axis; without a rotation it is the first position.
+    """
+    first = np.asarray(places[0], float)
+    angle = math.sqrt(float(np.dot(turns[-1], turns[-1])))
+    axis = np.asarray(turns[-1], float) / angle if angle > SMALL_ANGLE_RAD else np.zeros(AXES)
+    across = np.eye(AXES) - np.outer(axis, axis)
+    e = np.concatenate([across @ (rotation_matrix(np.asarray(turn, float)) - np.eye(AXES)) for turn in turns])
+    moved = np.concatenate([across @ (np.asarray(place, float) - first) for place in places[1:]])
+    offset = across @ np.linalg.lstsq(e, -moved, rcond=SMALL_ANGLE_RAD)[0]
+    x, y, z = (first + offset).tolist()
+    return x, y, z
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """(3, 3) of a rotation vector (3,) [rad]: Rodrigues' formula."""
+    angle = math.sqrt(vector @ vector)
+    small = angle < SMALL_ANGLE_RAD
+    first = 1.0 if small else math.sin(angle) / angle
+    second = 0.5 if small else (1.0 - math.cos(angle)) / angle**2
+    x, y, z = vector.tolist()
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix: Array = np.eye(AXES) + first * cross + second * (cross @ cross)
+    return matrix

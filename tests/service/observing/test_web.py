@@ -151,7 +151,7 @@ def test_it_answers_over_ipv6_where_there_is_any():
 
 
 def test_callers_that_hold_every_place_do_not_keep_a_probe_out(service):
-    """24 silent callers of one address once kept 17 of 18 probes out, also where the probe had its own address."""
+    """24 silent callers once kept 17 of 18 probes out, also where the probe had an address of its own."""
     host, port = service.web.url.removeprefix("http://").split(":")
     for source in ("127.0.0.1", "127.0.0.2"):  # the probe's own address, and another
         with ExitStack() as stack:
@@ -191,18 +191,20 @@ def test_a_probe_does_not_wait_for_scrapes_and_those_are_limited():
 
     registry = CollectorRegistry()
     registry.register(Slow())
-    with Web("127.0.0.1:0", registry, alive=lambda: Health(True), ready=lambda: Health(True)) as web:
-        with ThreadPoolExecutor(SCRAPES + 1) as pool:
-            scrapes = [pool.submit(get, f"{web.url}/metrics") for _ in range(SCRAPES + 1)]
-            try:
-                assert begun.acquire(timeout=DEADLINE_S)
-                refused = next(as_completed(scrapes, DEADLINE_S)).result()
-                assert refused[0] == 503
-                assert f"{SCRAPES} scrapes are under way" in refused[1]
-                assert get(f"{web.url}/healthz")[0] == 200
-            finally:
-                go_on.set()
-            assert sorted(one.result(DEADLINE_S)[0] for one in scrapes) == [200] * SCRAPES + [503]
+    with (
+        Web("127.0.0.1:0", registry, alive=lambda: Health(True), ready=lambda: Health(True)) as web,
+        ThreadPoolExecutor(SCRAPES + 1) as pool,
+    ):
+        scrapes = [pool.submit(get, f"{web.url}/metrics") for _ in range(SCRAPES + 1)]
+        try:
+            assert begun.acquire(timeout=DEADLINE_S)
+            refused = next(as_completed(scrapes, DEADLINE_S)).result()
+            assert refused[0] == 503
+            assert f"{SCRAPES} scrapes are under way" in refused[1]
+            assert get(f"{web.url}/healthz")[0] == 200
+        finally:
+            go_on.set()
+        assert sorted(one.result(DEADLINE_S)[0] for one in scrapes) == [200] * SCRAPES + [503]
 
 
 def test_a_caller_that_speaks_too_slowly_is_hung_up_on(service, monkeypatch):

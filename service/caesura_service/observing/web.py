@@ -5,10 +5,10 @@ a request says reaches anything but a table of paths. So it needs no credentials
 address; it is off unless asked for.
 
 Callers cannot keep a probe out. At most CONNECTIONS are open, none for longer than TIMEOUT_S. A caller that
-comes when all are taken gets the place of another: the oldest one of the address that holds the most. A probe from
-its own address keeps its place whatever other addresses do; from an address that it shares, it is the newest.
-/healthz and /readyz never wait for a scrape: at most SCRAPES are under way, one at a time does work, and a
-further one gets 503.
+comes when all are taken gets the place of another: the oldest one of the address that holds the most. So a
+probe keeps its place whatever other addresses do; on an address that it shares, it is the newest. Neither
+/healthz nor /readyz waits for a scrape: at most SCRAPES are under way, one at a time does work, and a further
+one gets 503.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Connections that are opened and then say nothing, as a port scanner or an attacker leaves them behind."""
+"""Connections that come to nothing: silent ones, and ones that hang up, as of a scanner or an attacker."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Silent:
 
     def __enter__(self) -> Silent:
         for _ in range(self._count):
-            self._open()
+            with suppress(OSError):  # a firewall may refuse it
+                self._open()
         self._thread.start()
         return self
 
@@ -76,3 +77,40 @@ def _is_open(end: socket.socket) -> bool:
         return True
     except OSError:
         return False
+
+
+def client_hello() -> bytes:
+    """How a TLS client begins."""
+    said = ssl.MemoryBIO()
+    with suppress(ssl.SSLWantReadError):
+        ssl.create_default_context().wrap_bio(
+            ssl.MemoryBIO(), said, server_hostname="localhost"
+        ).do_handshake()
+    return said.read()
+
+
+class HangUps:
+    """So many connections a second, from one address of this machine, that say something and hang up."""
+
+    def __init__(self, port: int, per_s: float, said: bytes = b"", *, source: str = "127.0.0.1") -> None:
+        self.done = 0
+        self._port, self._pause_s, self._said, self._source = port, 1.0 / per_s, said, source
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._go_on, name="hang-ups", daemon=True)
+
+    def __enter__(self) -> HangUps:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _go_on(self) -> None:
+        while not self._over.wait(self._pause_s):
+            with suppress(OSError), socket.socket() as end:
+                end.settimeout(1.0)
+                end.bind((self._source, 0))
+                end.connect(("127.0.0.1", self._port))
+                end.sendall(self._said)
+            self.done += 1

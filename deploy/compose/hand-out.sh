@@ -5,6 +5,12 @@ set -eu
 authority=$1
 out=$2
 shift 2
+
+give() { # FILE PLACE USER. In this order it takes the capability CHOWN and no other.
+  install -m 400 "$1" "$2"
+  chown "$3:$3" "$2"
+}
+
 caesura certs "$authority" "$@"
 for volume in "$out"/*; do
   name=${volume##*/}
@@ -15,11 +21,11 @@ for volume in "$out"/*; do
   router) user=10004 ;;
   *) echo "$volume: no such role" >&2 && exit 1 ;;
   esac
-  install -o "$user" -g "$user" -m 400 "$authority/$name.json5" "$volume/zenoh.json5"
+  give "$authority/$name.json5" "$volume/zenoh.json5" "$user"
   case $name in operator.*) # what a browser is asked for
     [ -s "$authority/$name.password" ] ||
       (umask 077 && python -c 'import secrets; print(secrets.token_urlsafe(12))' >"$authority/$name.password")
-    install -o "$user" -g "$user" -m 400 "$authority/$name.password" "$volume/password"
+    give "$authority/$name.password" "$volume/password" "$user"
     echo "The dashboard's password: $(cat "$authority/$name.password")"
     ;;
   esac

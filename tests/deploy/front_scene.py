@@ -20,7 +20,7 @@ from harness.processes import eventually
 from harness.silent import HangUps, Silent, client_hello
 
 ATTACKER = "127.0.0.2"
-PATIENCE_S = 3.0
+PATIENCE_S = 5.0
 HANG_UPS = 90  # they are refused at first, or they fill the router's queue for longer than PATIENCE_S
 
 

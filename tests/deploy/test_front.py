@@ -81,7 +81,6 @@ def test_with_haproxy_in_front_a_holder_of_a_certificate_comes_in(directory, tmp
     with haproxy(tmp_path, port, router):
         took = took_s(scene(directory, router, port))
     assert took is not None
-    assert took < 1.0
 
 
 def test_with_nftables_a_holder_of_a_certificate_comes_in(directory):
@@ -93,4 +92,3 @@ def test_with_nftables_a_holder_of_a_certificate_comes_in(directory):
     words = " ".join(scene(directory, 7447, 7447))
     took = took_s([*OWN_NETWORK, "sh", "-c", f"{rules} && exec {words}"])
     assert took is not None
-    assert took < 1.0

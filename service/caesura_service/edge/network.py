@@ -28,7 +28,7 @@ import zenoh
 
 from caesura_clients.diagnosis import why_not
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ACCEPT_MS, ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
+from caesura_service.security.zenoh_files import ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
 
 logger = logging.getLogger(__name__)
 
@@ -42,7 +42,6 @@ SETTINGS: Mapping[str, Any] = {
     "transport/link/tx/lease": 2000,
     "transport/link/rx/max_message_size": ROUTER_MAX_BYTES,
     "transport/unicast/accept_pending": ACCEPT_PENDING,
-    "transport/unicast/accept_timeout": ACCEPT_MS,
     "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }

@@ -25,10 +25,9 @@ WRITTEN = (
 # Up to here the service refuses what is too large with a reason; beyond, the router drops it without.
 ROUTER_MAX_BYTES = 2 * MAX_MESSAGE_BYTES
 
-# Connections that have not shown their credentials yet, and how long they may take. Beyond ACCEPT_PENDING
-# Zenoh refuses further ones: with its default of 100, 150 silent connections kept all others out.
+# Connections that have not shown their credentials yet. Beyond it Zenoh refuses further ones: with its own
+# limit of 100, 150 silent connections kept all others out.
 ACCEPT_PENDING = 4096
-ACCEPT_MS = 5000
 # How long a TLS handshake may take. After each that fails Zenoh accepts nothing for 100 ms (its issue 2685).
 # With its default of 10 s, 150 silent connections fail more often than that, and kept all others out. One
 # that is left alone costs a file descriptor and 7 kB.
@@ -44,7 +43,7 @@ _LINK: Mapping[str, Any] = {
     "tx": {"lease": 2000},
     "rx": {"max_message_size": ROUTER_MAX_BYTES},
 }
-_UNICAST: Mapping[str, Any] = {"accept_timeout": ACCEPT_MS, "accept_pending": ACCEPT_PENDING}
+_UNICAST: Mapping[str, Any] = {"accept_pending": ACCEPT_PENDING}
 
 
 def patient(endpoint: str) -> str:

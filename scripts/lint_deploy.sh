@@ -12,5 +12,7 @@ manifests=$(find deploy/kubernetes -maxdepth 1 -name '*.yaml' ! -name kustomizat
 # shellcheck disable=SC2086
 "$bin/kubernetes-validate" --strict --quiet $manifests
 "$bin/python" scripts/lint_deploy.py
+"$bin/python" scripts/write_hashes.py --check
+sh -n deploy/compose/hand-out.sh
 sh -n deploy/systemd/caesura-bridge
 scripts/lint_units.sh

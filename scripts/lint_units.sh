@@ -17,7 +17,7 @@ done
 install -m 755 deploy/systemd/caesura-bridge "$root/opt/caesura/bin/"
 install -m 755 /bin/true "$root/opt/caesura/bin/caesura"
 install -m 644 deploy/systemd/*.env "$root/etc/caesura/"
-install -m 644 deploy/systemd/caesura.service "$units/"
+install -m 644 deploy/systemd/caesura.service deploy/systemd/caesura-dashboard.service "$units/"
 # A template is verified as one of its instances.
 install -m 644 "deploy/systemd/caesura-bridge@.service" "$units/caesura-bridge@cell-1.service"
 complaints=$(systemd-analyze verify --root="$root" --man=no "$units"/caesura*.service 2>&1) || true

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from caesura_clients.dashboard import guard
-from caesura_clients.dashboard.guard import LOOPBACK, Guard
+from caesura_clients.dashboard.guard import LOOPBACK, Attempts, Guard
 
 PASSWORD = "correct horse"
 
@@ -18,7 +18,7 @@ async def inner(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b"inside"})
 
 
-def ask(guarded, path="/", *, method="GET", kind="http", body=b"", **headers):
+def ask(guarded, path="/", *, method="GET", kind="http", body=b"", peer="127.0.0.1", **headers):
     """Status (or close code), headers and body of an answer."""
     sent: list[dict[str, Any]] = []
 
@@ -33,6 +33,7 @@ def ask(guarded, path="/", *, method="GET", kind="http", body=b"", **headers):
         "type": kind,
         "method": method,
         "path": path,
+        "client": (peer, 50000),
         "headers": [(name.encode(), value.encode()) for name, value in named.items()],
     }
     asyncio.run(guarded(scope, receive, send))
@@ -95,3 +96,51 @@ def test_the_password_opens_it_and_another_does_not(locked):
     assert (status, headers["location"]) == (303, "/")
     assert "HttpOnly; SameSite=Strict" in headers["set-cookie"]
     assert ask(locked, "/system", cookie=headers["set-cookie"].partition(";")[0])[2] == b"inside"
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def patient():
+    """A guard whose wrong passwords cost their time, on a clock of its own."""
+    guarded = Guard(inner, names=None, password=PASSWORD)
+    guarded._attempts = Attempts(Clock())
+    return guarded
+
+
+def log_in(guarded, password, peer):
+    return ask(guarded, "/login", method="POST", body=f"password={password}".encode(), peer=peer)[0]
+
+
+def test_wrong_passwords_of_one_address_do_not_delay_another(patient):
+    """40 wrong passwords once delayed the right one by 39 s, whoever gave it."""
+    assert [log_in(patient, "wrong", "192.0.2.7") for _ in range(40)] == [401] + 39 * [429]
+    assert log_in(patient, "correct+horse", "192.0.2.8") == 303
+
+
+def test_an_address_that_waits_learns_nothing_and_comes_in_afterwards(patient):
+    assert log_in(patient, "wrong", "192.0.2.7") == 401
+    assert log_in(patient, "correct+horse", "192.0.2.7") == 429
+    patient._attempts._clock.now += guard.WRONG_S
+    assert log_in(patient, "correct+horse", "192.0.2.7") == 303
+
+
+@pytest.mark.parametrize(
+    ("other", "status"), [("2001:db8::2", 429), ("2001:db8:0:1::1", 401), ("fe80::1%eth0", 401), ("", 401)]
+)
+def test_a_network_of_ipv6_counts_as_one_address(patient, other, status):
+    assert log_in(patient, "wrong", "2001:db8::1") == 401
+    assert log_in(patient, "wrong", other) == status
+
+
+def test_addresses_that_wait_are_bounded_and_the_first_that_may_again_is_forgotten(monkeypatch):
+    monkeypatch.setattr(guard, "PEERS", 2)
+    attempts = Attempts(Clock())
+    for peer in ("a", "b", "a", "c"):
+        attempts.wrong(peer)
+    assert [bool(attempts.wait_s(peer)) for peer in "abc"] == [True, False, True]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +14,24 @@ import pytest
 import typer
 
 from caesura_clients.cli import build
-from caesura_service.commands.certs import certs
+from caesura_clients.dashboard.command import PASSWORD_LENGTH
 from caesura_service.observing.web import parse_address
-from caesura_service.security.directory import Directory
 
 yaml = pytest.importorskip("yaml")
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 COMPOSE = yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
-POD = next(
-    one["spec"]["template"]["spec"]
-    for one in yaml.safe_load_all((DEPLOY / "kubernetes" / "segmenter.yaml").read_text())
-    if one["kind"] == "StatefulSet"
-)
+KEPT = {one for one in yaml.safe_load((DEPLOY / "compose.yaml").read_text())["volumes"] if one != "journal"}
+OURS = {"caesura", "caesura-dashboard"}
+
+
+def pod(name: str) -> dict[str, Any]:
+    documents = yaml.safe_load_all((DEPLOY / "kubernetes" / f"{name}.yaml").read_text())
+    (spec,) = [one["spec"]["template"]["spec"] for one in documents if "template" in one.get("spec", {})]
+    return spec
+
+
+POD, DASHBOARD_POD = pod("segmenter"), pod("dashboard")
 
 
 def unit_command(name: str) -> list[str]:
@@ -32,9 +40,9 @@ def unit_command(name: str) -> list[str]:
     return shlex.split(line)
 
 
-def docker_command() -> list[str]:
+def image_commands() -> list[list[str]]:
     text = (DEPLOY / "Dockerfile").read_text()
-    return yaml.safe_load(re.findall(r"^CMD (\[\"serve.*\])$", text, re.MULTILINE)[0])
+    return [yaml.safe_load(words) for words in re.findall(r"^CMD (\[\".*\])$", text, re.MULTILINE)]
 
 
 def environment(name: str, variable: str) -> list[str]:
@@ -42,27 +50,33 @@ def environment(name: str, variable: str) -> list[str]:
     return shlex.split(found[0])
 
 
-STARTED = {
-    **{f"compose {name}": one["command"] for name, one in COMPOSE.items() if name != "router"},
-    "pod": POD["containers"][0]["args"],
-    "image": docker_command(),
-    "unit": [
+def with_environment(unit: str, file: str, variable: str) -> list[str]:
+    return [
         word
-        for part in unit_command("caesura.service")[1:]
-        for word in (environment("caesura.env", "CAESURA_SERVE") if part == "$CAESURA_SERVE" else [part])
-    ],
+        for part in unit_command(unit)[1:]
+        for word in (environment(file, variable) if part == f"${variable}" else [part])
+    ]
+
+
+STARTED = {
+    **{
+        f"compose {name}": ["certs", "/authority", *one["command"]] if name == "certs" else one["command"]
+        for name, one in COMPOSE.items()
+        if one["image"] in OURS
+    },
+    "pod": POD["containers"][0]["args"],
+    "dashboard pod": DASHBOARD_POD["containers"][0]["args"],
+    **{f"image {words[0]}": words for words in image_commands()},
+    "unit": with_environment("caesura.service", "caesura.env", "CAESURA_SERVE"),
+    "dashboard unit": with_environment("caesura-dashboard.service", "dashboard.env", "CAESURA_DASHBOARD"),
     "bridge unit": ["bridge", "--station", "cell-1", *environment("bridge.cell-1.env", "CAESURA_BRIDGE")],
 }
 
 
 def parsed(words: list[str], file: Path) -> dict[str, Any]:
     """The options of a command, as caesura reads them; every certificate is a file that there is."""
-    words = [
-        re.sub(r"(--zenoh-config=|\$\{CREDENTIALS_DIRECTORY\}).*", rf"\g<1>{file}", word) for word in words
-    ]
-    words = [
-        word.removeprefix("${CREDENTIALS_DIRECTORY}").replace("$(INSTANCE)", "segmenter-0") for word in words
-    ]
+    words = [re.sub(r"(/certs|\$\{CREDENTIALS_DIRECTORY\})/.*", str(file), word) for word in words]
+    words = [word.replace("$(INSTANCE)", "segmenter-0") for word in words]
     command = typer.main.get_command(build()).commands[words[0]]  # type: ignore[attr-defined]
     return dict(command.make_context(words[0], words[1:]).params)
 
@@ -76,17 +90,67 @@ def test_it_is_a_command_with_options_that_there_are(name, tmp_path):
         assert parse_address(options["metrics"])[1] == 9464, "where the probes look"
 
 
-def test_compose_uses_the_files_that_its_certs_make(tmp_path):
-    words = [word.replace("/certs", str(tmp_path)) for word in COMPOSE["certs"]["command"]]
-    options = parsed(words, tmp_path)
-    certs(**{name: value for name, value in options.items() if name != "help"})
-    used = {
-        word.rpartition("/")[2] for one in COMPOSE.values() for word in one["command"] if ".json5" in word
-    }
-    assert {name for name in used if not (tmp_path / name).exists()} == set()
-    assert {holder.label for holder in Directory(tmp_path).holders()} == {
-        name.removesuffix(".json5") for name in used - {"router.json5"}
-    }
+def mounted(service: dict[str, Any]) -> dict[str, str]:
+    """Where each volume of a service is found in it."""
+    return {volume: place for volume, place, *_ in (one.split(":") for one in service.get("volumes", ()))}
+
+
+def test_each_container_has_its_own_certificate_and_nobody_the_authority():
+    """They once shared a volume with the authority's key and the operator's certificate, as one user."""
+    certs = {name: set(mounted(one)) & KEPT for name, one in COMPOSE.items()}
+    assert certs.pop("certs") == KEPT
+    assert "authority" not in set().union(*certs.values())
+    assert {name for name, volumes in certs.items() if len(volumes) != 1} == {"front"}
+    running = {name: volumes for name, volumes in certs.items() if "profiles" not in COMPOSE[name]}
+    assert len(set().union(*running.values())) == len(running) - 1, "no two have the same"
+    assert (
+        len({COMPOSE[name]["user"] for name in ("front", "router", "caesura-1", "cell-1", "dashboard")}) == 5
+    )
+    assert COMPOSE["certs"]["profiles"] == ["tools"]
+    assert "operator.boss" not in certs["watch"] | certs["doctor"]
+
+
+def test_whatever_can_correct_asks_for_a_password():
+    for name in ("compose dashboard", "dashboard pod", "image dashboard", "dashboard unit"):
+        words = " ".join(STARTED[name])
+        assert "--password-file" in words
+        assert "--insecure" not in words
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="files are given to other users")
+def test_what_is_handed_out_is_what_each_container_reads(tmp_path):
+    out, authority = tmp_path / "out", tmp_path / "authority"
+    for volume in KEPT - {"authority"}:
+        (out / volume).mkdir(parents=True)
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    script = ["sh", str(DEPLOY / "compose" / "hand-out.sh"), str(authority), str(out)]
+    passwords = set()
+    for _ in range(2):
+        subprocess.run(
+            [*script, *COMPOSE["certs"]["command"]],
+            env=environment,
+            check=True,
+            capture_output=True,
+            timeout=60,
+        )
+        passwords.add((out / "operator.boss" / "password").read_text())
+    assert len(passwords) == 1, "the second run keeps what is there"
+    assert len(passwords.pop()) > PASSWORD_LENGTH
+    assert not list(out.rglob("*.key"))
+    for name, service in COMPOSE.items():
+        for volume in set(mounted(service)) & KEPT if name != "certs" else ():
+            file = out / volume / "zenoh.json5"
+            assert file.read_text() == (authority / f"{volume}.json5").read_text()
+            assert (oct(file.stat().st_mode)[-3:], str(file.stat().st_uid)) == (
+                "400",
+                service["user"].partition(":")[0],
+            )
+
+
+def test_a_pod_sees_its_own_certificate_alone():
+    (mount,) = [one for one in POD["containers"][0]["volumeMounts"] if one["name"] == "certs"]
+    assert mount["subPathExpr"] == "service.$(INSTANCE).json5"
+    assert f"--zenoh-config={mount['mountPath']}" in POD["containers"][0]["args"]
 
 
 def test_probes_and_ports_fit_together():

@@ -105,10 +105,12 @@ class Router(Process):
 
 
 class Service(Process):
-    """`caesura serve` on a journal: a router itself, or client of `router`, an endpoint."""
+    """`caesura serve` on a journal: a router itself, by tcp or tls, or client of `router`, an endpoint."""
 
-    def __init__(self, journal: Path, *options: str, router: str | None = None) -> None:
-        self.endpoint = router or f"tcp/127.0.0.1:{free_port()}"
+    def __init__(
+        self, journal: Path, *options: str, router: str | None = None, protocol: str = "tcp"
+    ) -> None:
+        self.endpoint = router or f"{protocol}/127.0.0.1:{free_port()}"
         self.journal = journal
         where = ("--listen" if router is None else "--connect", self.endpoint)
         command = [sys.executable, "-m", "caesura_service", "serve", "--log-level", "warning", *where]

@@ -3,7 +3,8 @@
 Rule 1: pages of other sites must not reach it through somebody's browser. A request has to be asked of one of
 the names it is known by (or DNS could be bent to it), and a socket or a form has to come from its own pages.
 Rule 2: with a password nothing but the login is answered without its cookie.
-Rule 3: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.
+Rule 3: a wrong password delays its own address and no other. Until then no password from there is compared.
+Rule 4: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.
 
 There is no TLS here. Where other machines look at it, a reverse proxy has to bring it, or the password can be
 read on the way.
@@ -11,9 +12,11 @@ read on the way.
 
 from __future__ import annotations
 
-import asyncio
 import hmac
+import ipaddress
+import math
 import secrets
+import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
@@ -29,7 +32,9 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "caesura"
 LOGINS = 64  # that are remembered; the oldest has to log in again
-WRONG_S = 1.0  # one wrong password a second, of all who try
+WRONG_S = 1.0  # after a wrong password its address waits so long
+PEERS = 1024  # addresses that wait; beyond, the one whose wait ends first is forgotten
+IPV6_PREFIX = 64  # what one network gives to one subscriber counts as one address
 FORM_BYTES = 4096
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -49,6 +54,25 @@ input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-
 <button>Log in</button></form><p role="alert">{said}</p></main></body></html>"""
 
 
+class Attempts:
+    """Which addresses wait after a wrong password, at most PEERS. clock: [s]."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._until: dict[str, float] = {}  # the earliest first, because every wait is equally long
+
+    def wait_s(self, peer: str) -> float:
+        """How long the address has to wait [s]; 0 where it does not."""
+        return max(0.0, self._until.get(peer, 0.0) - self._clock())
+
+    def wrong(self, peer: str) -> None:
+        """The address gave a wrong password."""
+        self._until.pop(peer, None)
+        self._until[peer] = self._clock() + WRONG_S
+        while len(self._until) > PEERS:
+            del self._until[next(iter(self._until))]
+
+
 class Guard:
     """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none."""
 
@@ -57,7 +81,7 @@ class Guard:
         self._names = None if names is None else frozenset(name.lower() for name in names)
         self._password = password
         self._logins: deque[str] = deque(maxlen=LOGINS)
-        self._trying = asyncio.Lock()
+        self._attempts = Attempts()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, refuse, or hand on."""
@@ -91,17 +115,32 @@ class Guard:
             await _answer(scope, send, 200, _LOGIN.format(said=""), html=True)
             return
         given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
-        async with self._trying:
-            right = hmac.compare_digest(given.encode(), (self._password or "").encode())
-            if not right:
-                await asyncio.sleep(WRONG_S)
-        if not right:
+        peer = _peer(scope)
+        wait_s = self._attempts.wait_s(peer)
+        if wait_s:
+            said, again = "That was not the password. Wait a second.", f"{math.ceil(wait_s)}".encode()
+            await _answer(scope, send, 429, _LOGIN.format(said=said), (b"retry-after", again), html=True)
+            return
+        if not hmac.compare_digest(given.encode(), (self._password or "").encode()):
+            self._attempts.wrong(peer)
             await _answer(scope, send, 401, _LOGIN.format(said="That is not the password."), html=True)
             return
         token = secrets.token_urlsafe(32)
         self._logins.append(token)
         cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/".encode()
         await _answer(scope, send, 303, "", (b"location", b"/"), (b"set-cookie", cookie))
+
+
+def _peer(scope: Scope) -> str:
+    """The address that asks, without its port; of IPv6 its network. A proxy on this machine names it."""
+    host = (scope.get("client") or ("",))[0]
+    try:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return str(host)
+    if address.version == 4:
+        return str(address)
+    return str(ipaddress.ip_network((address, IPV6_PREFIX), strict=False))
 
 
 def _cookie(headers: dict[str, str]) -> str | None:

@@ -4,7 +4,8 @@ Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and 
 network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
 lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
 that looks for nobody would still wait half a second before it answers; twice the largest message that we
-accept, because a peer could otherwise make us put together one of a gigabyte.
+accept, because a peer could otherwise make us put together one of a gigabyte; many pending connections, and a
+long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files).
 
 What is listened on must demand credentials where other machines reach it, or somebody said `insecure`.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import resource
 import socket
 import threading
 import time
@@ -26,7 +28,7 @@ import zenoh
 
 from caesura_clients.diagnosis import why_not
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
+from caesura_service.security.zenoh_files import ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +41,7 @@ SETTINGS: Mapping[str, Any] = {
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": 2000,
     "transport/link/rx/max_message_size": ROUTER_MAX_BYTES,
+    "transport/unicast/accept_pending": ACCEPT_PENDING,
     "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
@@ -49,6 +52,7 @@ RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx), app: (handover: rx))"
 # One attempt to connect. Waiting inside the library hears no signal and no deadline.
 ATTEMPT_MS = 500
 _FREE_PORT = ":0"
+OPEN_FILES = 65536  # as deploy/systemd/caesura.service has it
 _PATHS = (
     "transport/auth/usrpwd/dictionary_file",
     *(
@@ -93,8 +97,9 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     _check_is_for_a_router(config, settings.config_file)
     endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
-    _insert(config, {"mode": "router", "listen/endpoints": endpoints})
-    return _open(config, ", ".join(endpoints)), endpoints[0]
+    _insert(config, {"mode": "router", "listen/endpoints": [patient(one) for one in endpoints]})
+    _allow_open_files()
+    return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
 
 
 def _join_as_client(
@@ -205,10 +210,19 @@ def _connect(
 
 def _with_port(endpoint: str) -> str:
     """The endpoint with a free port in place of port 0."""
-    if not endpoint.endswith(_FREE_PORT):
+    place, mark, settings = endpoint.partition("#")
+    if not place.endswith(_FREE_PORT):
         return endpoint
-    host = endpoint.removesuffix(_FREE_PORT).partition("/")[2]
+    host = place.removesuffix(_FREE_PORT).partition("/")[2]
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.bind((host.strip("[]"), 0))
         port: int = probe.getsockname()[1]
-    return f"{endpoint.removesuffix(_FREE_PORT)}:{port}"
+    return f"{place.removesuffix(_FREE_PORT)}:{port}{mark}{settings}"
+
+
+def _allow_open_files() -> None:
+    """Raise this process' limit of open files as far as it may: a connection that stays silent holds one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, OPEN_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

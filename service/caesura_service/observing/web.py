@@ -2,14 +2,20 @@
 
 It only tells: names of stations and how much of what, never samples, results or commands, and nothing that
 a request says reaches anything but a table of paths. So it needs no credentials and may listen on any
-address; it is off unless asked for. At most CONNECTIONS at once, and none that is silent for TIMEOUT_S, so
-that it delays no work.
+address; it is off unless asked for.
+
+Callers cannot keep a probe out. At most CONNECTIONS are open, none for longer than TIMEOUT_S. A caller that
+comes when all are taken gets the place of another: the oldest one of the address that holds the most. So a
+probe keeps its place whatever other addresses do; on an address that it shares, it is the newest. Neither
+/healthz nor /readyz waits for a scrape: at most SCRAPES are under way, one at a time does work, and a further
+one gets 503.
 """
 
 from __future__ import annotations
 
 import socket
 import threading
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -19,7 +25,8 @@ from typing import Any, NamedTuple, Self
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import choose_encoder
 
-CONNECTIONS = 16
+CONNECTIONS = 64
+SCRAPES = 4
 TIMEOUT_S = 5.0
 PLAIN = "text/plain; charset=utf-8"
 _POLL_S = 0.05  # how soon it ends when it is told to
@@ -60,6 +67,8 @@ class Web:
     ) -> None:
         self._where = parse_address(address)
         self._registry = registry
+        self._scrapes = threading.BoundedSemaphore(SCRAPES)
+        self._rendering = threading.Lock()
         self._pages: Mapping[str, Callable[[str], Page]] = {
             "/metrics": self._metrics,
             "/healthz": lambda _: _page_of(alive()),
@@ -98,8 +107,14 @@ class Web:
         return page(accept)
 
     def _metrics(self, accept: str) -> Page:
-        encoder, content_type = choose_encoder(accept)
-        return Page(200, content_type, encoder(self._registry))
+        if not self._scrapes.acquire(blocking=False):
+            return Page(503, PLAIN, f"{SCRAPES} scrapes are under way, which is the limit: retry\n".encode())
+        try:
+            encoder, content_type = choose_encoder(accept)
+            with self._rendering:
+                return Page(200, content_type, encoder(self._registry))
+        finally:
+            self._scrapes.release()
 
 
 def parse_address(address: str) -> tuple[str, int]:
@@ -119,19 +134,43 @@ def _hang_up(request: socket.socket) -> None:
         request.shutdown(socket.SHUT_RDWR)
 
 
+class Places:
+    """Open connections, at most `capacity`. Safe to use from any thread."""
+
+    def __init__(self, capacity: int = CONNECTIONS) -> None:
+        self._capacity = capacity
+        self._peers: dict[socket.socket, str] = {}  # oldest first
+        self._lock = threading.Lock()
+
+    def take(self, request: socket.socket, peer: str) -> None:
+        """Give the request a place. When all are taken, hang up on the oldest of the peer with the most."""
+        with self._lock:
+            if len(self._peers) >= self._capacity:
+                held = Counter(self._peers.values())
+                most = max(held.values())
+                evicted = next(one for one, of in self._peers.items() if held[of] == most)
+                del self._peers[evicted]
+                _hang_up(evicted)
+            self._peers[request] = peer
+
+    def leave(self, request: socket.socket) -> None:
+        """The request is over. One that was evicted has no place to leave."""
+        with self._lock:
+            self._peers.pop(request, None)
+
+
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = True
+    request_queue_size = 2 * CONNECTIONS  # with the usual 5, a burst of callers delays a probe by a second
 
     def __init__(self, where: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self.address_family = socket.AF_INET6 if ":" in where[0] else socket.AF_INET
-        self._room = threading.BoundedSemaphore(CONNECTIONS)
+        self._places = Places()
         super().__init__(where, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._room.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
+        self._places.take(request, client_address[0])
         super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -142,7 +181,7 @@ class _Server(ThreadingHTTPServer):
             super().process_request_thread(request, client_address)
         finally:
             late.cancel()
-            self._room.release()
+            self._places.leave(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A caller that went away in between is no event."""

@@ -29,6 +29,7 @@ from caesura_service.security.certificates import (
     new_authority,
     normal_host,
 )
+from caesura_service.security.exposure import parse
 from caesura_service.security.roles import Identity, identity
 
 AUTHORITY, ROUTER = "ca", "router"
@@ -64,7 +65,7 @@ class Directory:
         authority = self._authority()
         server = self._router(authority, wanted)
         listen = self._listen(wanted)
-        self.endpoint = f"tls/{_bracketed(self._hosts(wanted)[0])}:{listen.rpartition(':')[2]}"
+        self.endpoint = f"tls/{_bracketed(self._hosts(wanted)[0])}:{parse(listen).address.rpartition(':')[2]}"
         for holder in self._renewed(wanted.renew) + list(wanted.holders):
             self._client(authority, holder, wanted.days)
         if wanted.passwords or self._users_file.exists():

@@ -13,6 +13,7 @@ from typing import Any
 
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.security.certificates import Issued
+from caesura_service.security.exposure import parse
 from caesura_service.security.roles import Identity
 from caesura_service.security.rules import access_control
 
@@ -24,6 +25,15 @@ WRITTEN = (
 # Up to here the service refuses what is too large with a reason; beyond, the router drops it without.
 ROUTER_MAX_BYTES = 2 * MAX_MESSAGE_BYTES
 
+# Connections that have not shown their credentials yet. Beyond it Zenoh refuses further ones: with its own
+# limit of 100, 150 silent connections kept all others out.
+ACCEPT_PENDING = 4096
+# How long a TLS handshake may take. After each that fails Zenoh accepts nothing for 100 ms (its issue 2685).
+# With its default of 10 s, 150 silent connections fail more often than that, and kept all others out. One
+# that is left alone costs a file descriptor and 7 kB.
+HANDSHAKE_MS = 3_600_000
+_HANDSHAKE = "tls_handshake_timeout_ms"
+
 _Sections = Sequence[tuple[str, Mapping[str, Any]]]  # comment, settings
 
 _QUIET: Mapping[str, Any] = {
@@ -33,6 +43,19 @@ _LINK: Mapping[str, Any] = {
     "tx": {"lease": 2000},
     "rx": {"max_message_size": ROUTER_MAX_BYTES},
 }
+_UNICAST: Mapping[str, Any] = {"accept_pending": ACCEPT_PENDING}
+
+
+def patient(endpoint: str) -> str:
+    """An endpoint to listen on, with a TLS handshake that may take HANDSHAKE_MS unless it says otherwise.
+
+    >>> patient("tls/[::]:7447")
+    'tls/[::]:7447#tls_handshake_timeout_ms=3600000'
+    """
+    parsed = parse(endpoint)
+    if parsed.protocol != "tls" or _HANDSHAKE in parsed.settings:
+        return endpoint
+    return f"{endpoint}{';' if parsed.settings else '#'}{_HANDSHAKE}={HANDSHAKE_MS}"
 
 
 def server_tls(authority: bytes, server: Issued) -> dict[str, str]:
@@ -58,7 +81,11 @@ def router_file(
 ) -> str:
     """A router that demands a certificate of every client. names: the common name of each."""
     mutual = {**tls, "enable_mtls": True, "close_link_on_expiration": True}
-    transport = {"link": {**_LINK, "tls": mutual}, "shared_memory": {"enabled": False}}
+    transport = {
+        "unicast": _UNICAST,
+        "link": {**_LINK, "tls": mutual},
+        "shared_memory": {"enabled": False},
+    }
     comment = "Both sides show a certificate of our authority; a link ends when a certificate does."
     rules = access_control(names, "cert_common_names")
     return _router(remark, listen, (comment, {"transport": transport}), rules)
@@ -73,6 +100,7 @@ def password_router_file(
 ) -> str:
     """A router that demands a password of every client, on links that its certificate encrypts."""
     transport = {
+        "unicast": _UNICAST,
         "link": {**_LINK, "tls": tls},
         "auth": {"usrpwd": {"dictionary_file": dictionary}},
         "shared_memory": {"enabled": False},
@@ -117,7 +145,11 @@ def _router(
     }
     return _json5(
         (remark, {"mode": "router"}),
-        ("Robots and dashboards connect here.", {"listen": {"endpoints": [listen]}}),
+        (
+            "Robots and dashboards connect here. A silent connection is left alone for an hour, for Zenoh\n"
+            "accepts nothing for 100 ms after each TLS handshake that fails.",
+            {"listen": {"endpoints": [patient(listen)]}},
+        ),
         ("Nobody is looked for: a factory network names its routers.", _QUIET),
         security,
         (

@@ -43,7 +43,6 @@ HEADER_BYTES = 1 << 14  # of a message without its samples
 SHORT = 512  # [bytes] too short for its headers to claim a megabyte
 PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
 TEXT_BYTES = 1 << 12  # of a string, where items are counted
-_OPTIONS = {"use_list": False, "strict_map_key": True, "max_ext_len": 0}
 _ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
 _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
 
@@ -53,7 +52,7 @@ class Bounds(NamedTuple):
 
     size: int  # [bytes]
     items: int | None = None  # containers, keys and values, at any depth; None: as many as fit
-    array: int = MAX_WHOLE_BYTES  # items of one array or map
+    array: int = MAX_GAPS  # items of one array or map, where items are counted
     uncounted: int = SHORT  # [bytes] up to which it is unpacked at once
 
 
@@ -86,19 +85,27 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
     try:
         if len(payload) > bounds.uncounted:
             _check_items(payload, bounds.items)
-        return msgpack.unpackb(payload, **_options(bounds, len(payload)))
+        if bounds.items is None:
+            return _unpacked_long(payload)
+        return msgpack.unpackb(
+            payload,
+            use_list=False,
+            strict_map_key=True,
+            max_array_len=bounds.array,
+            max_map_len=bounds.array,
+            max_str_len=TEXT_BYTES,
+            max_ext_len=0,
+        )
     except (ValueError, IndexError, msgpack.UnpackException, RecursionError) as error:
         raise ProtocolError("malformed", f"not msgpack: {error}", value=payload[:16].hex()) from None
 
 
-def _options(bounds: Bounds, size: int) -> dict[str, Any]:
-    """Of msgpack, for a payload of that size."""
-    most = min(bounds.array, size)
-    options = {"max_array_len": most, "max_map_len": most, **_OPTIONS}
-    if bounds.items is not None:
-        return {**options, "max_str_len": TEXT_BYTES}
-    counting = _counting(SHORT + size // PER_CONTAINER)
-    return {**options, "list_hook": counting, "object_hook": counting}
+def _unpacked_long(payload: bytes) -> Any:
+    """All that a result holds, which the payload has room for."""
+    counting = _counting(SHORT + len(payload) // PER_CONTAINER)
+    return msgpack.unpackb(
+        payload, use_list=False, strict_map_key=True, max_ext_len=0, list_hook=counting, object_hook=counting
+    )
 
 
 def _counting(limit: int) -> Callable[[Any], Any]:

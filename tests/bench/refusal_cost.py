@@ -27,6 +27,8 @@ def worst_of(
     count = 0
     for what, payload in heavy_messages(model, sizes):
         cost = cost_of(payload, model, tries)
+        if limit_s < cost.seconds < MORE_TRIES * limit_s:
+            cost = cost_of(payload, model, MORE_TRIES)
         count += 1
         for measure in ("seconds", "bytes"):
             if measure not in worst or getattr(cost, measure) > getattr(worst[measure][1], measure):
@@ -45,7 +47,7 @@ def main() -> int:
     options = parser.parse_args()
     failed = False
     for model in [model for model in BOUNDED if model.__name__ in options.types]:
-        count, worst = worst_of(model, tuple(options.sizes), options.tries)
+        count, worst = worst_of(model, tuple(options.sizes), options.tries, options.limit_s)
         (slow, time_cost), (large, memory_cost) = worst["seconds"], worst["bytes"]
         print(f"{model.__name__}, {count} messages")
         print(f"  slowest {1e3 * time_cost.seconds:9.3f} ms  {slow}")

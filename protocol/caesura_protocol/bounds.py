@@ -97,7 +97,8 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
             max_ext_len=0,
         )
     except (ValueError, IndexError, msgpack.UnpackException, RecursionError) as error:
-        raise ProtocolError("malformed", f"not msgpack: {error}", value=payload[:16].hex()) from None
+        why = f"not msgpack: {str(error) or type(error).__name__}"
+        raise ProtocolError("malformed", why, value=payload[:16]) from None
 
 
 def _unpacked_long(payload: bytes) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from faults.suite import bridges, clocks, disks, fuzz, killed, lines, readers, rings, waits
+from faults.suite import bridges, clocks, disks, fuzz, hostile, killed, lines, readers, rings, waits
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
@@ -29,4 +29,6 @@ FAULTS: tuple[Fault, ...] = (
     Fault("messages-all-at-once", partial(lines.bad_messages, Line(lost=0.05, doubled=0.05, late=0.05))),
     *(Fault(f"robot-waits/{way}", partial(waits.robot_waits, way)) for way in waits.WAYS),
     Fault("hostile-inputs", fuzz.fuzz),
+    Fault("hostile-columns", partial(hostile.hostile, "columns")),
+    Fault("deep-nesting", partial(hostile.hostile, "nesting")),
 )

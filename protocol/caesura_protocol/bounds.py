@@ -42,7 +42,7 @@ from caesura_protocol.messages import (
 HEADER_BYTES = 1 << 14  # of a message without its samples
 SHORT = 512  # [bytes] too short for its headers to claim a megabyte
 PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
-TEXT_BYTES = 1 << 12  # of a string, where items are counted
+TEXT_BYTES = 1 << 13  # of a string, where items are counted
 _ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
 _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from reprlib import Repr
 from typing import Any, Literal, get_args
 
-MAX_MESSAGE = 1000  # characters of a message
+MAX_MESSAGE = 1000  # characters of a message, and of an error in words: readers take texts of 8 KiB
 MAX_SHOWN = 200  # characters of a value
 MAX_LISTED = 64  # values of a list
 
@@ -47,7 +47,7 @@ class ProtocolError(Exception):
             for name, value in (("value", self.value), ("limit", self.limit), ("expected", self.expected))
             if value is not None
         ]
-        return "; ".join(parts)
+        return "; ".join(parts)[:MAX_MESSAGE]
 
 
 def shown(value: Any) -> Any:

@@ -60,9 +60,7 @@ Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=f"^[^{UNPRINTABLE}]+$")]
 T = TypeVar("T")
-Listed = Annotated[
-    tuple[T, ...], Field(fail_fast=True)
-]  # one error says enough, where there may be a million
+Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
 Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]

@@ -82,9 +82,7 @@ class Decimator:
 
     def __init__(self) -> None:
         self._cell = -(1 << 62)  # the one that is being filled
-        self._sum: Array | None = (
-            None  # of the samples of that cell: time may stand still, and they have no end
-        )
+        self._sum: Array | None = None  # of its samples, which have no end while time stands still
         self._samples = 0
         self._before: tuple[float, Array] | None = None  # time and place of the last row
 

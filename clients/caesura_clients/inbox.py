@@ -122,5 +122,9 @@ class Inbox:
 
 
 def _size(item: Item) -> int:
-    """Of its payload [bytes]; what is no delivery is small."""
-    return len(item.payload) if isinstance(item, Delivery) else 0
+    """Of what its sender chose the length of [bytes]."""
+    if isinstance(item, Delivery):
+        return len(item.payload) + len(item.key)
+    if isinstance(item, Presence):
+        return len(item.key)
+    return len(item.parameters) + (len(item.content.payload) if item.content else 0)

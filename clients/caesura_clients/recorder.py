@@ -37,21 +37,26 @@ ASK_EVERY_S = 0.5  # for what is missing
 AT_ONCE = 200  # batches in one question
 ATTEMPTS = 3  # without an answer, until it is a gap
 SILENT_S = 2.0  # a bridge says something every half second: without it, the service is asked
+LAST_S = 30.0  # at the end, for what is still missing: a bridge's ring holds no more
+UNREADABLE = 10_000  # batches that are remembered so as not to be asked for again
 TICK_S = 0.1
 
 
 @dataclass
 class Recorder:
-    """The batches of one session, and what is missing of them."""
+    """The batches of one session, and what is missing of them.
+
+    Numbers are a sender's word, and may leap to a billion: of what is missing only its beginning is kept.
+    """
 
     session: str
     batches: dict[int, SampleBatch] = field(default_factory=dict)
-    given_up: set[int] = field(default_factory=set)
     spoiled: int = 0  # batches that cannot be read
     known: int = -1  # the newest number that anybody spoke of
     began_s: float = float("inf")  # [s] time of day at session time 0, as far as batches tell
-    _whole: int = 0  # all before this one are here or given up
-    _attempts: dict[int, int] = field(default_factory=dict)
+    _whole: int = 0  # all before this one are here, unreadable or given up
+    _unreadable: set[int] = field(default_factory=set)  # from there on
+    _asked: tuple[int, int] = (-1, 0)  # what was asked for last and not answered, and how often
 
     def take(self, batch: SampleBatch, now_s: float | None = None) -> None:
         """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
@@ -62,10 +67,10 @@ class Recorder:
             end = float(unpack_samples(batch)[-1, 0])
         except ProtocolError:
             self.spoiled += 1
-            self.given_up.add(batch.seq)
+            if batch.seq >= self._whole and len(self._unreadable) < UNREADABLE:
+                self._unreadable.add(batch.seq)
             return
         self.batches[batch.seq] = batch
-        self.given_up.discard(batch.seq)
         if now_s is not None:  # a batch cannot come before its last sample was taken
             self.began_s = min(self.began_s, now_s - end)
 
@@ -76,7 +81,8 @@ class Recorder:
 
     def missing(self) -> ReplayRange | None:
         """The next range to ask for."""
-        while self._whole <= self.known and (self._whole in self.batches or self._whole in self.given_up):
+        while self._whole in self.batches or self._whole in self._unreadable:
+            self._unreadable.discard(self._whole)
             self._whole += 1
         if self._whole > self.known:
             return None
@@ -87,13 +93,15 @@ class Recorder:
 
     def unanswered(self, asked: ReplayRange, *, nobody: bool = False) -> None:
         """Nobody had them this time; after ATTEMPTS they are a gap."""
-        tried = self._attempts[asked.first] = self._attempts.get(asked.first, 0) + 1
-        if tried >= ATTEMPTS:
+        first, tried = self._asked
+        self._asked = (asked.first, tried + 1 if first == asked.first else 1)
+        if self._asked[1] >= ATTEMPTS:
             self.evicted(self.known + 1 if nobody else asked.last + 1)
 
     def evicted(self, oldest: int) -> None:
         """Nobody has those before the oldest any more."""
-        self.given_up |= {n for n in range(min(oldest, self.known + 1)) if n not in self.batches}
+        self._whole = max(self._whole, min(oldest, self.known + 1))
+        self._unreadable = {seq for seq in self._unreadable if seq >= self._whole}
 
     @property
     def lost(self) -> int:
@@ -182,7 +190,8 @@ def record(
         recorder = heard.recorder
         if recorder is None:
             raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was heard")
-        while _ask(transport, station, recorder):
+        until = clock() + LAST_S
+        while _ask(transport, station, recorder) and clock() < until:
             pass
     found = _snapshot(transport, station, recorder.session)
     recording = recorder.recording(None if found is None else found.status)

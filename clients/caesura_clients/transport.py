@@ -40,6 +40,7 @@ SETTINGS: Mapping[str, Any] = {
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
+MAX_TEXT = 1001  # characters of an encoding, or of a question's parameters; ours are shorter
 
 # Keys and encodings in use, read once: of a thousand sessions, and of every type of message.
 expression_of = lru_cache(4096)(zenoh.KeyExpr)
@@ -176,9 +177,11 @@ class ZenohQuestion:
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
         self.key = str(query.key_expr)
-        self.parameters = str(query.parameters)
+        self.parameters = str(query.parameters)[:MAX_TEXT]
         payload = query.payload
-        self.content = None if payload is None else Encoded(payload.to_bytes(), str(query.encoding))
+        self.content = (
+            None if payload is None else Encoded(payload.to_bytes(), str(query.encoding)[:MAX_TEXT])
+        )
 
     def reply(self, key: str, answer: Encoded) -> None:
         """Send one answer."""
@@ -207,7 +210,7 @@ def direct(enqueue: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
 
 
 def _delivery(sample: zenoh.Sample) -> Delivery:
-    return Delivery(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding))
+    return Delivery(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)[:MAX_TEXT])
 
 
 def _presence(sample: zenoh.Sample) -> Presence:

@@ -3,8 +3,8 @@
 >>> encode(Close(session="s1", last_seq=7)).encoding
 'application/msgpack;caesura.Close.v1'
 
-Reading checks size, version and type before it unpacks, and every refusal is a ProtocolError that names
-what was found and what the limit is. Nothing here can execute what it reads.
+Reading checks size, version, type and the number of items before it unpacks (`bounds.py`), and every refusal
+is a ProtocolError that names what was found and what the limit is. Nothing here can execute what it reads.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from caesura_protocol import messages
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.bounds import Bounds, bounds_of, unpacked
+from caesura_protocol.errors import MAX_SHOWN, ProtocolError, printable
 from caesura_protocol.messages import (
-    MAX_COLUMNS,
     MAX_MESSAGE_BYTES,
     Close,
     Error,
@@ -33,7 +33,6 @@ from caesura_protocol.messages import (
 )
 
 MAJOR_VERSION = 1
-MAX_SHOWN = 200  # characters of a refused value, or of a message about it
 _ENCODING = re.compile(r"application/msgpack;caesura\.([A-Za-z]+)\.v([0-9]{1,4})")
 
 #: Every type that may stand in an encoding.
@@ -133,21 +132,18 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     `malformed` (names the field and its value).
     """
     check_size(payload, limit)
-    model: type[M] = _model_of(encoding, expected)
-    try:
-        fields = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_ext_len=0)
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
-        raise ProtocolError("malformed", f"not msgpack: {error}", value=payload[:16].hex()) from error
+    model, bounds = _model_of(encoding, expected)
+    fields = unpacked(payload, bounds)
     if not isinstance(fields, dict):
         raise ProtocolError("malformed", "not a map", value=type(fields).__name__, expected="map")
     try:
-        return model.model_validate(fields, strict=True)
+        message: M = model.model_validate(fields, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or model.__name__
-        raise ProtocolError(
-            "malformed", f"{model.__name__}.{where}: {first['msg']}", value=_shown(first["input"])
-        ) from error
+        where = ".".join(printable(str(part)) for part in first["loc"]) or model.__name__
+        why = f"{model.__name__}.{where}: {first['msg']}"
+        raise ProtocolError("malformed", why, value=first["input"]) from None
+    return message
 
 
 def encode_error(error: ProtocolError) -> Encoded:
@@ -156,9 +152,9 @@ def encode_error(error: ProtocolError) -> Encoded:
         Error(
             code=error.code,
             message=error.message[:MAX_SHOWN],
-            value=_shown(error.value),
-            limit=_shown(error.limit),
-            expected=_shown(error.expected),
+            value=error.value,
+            limit=error.limit,
+            expected=error.expected,
         )
     )
 
@@ -234,7 +230,7 @@ def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
 
 
 @lru_cache(maxsize=256)
-def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
+def _model_of(encoding: str, expected: tuple[type[M], ...]) -> tuple[type[M], Bounds]:
     names = [model.__name__ for model in expected]
     match = _ENCODING.fullmatch(encoding)
     if match is None:
@@ -250,23 +246,8 @@ def _model_of(encoding: str, expected: tuple[type[M], ...]) -> type[M]:
         )
     for model in expected:
         if model.__name__ == match[1]:
-            return model
+            return model, bounds_of(model)
     raise ProtocolError("malformed", "not a type that is expected here", value=match[1], expected=names)
-
-
-def _shown(value: Any) -> Any:
-    """A value cut down to what an error may carry, and to what msgpack can."""
-    if isinstance(value, list | tuple):
-        return [_glimpse(item) for item in value[:MAX_COLUMNS]]
-    return _glimpse(value)
-
-
-def _glimpse(value: Any) -> Any:
-    if isinstance(value, int) and not -(1 << 63) <= value < 1 << 64:
-        return str(value)
-    if value is None or isinstance(value, int | float):
-        return value
-    return value[:32].hex() if isinstance(value, bytes) else str(value)[:MAX_SHOWN]
 
 
 __all__ = [

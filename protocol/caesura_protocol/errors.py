@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from reprlib import Repr
 from typing import Any, Literal, get_args
+
+MAX_MESSAGE = 1000  # characters of a message, and of an error in words: readers take texts of 8 KiB
+MAX_SHOWN = 200  # characters of a value
+MAX_LISTED = 64  # values of a list
 
 ErrorCode = Literal[
     "malformed",  # not a message, or a field is wrong
@@ -21,18 +26,19 @@ ERROR_CODES: tuple[ErrorCode, ...] = get_args(ErrorCode)
 class ProtocolError(Exception):
     """A peer's message was refused; names the offending value and the limit.
 
-    value: what was found; limit: the bound it broke; expected: the valid alternatives; each may be None.
+    value: what was found; limit: the bound it broke; expected: the valid alternatives; each may be None. A
+    peer may have chosen all of them and part of the message: they are cut, and the message stays on one line.
     """
 
     def __init__(
         self, code: ErrorCode, message: str, *, value: Any = None, limit: Any = None, expected: Any = None
     ) -> None:
-        super().__init__(message)
         self.code: ErrorCode = code
-        self.message = message
-        self.value = value
-        self.limit = limit
-        self.expected = expected
+        self.message = printable(message, MAX_MESSAGE)
+        self.value = shown(value)
+        self.limit = shown(limit)
+        self.expected = shown(expected)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         parts = [f"{self.code}: {self.message}"]
@@ -41,4 +47,37 @@ class ProtocolError(Exception):
             for name, value in (("value", self.value), ("limit", self.limit), ("expected", self.expected))
             if value is not None
         ]
-        return "; ".join(parts)
+        return "; ".join(parts)[:MAX_MESSAGE]
+
+
+def shown(value: Any) -> Any:
+    """A value cut down to what an error may carry, and to what msgpack can."""
+    if isinstance(value, list):
+        return [_glimpse(item) for item in value[:MAX_LISTED]]
+    if isinstance(value, tuple):
+        return tuple(map(_glimpse, value[:MAX_LISTED]))
+    return _glimpse(value)
+
+
+def printable(text: str, most: int = MAX_SHOWN) -> str:
+    r"""The beginning of a text, on one line.
+
+    >>> printable("no such thing\nERROR: all is lost", 20)
+    'no such thing\\nERROR'
+    """
+    cut = text[:most]
+    return cut if cut.isprintable() else repr(cut)[1:-1][:most]
+
+
+_repr = Repr()  # which looks at a few items of a container, and no deeper than
+_repr.maxlevel = 2
+
+
+def _glimpse(value: Any) -> Any:
+    if isinstance(value, int):
+        return value if -(1 << 63) <= value < 1 << 64 else str(value)[:MAX_SHOWN]
+    if value is None or isinstance(value, float):
+        return value
+    if isinstance(value, bytes):
+        return value[:32].hex()
+    return (value if isinstance(value, str) else _repr.repr(value))[:MAX_SHOWN]

@@ -21,6 +21,7 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
 _COUNT = re.compile(r"[0-9]{1,15}")
+MAX_PARAMETERS = 1000  # characters
 _AT_HAND = 4096  # keys, which are asked for again with every message
 
 StationPart = Literal["samples", "replay", "alive", "control", "program"]
@@ -103,6 +104,9 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
     >>> parse_replay_parameters("from=3;to=9;max=100")
     ReplayRange(first=3, last=9, limit=100, session='')
     """
+    if len(parameters) > MAX_PARAMETERS:
+        why = "replay: too many parameters"
+        raise ProtocolError("malformed", why, value=len(parameters), limit=MAX_PARAMETERS)
     fields = dict(part.partition("=")[::2] for part in parameters.split(";"))
     first, last, limit = (_count(fields.get(name), name) for name in ("from", "to", "max"))
     wanted = ReplayRange(first, last, limit, fields.get("session", ""))

@@ -8,7 +8,7 @@ base frame. Readers ignore header fields that they do not know.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -59,10 +59,17 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=f"^[^{UNPRINTABLE}]+$")]
+T = TypeVar("T")
+Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
+Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
+Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
 
+
+Scalar = bool | int | float | str | None
+Shown = Scalar | Listed[Scalar]  # of a value that was refused
 
 _NOT_ASKED: set[str] = set()
 
@@ -91,7 +98,7 @@ class SampleBatch(Message):
     epoch: Count  # how often the bridge has (re)started this session
     seq: Count  # counts batches of the session from 0, without holes
     n: Annotated[int, Field(ge=1, le=MAX_BATCH_SAMPLES)]
-    columns: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_COLUMNS)]
+    columns: Columns
     t0: Seconds  # [s] session clock
     samples: bytes
 
@@ -110,7 +117,7 @@ class Open(Message):
     type: Literal["open"] = "open"
     session: Name
     epoch: Count = 0
-    columns: Annotated[tuple[str, ...], Field(min_length=2, max_length=MAX_COLUMNS)]
+    columns: Columns
     wrench_source: WrenchSource | None = None  # None: not stated; the service takes the conservative reading
     hand_on_robot: HandOnRobot = "unknown"
     force_frame: ForceFrame = "base"
@@ -276,7 +283,7 @@ class Changepoints(Result):
     """All changepoints from the `first` on; those before it stay as they were."""
 
     first: Count
-    changepoints: tuple[Changepoint, ...]
+    changepoints: Listed[Changepoint]
 
 
 class Segments(Result):
@@ -286,14 +293,14 @@ class Segments(Result):
     """
 
     first: Count
-    segments: tuple[Segment, ...]
+    segments: Listed[Segment]
 
 
 class Posterior(Result):
     """Probability of each possible start of the current segment."""
 
-    starts: tuple[float, ...]  # [s]
-    probabilities: tuple[float, ...]
+    starts: Listed[float]  # [s]
+    probabilities: Listed[float]
 
 
 class WrenchReport(Message):
@@ -329,8 +336,8 @@ class SessionStatus(Result):
     duplicates: Count  # batches that came again
     repeats: Count  # samples whose time did not advance
     waiting_for: Count | None  # the batch that is missing, where one is
-    gaps: tuple[Gap, ...]  # the newest MAX_GAPS
-    refused: dict[ErrorCode, Count]
+    gaps: Listed[Gap]  # the newest MAX_GAPS
+    refused: Counted
     last_refusal: Refusal | None
     hypotheses: Count
     capped: Count  # steps on which the limit on hypotheses bit
@@ -359,7 +366,7 @@ class App(Message):
     load_sd_kg: float | None
     gripper_width: float | None  # [m]
     confidence: Probability
-    segments: tuple[Count, ...]  # indices of the segments that it came from
+    segments: Listed[Count]  # indices of the segments that it came from
 
 
 class Program(Message):
@@ -372,8 +379,8 @@ class Program(Message):
     version: Count
     t: Seconds
     complete: bool  # the session is closed
-    apps: tuple[App, ...]
-    notes: tuple[str, ...] = ()  # what a reader must know, e.g. that the wrench carries no contact
+    apps: Listed[App]
+    notes: Listed[str] = ()  # what a reader must know, e.g. that the wrench carries no contact
     revision: Count = 0  # how many edits the session has had; undo and redo count
     author: str | None = None  # of the last edit
     edited: float | None = None  # [s] time of day (UTC) of the last edit
@@ -409,7 +416,7 @@ class ServiceStatus(Message):
     sessions_open: Count
     sessions_closed: Count
     messages: Count
-    refused: dict[ErrorCode, Count]
+    refused: Counted
     last_refusal: Refusal | None
     queue: Count
     queue_capacity: Count
@@ -434,6 +441,6 @@ class Error(Message):
 
     code: ErrorCode
     message: str
-    value: Any = None
-    limit: Any = None
-    expected: Any = None
+    value: Shown = None
+    limit: Shown = None
+    expected: Shown = None

@@ -1,7 +1,8 @@
 """Results too long for one message go in pieces of their bytes, and are joined again by whoever reads them.
 
 Pieces may be lost, come twice, or among those of another message on the same key: a session has two owners
-for a moment. What the service reads never goes in pieces.
+for a moment. What is held of them has a bound for each key and one for all. What the service reads never goes
+in pieces.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, PIECE_BYTES, Message, Piece
 
 UNFINISHED = 2  # messages on one key, of which pieces are kept
+HELD_BYTES = 2 * MAX_WHOLE_BYTES  # of the pieces on all keys; past it the key that has waited longest goes
+PIECE_COST = 256  # [bytes] of one beside its payload
 
 
 def in_pieces(message: Message) -> Iterator[Encoded]:
@@ -37,6 +40,7 @@ class Joining:
 
     def __init__(self) -> None:
         self._held: dict[str, dict[int, dict[int, bytes]]] = {}  # by key, message and number
+        self.held_bytes = 0
 
     @property
     def unfinished(self) -> int:
@@ -53,10 +57,22 @@ class Joining:
             raise ProtocolError("malformed", "there is no such piece", value=piece.number, limit=piece.count)
         messages = self._held.setdefault(key, {})
         parts = messages.setdefault(piece.whole, {})
-        parts[piece.number] = piece.payload
-        if parts.keys() != {*range(piece.count)}:
-            for stale in [*messages][:-UNFINISHED]:
-                del messages[stale]
-            return None
-        del messages[piece.whole]
-        return Encoded(b"".join(parts[number] for number in range(piece.count)), piece.encoding)
+        if piece.number not in parts:
+            parts[piece.number] = piece.payload
+            self.held_bytes += len(piece.payload) + PIECE_COST
+        if parts.keys() == {*range(piece.count)}:
+            self._drop(key, piece.whole)
+            return Encoded(b"".join(parts[number] for number in range(piece.count)), piece.encoding)
+        for stale in [*messages][:-UNFINISHED]:
+            self._drop(key, stale)
+        while self.held_bytes > HELD_BYTES:
+            oldest = next(iter(self._held))
+            self._drop(oldest, next(iter(self._held[oldest])))
+        return None
+
+    def _drop(self, key: str, whole: int) -> None:
+        """Keep nothing of a message."""
+        messages = self._held[key]
+        self.held_bytes -= sum(len(part) + PIECE_COST for part in messages.pop(whole).values())
+        if not messages:
+            del self._held[key]

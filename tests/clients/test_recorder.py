@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from zlib import crc32
 
@@ -83,6 +84,32 @@ def test_where_nobody_answers_at_all_an_hour_is_given_up_at_once():
         recorder.unanswered(recorder.missing(), nobody=True)
     assert recorder.missing() is None
     assert recorder.lost == 180_000
+
+
+def test_a_number_that_leaps_to_a_billion_takes_no_memory():
+    recorder = Recorder("s1")
+    recorder.take(batch(0))
+    tracemalloc.start()
+    for seq in range(1_000_000, 1_000_000_001, 1_000_000):
+        recorder.heard(seq)
+    for _ in range(ATTEMPTS):
+        recorder.unanswered(recorder.missing(), nobody=True)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (recorder.missing(), recorder.lost) == (None, 1_000_000_000)
+    assert peak < 100_000
+    recorder.take(batch(500_000_000))
+    assert recorder.lost == 999_999_999
+
+
+def test_batches_that_cannot_be_read_are_not_asked_for_again():
+    recorder = Recorder("s1")
+    for seq in (2, 4):
+        recorder.take(batch(seq).model_copy(update={"samples": b"1234"}))
+    assert recorder.missing() == ReplayRange(0, 4, 5, "s1")
+    for seq in (0, 1, 3):
+        recorder.take(batch(seq))
+    assert (recorder.missing(), recorder.lost) == (None, 2)
 
 
 def test_a_correction_of_yesterdays_session_is_not_waited_for(memory):

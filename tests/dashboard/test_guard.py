@@ -65,6 +65,13 @@ def test_another_name_is_refused_because_dns_can_be_bent(local, host):
     assert ask(local, host=host)[0] == 403
 
 
+@pytest.mark.parametrize("headers", [{"host": "["}, {"host": "[::1"}, {"origin": "http://["}], ids=str)
+@pytest.mark.parametrize(("kind", "answer"), [("http", 400), ("websocket", 1008)])
+@pytest.mark.parametrize("names", [LOOPBACK, None])
+def test_what_is_no_address_is_refused(headers, kind, answer, names):
+    assert ask(Guard(inner, names=names, password=None), kind=kind, **headers)[0] == answer
+
+
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_a_page_of_another_site_is_refused(local, kind):
     status, _, _ = ask(local, kind=kind, origin="http://evil.example")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,26 @@ def test_rows_do_not_depend_on_how_samples_are_cut(cut):
     for one, other in zip(found, expected, strict=True):
         assert one.t == other.t
         assert one.position == pytest.approx(other.position)
+
+
+def test_while_time_stands_still_samples_take_no_memory():
+    decimator, still = Decimator(), np.column_stack([np.zeros(1000), np.ones((1000, 6))])
+    decimator.receive(COLUMNS, still)
+    tracemalloc.start()
+    for value in range(100):
+        decimator.receive(COLUMNS, np.column_stack([np.zeros(1000), np.full((1000, 6), float(value % 2))]))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 500_000
+    (row,) = decimator.receive(COLUMNS, moving(0.01, t0=1.0))
+    assert row.position == pytest.approx((51 / 101,) * 3)
+
+
+@pytest.mark.parametrize("t0", [1e308, -1e308, 1e300, 1e18])
+def test_a_time_that_is_none_is_left_out(t0):
+    decimator = Decimator()
+    assert decimator.receive(COLUMNS, moving(1.0, t0=t0)) == []
+    assert len(decimator.receive(COLUMNS, moving(1.0))) == RATE_HZ - 1
 
 
 def test_a_row_is_the_mean_of_its_cell():

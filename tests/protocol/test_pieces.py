@@ -66,6 +66,18 @@ def test_a_message_that_lacks_a_piece_is_never_told_and_makes_room_for_newer_one
     assert len(joined(joining, [*in_pieces(posterior(LONG, 10))])) == 1
 
 
+def test_pieces_on_many_keys_have_one_bound(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pieces, "HELD_BYTES", 10 * PIECE_BYTES)
+    joining, (first, *rest) = Joining(), [*in_pieces(posterior(LONG))]
+    for number in range(50):
+        assert joining.add(f"{KEY}-{number}", first) is None
+        assert joining.add(f"{KEY}-{number}", first) is None
+        assert joining.held_bytes <= 10 * PIECE_BYTES
+    assert joining.unfinished == 9
+    assert len([whole for part in rest if (whole := joining.add(f"{KEY}-49", part))]) == 1
+    assert 0 < joining.unfinished < 9
+
+
 def test_what_is_too_long_even_for_pieces_is_refused_with_the_limit(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pieces, "MAX_WHOLE_BYTES", 2 * MAX_MESSAGE_BYTES)
     with pytest.raises(ProtocolError) as caught:

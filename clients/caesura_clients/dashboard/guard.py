@@ -89,7 +89,11 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
-        why = self._refused(scope, headers)
+        try:
+            why = self._refused(scope, headers)
+        except ValueError:  # as of `[`
+            await _answer(scope, send, 400, "Host or Origin is not an address\n")
+            return
         if why:
             await _answer(scope, send, 403, f"{why}\n")
         elif self._password is not None and scope["path"] == "/login" and scope["type"] == "http":
@@ -100,7 +104,7 @@ class Guard:
             await self._app(scope, receive, _with_headers(send))
 
     def _refused(self, scope: Scope, headers: dict[str, str]) -> str:
-        """Why a request is not heard, in words; empty where it is."""
+        """Why a request is refused, in words; empty where it is not. Raises ValueError for no address."""
         host = headers.get("host", "")
         name = urlsplit(f"//{host}").hostname or ""
         if self._names is not None and name not in self._names:

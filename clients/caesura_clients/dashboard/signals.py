@@ -19,6 +19,7 @@ RATE_HZ = 25.0
 SPAN_S = 60.0
 CAPACITY = round(RATE_HZ * SPAN_S)  # rows a station
 LONGEST_STEP_S = 0.5  # between rows that belong together; a longer one is drawn as a hole
+FARTHEST_S = 1e10  # a session time beyond it is none; a service refuses it as well
 SCALE = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 Array = NDArray[np.float64]
@@ -81,25 +82,30 @@ class Decimator:
 
     def __init__(self) -> None:
         self._cell = -(1 << 62)  # the one that is being filled
-        self._held: list[Array] = []
+        self._sum: Array | None = None  # of its samples, which have no end while time stands still
+        self._samples = 0
         self._before: tuple[float, Array] | None = None  # time and place of the last row
 
     def receive(self, columns: tuple[str, ...], matrix: Array) -> list[Row]:
         """The rows that are complete. What comes late or again is left out."""
+        matrix = matrix[np.abs(matrix[:, 0]) < FARTHEST_S]
         cells = np.floor(matrix[:, 0] * RATE_HZ).astype(np.int64)
         rows = []
         for cell in np.unique(cells[cells >= self._cell]).tolist():
             if cell > self._cell:
                 rows += self._finish(columns)
                 self._cell = cell
-            self._held.append(matrix[cells == cell])
+            some = matrix[cells == cell]
+            total = some.sum(axis=0)
+            self._sum = total if self._sum is None else self._sum + total
+            self._samples += len(some)
         return rows
 
     def _finish(self, columns: tuple[str, ...]) -> list[Row]:
-        if not self._held:
+        if self._sum is None:
             return []
-        mean = np.concatenate(self._held).mean(axis=0)
-        self._held = []
+        mean = self._sum / self._samples
+        self._sum, self._samples = None, 0
         named = dict(zip(columns, mean.tolist(), strict=True))
         t = (self._cell + 0.5) / RATE_HZ
         place = _vector(named, "pos")

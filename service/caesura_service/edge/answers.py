@@ -29,7 +29,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
-from caesura_service.edge.rates import RateLimit, RateSettings
+from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, program_of, snapshot_of
@@ -54,6 +54,7 @@ class Answers(Threaded):
         """work: the worker's inbox."""
         rates = rates or RateSettings()
         self._questions, self._commands = RateLimit(rates.questions), RateLimit(rates.commands)
+        self._complaints = RateLimit(COMPLAINTS)
         self.turned_away = 0  # openings that were refused because of an overload
         self._registry = registry
         self._work = work
@@ -108,7 +109,8 @@ class Answers(Threaded):
             try:
                 how(query)
             except Exception:
-                logger.exception("a question was not answered")
+                if self._complaints.allows("any"):
+                    logger.exception("a question was not answered")
                 query.drop()  # type: ignore[no-untyped-call]
 
     def _admit(self, query: zenoh.Query) -> None:

@@ -17,10 +17,11 @@ from caesura_service.session.ports import AskReplay, ReplayEnded
 
 NOBODY = "?"  # no name, so it is no station's
 OCTETS = "application/octet-stream"
+MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
 
 
 class Content(NamedTuple):
-    """A payload as it came; empty if it was over the size limit, which `size` tells."""
+    """A payload as it came; empty if it was over the size limit, which `size` tells. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -32,7 +33,8 @@ class Content(NamedTuple):
         """What came on a key; nothing reads as an empty payload."""
         size = 0 if payload is None else len(payload)
         kept = payload is not None and size <= MAX_MESSAGE_BYTES
-        return cls(key, payload.to_bytes() if payload is not None and kept else b"", encoding, size)
+        whole = payload.to_bytes() if payload is not None and kept else b""
+        return cls(key[:MAX_TEXT], whole, encoding[:MAX_TEXT], size)
 
     def check_size(self) -> None:
         """Raises ProtocolError `too_large`."""

@@ -17,6 +17,7 @@ from typing import Any
 
 import zenoh
 
+from caesura_service.edge.rates import COMPLAINTS, RateLimit
 from caesura_service.edge.threaded import Threaded
 
 Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError where nothing will come any more
@@ -37,6 +38,7 @@ class Gathering(Threaded):
         self._take = take
         self._declared: dict[str, tuple[Any, Receive]] = {}
         self._turn = threading.Lock()
+        self._complaints = RateLimit(COMPLAINTS)
         super().__init__("caesura-gathering", lambda: None)
 
     def declare(self, network: zenoh.Session, key: str) -> None:
@@ -69,7 +71,8 @@ class Gathering(Threaded):
         try:
             self._take(sample)
         except Exception:
-            logger.exception("a message was lost to an error of ours")
+            if self._complaints.allows("any"):
+                logger.exception("a message was lost to an error of ours")
 
     def _run(self) -> None:
         in_vain = 0

@@ -30,7 +30,7 @@ SAMPLES = Rate(5000.0, 10_000.0)  # messages of a station
 VOLUME = Rate(16e6, 32e6)  # bytes of them
 COMMANDS = Rate(500.0, 1000.0)  # of a station
 QUESTIONS = Rate(2000.0, 4000.0)  # to the instance
-COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station
+COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,21 @@
 """The thread that does the work: takes what arrived, lets the registry decide, says what comes of it.
 
-Whatever goes wrong with one arrival is logged and ends there. Time enters the sessions only here.
+Whatever goes wrong with one arrival ends there: the sender of a command is answered, and the log has it, once
+in ten seconds for each station. Time enters the sessions only here.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVarTuple
 
 import zenoh
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import parse_station_key, station_key
+from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Command as Wanted
 from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
@@ -29,6 +31,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
+from caesura_service.edge.rates import COMPLAINTS, RateLimit
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
@@ -70,6 +73,7 @@ class Worker(Threaded):
         self._inbox = inbox
         self._outgoing = outgoing
         self._clock = clock
+        self._complaints = RateLimit(COMPLAINTS)
         super().__init__("caesura-worker", inbox.wake)
 
     def _run(self) -> None:
@@ -110,7 +114,8 @@ class Worker(Threaded):
         try:
             step(*given)
         except Exception:
-            logger.exception("an arrival was lost to an error of ours")
+            if self._complaints.allows(_cause(*given)):
+                logger.exception("an arrival was lost to an error of ours")
 
     def _take(self, arrival: Arrival) -> None:
         self.messages += isinstance(arrival, MESSAGES)
@@ -137,28 +142,24 @@ class Worker(Threaded):
         self.say(self._registry.samples(station, message, self._clock()))
 
     def _take_command(self, arrival: Command) -> None:
-        station: str | None = None
-        try:
-            station = parse_station_key(arrival.content.key)[0]
-            command = _command(arrival.content)
-        except ProtocolError as error:
-            logger.debug("refused on %s: %s", arrival.content.key, error)
-            refuse(arrival.query, error)
-            self.say(self._registry.refuse(station, error))
-            return
-        for output in self._carry_out(station, command, arrival.query):
+        with _answered(arrival.query):
+            outputs = self._carry_out(arrival.content)
+        for output in outputs:
             if isinstance(output, Answer):
-                _reply(arrival.query, station, output)
+                _reply(arrival.query, arrival.content.key, output)
             else:
                 self.say([output])
 
-    def _carry_out(self, station: str, command: Wanted, query: zenoh.Query) -> list[Output]:
-        """What comes of a command. An error of ours asks the sender to try again, and is raised."""
+    def _carry_out(self, content: Content) -> list[Output]:
+        """What comes of a command, with one answer to it."""
+        station: str | None = None
         try:
-            return self._registry.command(station, command, self._clock())
-        except Exception as error:
-            refuse(query, ProtocolError("internal", f"not carried out: {type(error).__name__}"))
-            raise
+            station = parse_station_key(content.key)[0]
+            command = _command(content)
+        except ProtocolError as error:
+            logger.debug("refused on %s: %s", content.key, error)
+            return [Answer(error), *self._registry.refuse(station, error)]
+        return self._registry.command(station, command, self._clock())
 
     def say(self, outputs: Iterable[Output]) -> None:
         """Put, ask and log. From another thread only before this one runs."""
@@ -188,6 +189,21 @@ class Worker(Threaded):
                     raise TypeError("an answer without a question")
 
 
+@contextmanager
+def _answered(query: zenoh.Query) -> Iterator[None]:
+    """An error of ours asks the sender of a command to try again, and is raised."""
+    try:
+        yield
+    except Exception as error:
+        refuse(query, ProtocolError("internal", f"not carried out: {type(error).__name__}"))
+        raise
+
+
+def _cause(*given: object) -> str:
+    """Whose message was given; empty for what is no message."""
+    return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
+
+
 def _batch(content: Content) -> SampleBatch | Heartbeat:
     content.check_size()
     expected: tuple[type[SampleBatch | Heartbeat], ...] = (SampleBatch, Heartbeat)
@@ -199,8 +215,8 @@ def _command(content: Content) -> Wanted:
     return decode(content.payload, content.encoding, Control).command
 
 
-def _reply(query: zenoh.Query, station: str, output: Answer) -> None:
+def _reply(query: zenoh.Query, key: str, output: Answer) -> None:
     if isinstance(output.reply, ProtocolError):
         refuse(query, output.reply)
     else:
-        answer(query, station_key(station, "control"), output.reply)
+        answer(query, key, output.reply)

@@ -7,9 +7,10 @@ which version of this schema it has.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -163,7 +164,7 @@ def transaction(database: sqlite3.Connection) -> Iterator[None]:
 def opened(path: Path) -> sqlite3.Connection:
     """The database of a journal, made where there is none. Raises JournalError."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _create_private(path)
     except OSError as error:
         raise JournalError(
             f"journal {path} cannot be made: {error.strerror}; name a --journal that this user can write"
@@ -172,17 +173,36 @@ def opened(path: Path) -> sqlite3.Connection:
         database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
         try:
             _prepare(database, path)
+            _make_private(path)
         except BaseException:
             database.close()
             raise
     return database
 
 
+def _create_private(path: Path) -> None:
+    """A new file has 0600 and a new directory 0700, whatever the umask. Raises OSError."""
+    if not path.parent.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.chmod(0o700)
+    with suppress(FileExistsError):
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        path.chmod(0o600)
+
+
+def _make_private(path: Path) -> None:
+    """A journal of an older version was left to the umask; SQLite gives new logs the mode of the file."""
+    for suffix in ("", "-wal", "-shm"):
+        with suppress(FileNotFoundError, PermissionError):
+            path.with_name(path.name + suffix).chmod(0o600)
+
+
 def locked(path: Path) -> sqlite3.Connection:
     """A lock that ends with the process, however it ends. Raises JournalError while another has it."""
-    lock = sqlite3.connect(
-        path.with_name(path.name + LOCK_SUFFIX), timeout=0.0, isolation_level=None, check_same_thread=False
-    )
+    where = path.with_name(path.name + LOCK_SUFFIX)
+    with suppress(OSError):
+        _create_private(where)
+    lock = sqlite3.connect(where, timeout=0.0, isolation_level=None, check_same_thread=False)
     try:
         with translated(path):
             lock.execute("BEGIN EXCLUSIVE")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from faults.suite import bridges, clocks, connections, disks, fuzz, killed, lines, readers, rings, waits
+from faults.suite import bridges, clocks, connections, disks, fuzz, hostile, killed, lines, readers, rings, waits
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
@@ -30,4 +30,6 @@ FAULTS: tuple[Fault, ...] = (
     *(Fault(f"robot-waits/{way}", partial(waits.robot_waits, way)) for way in waits.WAYS),
     Fault("silent-connections", connections.silent_connections),
     Fault("hostile-inputs", fuzz.fuzz),
+    Fault("hostile-columns", partial(hostile.hostile, "columns")),
+    Fault("deep-nesting", partial(hostile.hostile, "nesting")),
 )

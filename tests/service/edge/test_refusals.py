@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
 from caesura_service.app import Service
 from caesura_service.journal import JournalError, MemoryJournal, Record
 from caesura_service.session.fake_pipeline import make_fake_pipeline
+from harness.heavy import array_of, message_with, nest_of
 from harness.peer import Peer
 from harness.sessions import batch, batch_of, batches, closing, opening
 
@@ -50,6 +51,21 @@ def foreign_session() -> bytes:
     return encode(batch(0, "theirs")).payload
 
 
+def a_megabyte_of_columns() -> bytes:
+    return msgpack.packb({**batch(0).model_dump(), "columns": [1] * 1_000_000})
+
+
+def deep() -> bytes:
+    """A thousand levels, in a field that takes none."""
+    return message_with(batch(0).model_dump(), "session", nest_of(b"\x91", 1001, 1000))
+
+
+def deep_command() -> bytes:
+    return message_with(
+        {}, "command", message_with({"type": "open"}, "session", nest_of(b"\x91", 1001, 1000))
+    )
+
+
 @pytest.mark.parametrize(
     ("payload", "encoding", "code", "words"),
     [
@@ -66,6 +82,8 @@ def foreign_session() -> bytes:
         (encode(batch(0)).payload, "zenoh/bytes", "unsupported_version", "zenoh/bytes"),
         (encode(closing(0)).payload, BATCH.replace("SampleBatch", "Close"), "malformed", "Close"),
         (foreign_session(), BATCH, "forbidden", "another station"),
+        (a_megabyte_of_columns(), BATCH, "too_large", "size limit of its type"),
+        (deep(), BATCH, "malformed", "SampleBatch."),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -121,6 +139,8 @@ def test_samples_after_the_close_are_reported_and_change_nothing(peer):
         (b"\xc1", CONTROL, "malformed"),
         (None, None, "unsupported_version"),
         (msgpack.packb({"command": {"type": "reboot"}}), CONTROL, "malformed"),
+        (deep_command(), CONTROL, "malformed"),
+        (message_with({}, "command", array_of(b"\x01", 1_000_000)), CONTROL, "too_large"),
         (b"\0" * (MAX_MESSAGE_BYTES + 1), CONTROL, "too_large"),
         (encode(Control(command=opening())).payload, CONTROL.replace("v1", "v7"), "unsupported_version"),
         (encode(Control(command=closing(0, "s9"))).payload, CONTROL, "unknown_session"),
@@ -181,6 +201,23 @@ def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service
         assert peer.command(closing(19)).next_seq == 20
     status = peer.snapshot().status
     assert (status.batches, status.refused, status.gaps) == (20, {}, ())
+
+
+def test_errors_of_ours_that_a_station_causes_are_logged_once_in_a_while(peer, service, caplog, monkeypatch):
+    def fail(*_: object) -> None:
+        raise RecursionError("a mistake of ours")
+
+    monkeypatch.setattr(service.registry, "samples", fail)
+    monkeypatch.setattr(service.registry, "refuse", fail)
+    for seq in range(200):
+        peer.send(batch(seq))
+    for _ in range(3):
+        with pytest.raises(ProtocolError, match="internal: not carried out: RecursionError"):
+            peer.control(b"\xc1", CONTROL)
+    peer.until_service(lambda status: status.messages >= 203)
+    assert [record.message for record in caplog.records if record.exc_info] == [
+        "an arrival was lost to an error of ours"
+    ] * 2  # of samples, and of commands
 
 
 class BadJournal(MemoryJournal):

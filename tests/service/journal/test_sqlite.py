@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sqlite3
 import threading
 from pathlib import Path
@@ -41,6 +42,36 @@ def record(seq: int, session: str = NAME) -> Record:
 def written(path: Path) -> None:
     with SqliteJournal(path):
         pass
+
+
+def modes(path: Path) -> set[int]:
+    """Of the journal's files."""
+    return {part.stat().st_mode & 0o777 for part in path.parent.glob(path.name + "*")}
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o022, 0o377])
+def test_what_is_new_is_its_owners_whatever_the_umask(tmp_path, umask):
+    path = tmp_path / "new" / "caesura-1.sqlite"
+    before = os.umask(umask)
+    try:
+        with SqliteJournal(path) as journal:
+            journal.append(record(0), now=True)
+            assert len([*path.parent.iterdir()]) >= 3  # the log, and the lock
+            assert modes(path) == {0o600}
+    finally:
+        os.umask(before)
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_an_older_journal_becomes_its_owners_and_a_directory_that_was_there_stays_as_it_is(tmp_path):
+    path = tmp_path / "caesura-1.sqlite"
+    tmp_path.chmod(0o755)
+    written(path)
+    path.chmod(0o644)
+    with SqliteJournal(path) as journal:
+        journal.append(record(0), now=True)
+        assert modes(path) == {0o600}
+    assert tmp_path.stat().st_mode & 0o777 == 0o755
 
 
 def on_disk(path: Path, query: str = "SELECT seq FROM records ORDER BY place") -> list:

@@ -1,0 +1,148 @@
+"""How much a payload may hold, by type of message, checked before anything is made of it.
+
+A byte can be an item of msgpack, and an item an object and a validation error: unchecked, a megabyte of them
+holds the interpreter for seconds and takes a gigabyte. So what a station can send has few items, and they are
+counted first, without unpacking them. Refusing such a message takes less than a millisecond and less than a
+megabyte beside the payload, whatever it holds (`tests/bench/refusal_cost.py`).
+
+Results may be as long as a demonstration. They are unpacked once all of their bytes are known to be there,
+because an array is allocated as its header claims; they hold no more containers than a sound one of their
+length; and validation ends at the first item that is wrong. So refusing one costs no more than reading one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Any, NamedTuple
+
+import msgpack  # type: ignore[import-untyped]
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    MAX_BATCH_SAMPLES,
+    MAX_COLUMNS,
+    MAX_GAPS,
+    MAX_WHOLE_BYTES,
+    PIECE_BYTES,
+    Ack,
+    Close,
+    Control,
+    Edit,
+    Error,
+    Heartbeat,
+    Message,
+    Open,
+    Piece,
+    SampleBatch,
+    ServiceStatus,
+    SessionStatus,
+)
+
+HEADER_BYTES = 1 << 14  # of a message without its samples
+SHORT = 512  # [bytes] too short for its headers to claim a megabyte
+PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
+TEXT_BYTES = 1 << 13  # of a string, where items are counted
+_ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
+_MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
+
+
+class Bounds(NamedTuple):
+    """Of the payloads of one type."""
+
+    size: int  # [bytes]
+    items: int | None = None  # containers, keys and values, at any depth; None: as many as fit
+    array: int = MAX_GAPS  # items of one array or map, where items are counted
+    uncounted: int = SHORT  # [bytes] up to which it is unpacked at once
+
+
+_BATCH_BYTES = HEADER_BYTES + 8 * MAX_BATCH_SAMPLES * MAX_COLUMNS
+_COMMAND = Bounds(HEADER_BYTES, 256)
+_STATUS = Bounds(1 << 16, 10 * MAX_GAPS)
+_LONG = Bounds(MAX_WHOLE_BYTES)
+
+#: Every type that is bounded by more than what a result may be.
+BOUNDS: Mapping[type[Message], Bounds] = {
+    # The usual batch is not counted: with arrays of 64, what fits into 8 KiB takes less than a megabyte.
+    SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13),
+    **dict.fromkeys((Heartbeat, Open, Close, Edit, Control, Ack), _COMMAND),
+    Error: Bounds(1 << 16, 512),
+    Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64),
+    **dict.fromkeys((SessionStatus, ServiceStatus), _STATUS),
+}
+
+
+def bounds_of(model: type[Message]) -> Bounds:
+    """What a payload of this type may hold."""
+    return BOUNDS.get(model, _LONG)
+
+
+def unpacked(payload: bytes, bounds: Bounds) -> Any:
+    """What a payload holds, arrays as tuples. Raises ProtocolError `too_large` or `malformed`."""
+    if len(payload) > bounds.size:
+        why = "message over the size limit of its type"
+        raise ProtocolError("too_large", why, value=len(payload), limit=bounds.size)
+    try:
+        if len(payload) > bounds.uncounted:
+            _check_items(payload, bounds.items)
+        if bounds.items is None:
+            return _unpacked_long(payload)
+        return msgpack.unpackb(
+            payload,
+            use_list=False,
+            strict_map_key=True,
+            max_array_len=bounds.array,
+            max_map_len=bounds.array,
+            max_str_len=TEXT_BYTES,
+            max_ext_len=0,
+        )
+    except (ValueError, IndexError, msgpack.UnpackException, RecursionError) as error:
+        why = f"not msgpack: {str(error) or type(error).__name__}"
+        raise ProtocolError("malformed", why, value=payload[:16]) from None
+
+
+def _unpacked_long(payload: bytes) -> Any:
+    """All that a result holds, which the payload has room for."""
+    counting = _counting(SHORT + len(payload) // PER_CONTAINER)
+    return msgpack.unpackb(
+        payload, use_list=False, strict_map_key=True, max_ext_len=0, list_hook=counting, object_hook=counting
+    )
+
+
+def _counting(limit: int) -> Callable[[Any], Any]:
+    """A hook for every container that was unpacked. Raises ProtocolError `malformed` past the limit."""
+    containers = count(1)
+
+    def take(container: Any) -> Any:
+        if next(containers) > limit:
+            raise ProtocolError("malformed", "too many containers for its size", limit=limit)
+        return container
+
+    return take
+
+
+def _check_items(payload: bytes, limit: int | None) -> None:
+    """Go over all of a payload without making anything of it.
+
+    Raises ProtocolError `malformed` at the header that claims too much; ValueError, IndexError or
+    UnpackException where it is no msgpack, or not all of it is there.
+    """
+    size = len(payload)
+    unpacker = msgpack.Unpacker(max_buffer_size=size, read_size=size)
+    unpacker.feed(payload)
+    if limit is None:
+        unpacker.skip()
+        return
+    left = items = 1
+    while left:
+        head, more = payload[unpacker.tell()], 0
+        if head in _ARRAYS:
+            more = unpacker.read_array_header()
+        elif head in _MAPS:
+            more = 2 * unpacker.read_map_header()
+        else:
+            unpacker.skip()
+        left += more - 1
+        items += more
+        if items > limit:
+            raise ProtocolError("malformed", "too many items", value=items, limit=limit)

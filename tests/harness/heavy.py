@@ -1,0 +1,148 @@
+"""Messages that cost whoever reads them as much as can be, for their bytes."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import msgpack
+
+from caesura_protocol.codec import decode, encode_error, encoding_of
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    MAX_MESSAGE_BYTES,
+    Ack,
+    Control,
+    Error,
+    Heartbeat,
+    Message,
+    Piece,
+    SampleBatch,
+    ServiceStatus,
+    SessionStatus,
+)
+
+# What a station can send to anybody, and what is answered to a query of its.
+OF_STATIONS: tuple[type[Message], ...] = (SampleBatch, Heartbeat, Control, Error, Ack)
+OF_SERVICES: tuple[type[Message], ...] = (SessionStatus, ServiceStatus, Piece)
+BOUNDED = OF_STATIONS + OF_SERVICES
+
+HEAD = {"session": "s1", "epoch": 0, "seq": 0}
+OPENING = {"type": "open", "session": "s1", "columns": ["t", "px"]}
+
+# What a payload is filled with: short pieces of msgpack, each of them whole.
+FILLINGS: Mapping[str, bytes] = {
+    "numbers": b"\x01",
+    "long numbers": b"\xcf" + b"\x7f" * 8,
+    "floats": b"\xcb" + b"\x01" * 8,
+    "nothing": b"\xc0",
+    "empty arrays": b"\x90",
+    "empty maps": b"\x80",
+    "maps of one": b"\x81\xa1a\x01",
+    "arrays of one": b"\x91\x01",
+    "arrays of three": b"\x93\x01\x02\x03",
+    "short texts": b"\xa2\xc3\xa4",
+    "short bins": b"\xc4\x02ab",
+    "arrays of 64": b"\xdc\x00\x40" + b"\x01" * 64,
+    "arrays of 64 maps": b"\xdc\x00\x40" + b"\x80" * 64,
+}
+NESTS: Mapping[str, bytes] = {
+    "nested arrays": b"\x91",
+    "nested maps": b"\x81\xa1a",
+    "arrays that claim 60": b"\xdc\x00\x3c",
+    "arrays that claim 4000": b"\xdc\x0f\xa0",
+    "arrays that claim a million": b"\xdd\x00\x0f\x42\x40",
+    "maps that claim 4000": b"\xde\x0f\xa0\xa1a",
+}
+SIZES = (400, 1000, 4000, 8000, 16_000, 60_000, 500_000, MAX_MESSAGE_BYTES - 100)
+
+
+def array_of(filling: bytes, size: int) -> bytes:
+    """An array that takes so many bytes."""
+    count = max(1, size // len(filling))
+    return b"\xdd" + count.to_bytes(4, "big") + filling * count
+
+
+def nest_of(header: bytes, size: int, depth: int) -> bytes:
+    """Containers within each other, as many bytes as that is; filled up with numbers."""
+    return header * depth + b"\x01" * max(1, size - depth * len(header))
+
+
+def message_with(fields: Mapping[str, object], name: str, value: bytes) -> bytes:
+    """A map of these fields, and one more that is msgpack already, in the place of its own."""
+    kept = {key: one for key, one in fields.items() if key != name}
+    packed = b"".join(map(msgpack.packb, (part for field in kept.items() for part in field)))
+    return bytes([0x80 + len(kept) + 1]) + packed + msgpack.packb(name) + value
+
+
+def heavy_values(sizes: tuple[int, ...] = SIZES) -> Iterator[tuple[str, bytes]]:
+    """(what it is, a value of about that size) of every kind."""
+    for size in sizes:
+        for name, filling in FILLINGS.items():
+            yield f"{size} bytes of {name}", array_of(filling, size)
+        for name, header in NESTS.items():
+            for depth in (30, 500, 1000, 2000):
+                yield f"{size} bytes, {name}, {depth} deep", nest_of(header, size, depth)
+        text = ("x" * (size - 4) + "\N{SMILING FACE WITH SUNGLASSES}").encode()
+        yield f"a text of {size} bytes", b"\xdb" + len(text).to_bytes(4, "big") + text
+        yield f"a bin of {size} bytes", b"\xc6" + size.to_bytes(4, "big") + bytes(size)
+        yield f"{size} bytes that are not there", b"\xc6\x00\x20\x00\x00" + bytes(size)
+
+
+def heavy_messages(model: type[Message], sizes: tuple[int, ...] = SIZES) -> Iterator[tuple[str, bytes]]:
+    """(what it is, payload) with every heavy value in every place of a message of that type."""
+    batch = {**HEAD, "n": 1, "columns": ["t", "px"], "t0": 0.0, "samples": bytes(16)}
+    whole: Mapping[type[Message], Mapping[str, object]] = {
+        SampleBatch: batch,
+        Heartbeat: HEAD,
+        Ack: {"session": "s1", "next_seq": 0, "state": "open"},
+        Error: {"code": "malformed", "message": "no"},
+        Piece: {"encoding": "x", "whole": 1, "number": 0, "count": 2, "payload": b""},
+    }
+    fields = whole.get(model, {"station": "cell-1"})
+    places = [*fields, *(name for name in model.model_fields if name not in fields), "unheard-of"]
+    for what, value in heavy_values(sizes):
+        yield what, value
+        for place in places:
+            yield f"{place}: {what}", message_with(fields, place, value)
+        if model is Control:
+            for place in ("columns", "type", "wrench_source", "preset", "unheard-of"):
+                command = message_with(OPENING, place, value)
+                yield f"command.{place}: {what}", message_with({}, "command", command)
+
+
+class Cost(NamedTuple):
+    """Of reading one message, with what is said of it."""
+
+    seconds: float
+    bytes: int  # at most at once, beside the payload
+    refused: bool
+
+
+def read(payload: bytes, model: type[Message]) -> bool:
+    """Read it as whoever receives it does, and word the refusal; was it refused?"""
+    try:
+        decode(payload, encoding_of(model), model)
+    except ProtocolError as error:
+        str(error)
+        encode_error(error)
+        return True
+    return False
+
+
+def cost_of(payload: bytes, model: type[Message], tries: int = 5) -> Cost:
+    """The least of some tries, for others use the processor too; memory is counted in one more."""
+    seconds = []
+    for _ in range(tries):
+        began = time.perf_counter()
+        refused = read(payload, model)
+        seconds.append(time.perf_counter() - began)
+    tracemalloc.start()
+    try:
+        read(payload, model)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return Cost(min(seconds), peak, refused)

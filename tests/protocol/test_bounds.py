@@ -1,0 +1,207 @@
+"""Whatever arrives is read or refused with a ProtocolError, soon and in little memory."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from itertools import islice
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caesura_protocol.bounds import HEADER_BYTES, TEXT_BYTES
+from caesura_protocol.codec import MESSAGE_TYPES, decode, encode, encoding_of
+from caesura_protocol.errors import MAX_MESSAGE, ProtocolError
+from caesura_protocol.messages import (
+    MAX_COLUMNS,
+    MAX_GAPS,
+    MAX_MESSAGE_BYTES,
+    Changepoint,
+    Changepoints,
+    Error,
+    Gap,
+    Message,
+    Open,
+    SampleBatch,
+    ServiceStatus,
+    SessionStatus,
+    Snapshot,
+    WrenchReport,
+)
+from caesura_service.session.standing import Tally
+from harness.heavy import BOUNDED, FILLINGS, HEAD, NESTS, array_of, cost_of, heavy_messages, nest_of, read
+
+MOST_BYTES = 1_000_000
+MOST_S = 0.05  # the bench has the bound proper; here others use the processor too. Before: 3 s and 1 GB
+HEADER = {"station": "cell-1", "session": "s1", "instance": "caesura-0", "epoch": 1, "seq": 0, "t": 0.0}
+
+SERVICE = ServiceStatus(
+    instance="caesura-0",
+    epoch=1,
+    version="0.1.0",
+    refused={},
+    last_refusal=None,
+    **dict.fromkeys(
+        ("sessions_open", "sessions_closed", "messages", "queue", "queue_capacity", "dropped"), 1
+    ),
+)
+
+
+def assert_cheap(payload: bytes, model: type[Message], what: str) -> None:
+    cost = cost_of(payload, model, tries=1)
+    if cost.seconds > MOST_S:
+        cost = cost_of(payload, model)
+    assert cost.seconds < MOST_S, what
+    assert cost.bytes < MOST_BYTES, what
+
+
+@pytest.mark.parametrize("model", BOUNDED, ids=lambda model: model.__name__)
+@pytest.mark.parametrize("size", [8000, 500_000])
+def test_no_content_in_any_field_costs_much(model, size):
+    some = 1 + len(model.model_fields) // 8  # of a type of many fields; the bench does all
+    for what, payload in islice(heavy_messages(model, (size,)), 0, None, some):
+        assert_cheap(payload, model, what)
+
+
+PIECES = st.one_of(
+    st.builds(array_of, st.sampled_from([*FILLINGS.values()]), st.integers(1, 9000)),
+    st.builds(nest_of, st.sampled_from([*NESTS.values()]), st.integers(1, 9000), st.integers(1, 3000)),
+    st.binary(max_size=40),
+    st.sampled_from([msgpack.packb(name) for name in (*SampleBatch.model_fields, "command", "type", "open")]),
+    st.builds(
+        lambda times, filling: filling * times, st.integers(1, 200_000), st.sampled_from([*FILLINGS.values()])
+    ),
+)
+HEADS = st.sampled_from([b"", b"\x81", b"\x87", b"\x8f", b"\xde\x01\x00", b"\xdf\x00\x10\x00\x00"])
+
+
+@settings(deadline=None, max_examples=150)
+@given(HEADS, st.lists(PIECES, max_size=12), st.sampled_from(BOUNDED))
+def test_no_payload_costs_much_or_raises_anything_else(head, parts, model):
+    payload = (head + b"".join(parts))[:MAX_MESSAGE_BYTES]
+    assert_cheap(payload, model, payload[:40].hex())
+
+
+@pytest.mark.parametrize("model", MESSAGE_TYPES.values(), ids=MESSAGE_TYPES)
+@pytest.mark.parametrize("depth", [20, 512, 1000, 1024, 5000])
+@pytest.mark.parametrize("header", [b"\x91", b"\x81\xa1a"], ids=["arrays", "maps"])
+def test_deep_nesting_in_any_field_is_read_or_refused(model, depth, header):
+    for name in (*model.model_fields, "unheard-of"):
+        payload = b"\x81" + msgpack.packb(name) + header * depth + b"\x00"
+        read(payload, model)  # raises whatever is no ProtocolError
+
+
+@pytest.mark.parametrize("model", BOUNDED, ids=lambda model: model.__name__)
+def test_a_refusal_is_one_short_line_whatever_was_sent(model):
+    for _, payload in heavy_messages(model, (8000,)):
+        if read(payload, model):
+            with pytest.raises(ProtocolError) as refused:
+                decode(payload, encoding_of(model), model)
+            said = str(refused.value)
+            assert said.isprintable()
+            assert len(refused.value.message) <= MAX_MESSAGE
+            assert len(said) <= MAX_MESSAGE
+
+
+def test_what_a_peer_wrote_begins_no_line_of_its_own():
+    payload = msgpack.packb({"command": {"type": "x\n2026-01-01 ERROR all is lost"}})
+    with pytest.raises(ProtocolError, match=r"x\\n2026") as refused:
+        decode(payload, encoding_of(MESSAGE_TYPES["Control"]), MESSAGE_TYPES["Control"])
+    assert "\n" not in str(refused.value)
+
+
+def test_a_refusal_that_was_received_is_cut_as_well():
+    payload = msgpack.packb({"code": "malformed", "message": "x\n" * 2000, "value": ["y" * 600] * 90})
+    error = decode(payload, encoding_of(Error), Error)
+    refusal = ProtocolError(error.code, error.message, value=error.value)
+    assert refusal.message.isprintable()
+    assert len(refusal.message) <= MAX_MESSAGE
+    assert [len(one) for one in refusal.value] == [200] * MAX_COLUMNS
+
+
+def test_a_status_with_the_longest_refusal_can_be_read():
+    """Else a station could make its own status, and its service's, unreadable."""
+    error = ProtocolError("malformed", "é\n" * 900, value=["ü" * 600] * 90, expected=["😎" * 600] * 90)
+    refusal = Tally().with_refusal(error).last_refusal
+    status = SERVICE.model_copy(update={"last_refusal": refusal})
+    assert decode(*encode(status), ServiceStatus).last_refusal == refusal
+
+
+# --- what is sound still travels --------------------------------------------------------------------------
+
+
+def test_the_longest_status_travels():
+    gaps = tuple(Gap(t0=float(n), tn=n + 0.5, reason="evicted") for n in range(MAX_GAPS))
+    wrench = WrenchReport(
+        source="none",
+        contact_models=False,
+        transport_models=False,
+        tare=(0.0, 0.0, 0.0),
+        note="x" * TEXT_BYTES,
+    )
+    status = SessionStatus(
+        **HEADER,
+        state="open",
+        preset="default",
+        wrench=wrench,
+        delay_s=0.1,
+        **dict.fromkeys(("batches", "samples", "observations", "duplicates", "repeats"), 7),
+        waiting_for=None,
+        gaps=gaps,
+        refused={"malformed": 1, "conflict": 2},
+        last_refusal=None,
+        hypotheses=3,
+        capped=0,
+    )
+    assert decode(*encode(status), SessionStatus) == status
+
+
+def test_an_opening_with_as_many_and_long_columns_as_there_may_be_travels():
+    opening = Open(session="s1", columns=("t", *(f"{'x' * 240}{n}" for n in range(MAX_COLUMNS - 1))))
+    assert len(encode(opening).payload) > HEADER_BYTES - 1000
+    assert decode(*encode(opening), Open) == opening
+
+
+@pytest.mark.parametrize("size", [16, 9000])
+def test_what_a_newer_peer_adds_is_passed_over(size):
+    batch = {**HEAD, "n": 1, "columns": ["t", "px"], "t0": 0.0, "samples": bytes(size)}
+    more = {"later": {"a": [1, 2, {"b": [None] * 40}], "c": "x" * 1000}}
+    assert read(msgpack.packb({**batch, **more}), SampleBatch) is False
+
+
+# --- results, which may be long ---------------------------------------------------------------------------
+
+
+def peak_of(act: Callable[[], object]) -> int:
+    tracemalloc.start()
+    try:
+        act()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("filling", FILLINGS.values(), ids=FILLINGS)
+def test_refusing_a_long_result_takes_less_than_reading_a_sound_one_of_that_length(filling):
+    one = Changepoint(t=1.5, probability=0.5, certainty="final", t_low=1.0, t_high=2.0)
+    sound = Changepoints(**HEADER, first=0, changepoints=(one,) * 8000)
+    payload, encoding = encode(sound)
+    hostile = (
+        b"\x88"
+        + b"".join(map(msgpack.packb, (part for field in {**HEADER, "first": 0}.items() for part in field)))
+        + msgpack.packb("changepoints")
+        + array_of(filling, len(payload) - 100)
+    )
+    assert read(hostile, Changepoints)
+    reading = peak_of(lambda: decode(payload, encoding, Changepoints))
+    assert peak_of(lambda: read(hostile, Changepoints)) < 2 * reading
+
+
+@pytest.mark.parametrize("size", [4000, MAX_MESSAGE_BYTES])
+@pytest.mark.parametrize("header", NESTS.values(), ids=NESTS)
+def test_an_array_is_not_allocated_on_the_word_of_its_header(header, size):
+    payload = nest_of(header, size, 1000)
+    for model in (Snapshot, Changepoints):
+        assert peak_of(lambda model=model: read(payload, model)) < 2 * len(payload) + MOST_BYTES

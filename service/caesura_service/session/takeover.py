@@ -118,7 +118,7 @@ class Takeover:
     def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         records = self._journals.own_records(copy)
         session = self._builder.new(copy.station, _opening(next(records).message), owner)
-        for _ in session.restoring(records):
+        for _ in session.restoring(records, self._journals.own_edits(copy)):
             yield []
         return session
 
@@ -134,8 +134,9 @@ class Takeover:
 
     def _followed(self, session: Session, copies: Copies) -> Generator[list[Output], None, None]:
         assert copies.furthest is not None
+        records = self._journals.siblings_records(copies.furthest, session.next_seq)
         try:
-            for _ in session.following(self._journals.siblings_records(copies.furthest, session.next_seq)):
+            for _ in session.following(records, self._journals.siblings_edits(copies.furthest)):
                 yield []
         except Exception as error:
             yield [NotTaken(*copies.best.key, error)]

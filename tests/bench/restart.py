@@ -1,8 +1,9 @@
 """What a restart costs with and without edits, and an open beside a station's old sessions.
 
-A person works for 57 minutes (the demonstration of `hour.py`) in a session that stays open, on a journal on disk and
-with the real models; once without edits, once with 40 made while it goes on. Then another registry takes the journal
-up, as a service does that is started again. The two results are compared with those before, field by field.
+A person works for 57 minutes (the demonstration of `hour.py`) in a session that stays open, on a journal on
+disk and with the real models; once without edits, once with 40 made while it goes on. Then another registry
+takes the journal up, as a service does that is started again. Its results are compared with those before,
+field by field.
 An open is measured as its median, at a station with and without old sessions in the journal.
 
 Usage: python tests/bench/restart.py [--minutes 57] [--edits 0 40] [--sessions 0 5000] [--runs 3]

@@ -1,7 +1,8 @@
 """A checksum for every row, so that a flipped bit is found instead of read.
 
-SQLite checks the structure of a file and not what is in it: a bit that flips in a payload comes back as another sample,
-or as another correction. A row without a checksum is one of a journal before version 4, and is read as it is.
+SQLite checks the structure of a file and not what is in it: a bit that flips in a payload comes back as
+another sample, or as another correction. A row without a checksum is one of a journal before version 4, and
+is read as it is.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """An edit as it was carried out: the command, and what it came to.
 
-The second half is what a replay needs. What an edit points at (the changepoint nearest to 3.2 s) depends on what was
-shown when it was made; what it came to (no segment starts at observations 20 to 31) does not. So a replay collects
-edits without filtering in between. Only edits that were carried out are recorded.
+A replay needs the second half. What an edit points at (the changepoint nearest to 3.2 s) depends on what was
+shown when it was made. What it came to (no segment starts at observations 20 to 31) does not. So a replay
+collects edits without filtering in between. Only edits that were carried out are recorded.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class Journal(Protocol):
         """Those of the sessions that have a close among their records."""
 
     def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, of those of a station, or of one, in the order of their first record."""
+        """What it has of every session, of those of a station, or of one; oldest first."""
 
     def epoch_of(self, station: str) -> int:
         """The last epoch under which this instance had the station; -1 if it never had."""
@@ -119,7 +119,7 @@ class Journal(Protocol):
         """Nobody holds the closed session any more: whether it is kept is the journal's own affair."""
 
     def set_aside(self, station: str, session: str, why: str) -> str:
-        """Keep a damaged session under another name, which is returned, and free its own. Raises JournalError."""
+        """Keep a damaged session under another name, and free its own; the new name. Raises JournalError."""
 
     def forget(self, station: str, session: str) -> None:
         """Drop a session; an unknown one is no error."""

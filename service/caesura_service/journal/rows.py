@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
@@ -20,10 +20,11 @@ from caesura_protocol.messages import (
 from caesura_service.journal.checksums import checksum, is_intact
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
-from caesura_service.journal.schema import SELECT_EPOCH, SELECT_STATIONS, select_copies
+from caesura_service.journal.schema import SELECT_EPOCH, SELECT_PAGE, SELECT_STATIONS, select_copies
 
 logger = logging.getLogger(__name__)
 
+PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
 _RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
 
@@ -72,22 +73,29 @@ class Stored(NamedTuple):
     payload: bytes
     crc: int | None = None
 
+    def again(self, key: Key) -> Row:
+        """The same, to be written to another file."""
+        crc = checksum(self.epoch, self.seq, self.at, self.encoding, self.payload)
+        return Row(*key, self.epoch, self.seq, self.at, self.encoding, self.payload, crc)
 
-def record_of(key: Key, row: Stored, session_id: int | None = None) -> Record:
-    """A row as it was appended. Raises JournalDamagedError, or ProtocolError where it cannot be read.
 
-    session_id: under which it was found, where that is known.
-    """
-    if session_id not in {None, row.session_id} or not is_intact(row.crc, *row[2:-1]):
+def verified(key: Key, row: Stored) -> Stored:
+    """The row, which is as it was written. Raises JournalDamagedError."""
+    if not is_intact(row.crc, *row[2:-1]):
         raise JournalDamagedError(
             f"record {row.place} of {'/'.join(key)} is damaged: its checksum is not {row.crc}"
         )
+    return row
+
+
+def record_of(key: Key, row: Stored) -> Record:
+    """A row as it was appended. Raises ProtocolError where it cannot be read."""
     return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
 
 
 def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[Edit, ...]:
-    """Rows that are edits. Raises as `record_of`."""
-    messages = (record_of(key, Stored(*row)).message for row in rows)
+    """Rows that are edits. Raises JournalDamagedError, or ProtocolError where one cannot be read."""
+    messages = (record_of(key, verified(key, Stored(*row))).message for row in rows)
     return tuple(message for message in messages if isinstance(message, Edit))
 
 
@@ -116,6 +124,24 @@ class SessionRow(NamedTuple):
         return is_intact(self.crc, *self[:8])
 
 
+def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> Iterator[list[Stored]]:
+    """A session's rows up to the place `last`, some at a time.
+
+    Raises JournalDamagedError at a row that is not as it was written, and at the end where some are missing.
+    """
+    place, count = -1, 0
+    while rows := database.execute(SELECT_PAGE, (session.id, place, last, PAGE)).fetchall():
+        page = [verified(session.key, Stored(*row)) for row in rows]
+        if any(row.session_id != session.id for row in page):
+            raise JournalDamagedError(f"a record of {'/'.join(session.key)} is under another session")
+        yield page
+        place, count = page[-1].place, count + len(page)
+    if session.record_count not in {None, count}:
+        raise JournalDamagedError(
+            f"{'/'.join(session.key)} has {count} records, expected {session.record_count}"
+        )
+
+
 def outcome_of(
     key: Key, _session_id: int, opening: bytes, last_seq: int, snapshot: bytes, crc: int | None = None
 ) -> Outcome | None:
@@ -134,7 +160,7 @@ def outcome_of(
 
 
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
-    """What a journal has of every session, of those of one station, or of one (station, session), oldest first."""
+    """What a journal has of every session, of a station's, or of one (station, session); oldest first."""
     given = [name for name in key if name is not None]
     rows = database.execute(select_copies(len(given)), given)
     found = ((last_seq, edits, SessionRow(*row)) for last_seq, edits, *row in rows)

@@ -2,8 +2,8 @@
 
 One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
 Payloads are the codec's own bytes. `application_id` tells a journal from other databases, `user_version`
-which version of this schema it has. Every row has a checksum of its values (`checksums.py`), and a session the number
-of its records.
+which version of this schema it has. Every row has a checksum of its values (`checksums.py`), and a session
+the number of its records.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
 from caesura_protocol.messages import Close
-from caesura_service.journal.edits import Edit
 from caesura_service.journal.checksums import checksum
+from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
@@ -73,15 +73,15 @@ COLUMNS_4 = (
     ("outcomes", "crc", "INTEGER"),
     ("stations", "crc", "INTEGER"),
 )
+COLUMN_COUNTS = {"sessions": 10, "records": 8, "outcomes": 5, "stations": 3}
 HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 
-# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more; one whose name
-# has a dot is damaged and set aside.
-SELECT_STATIONS = "SELECT DISTINCT station FROM sessions WHERE station != '' AND session NOT LIKE '%.%'"
-SELECT_SESSIONS = (
-    "SELECT station, session FROM sessions WHERE station != '' AND session NOT LIKE '%.%' ORDER BY id"
-)
-SELECT_CLOSED = "SELECT station, session FROM sessions WHERE station != '' AND session NOT LIKE '%.%' AND closed"
+# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more; one
+# whose name has a dot is damaged and set aside.
+KNOWN = "station != '' AND session NOT LIKE '%.%'"
+SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
+SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
+SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 SELECT_KEPT = """
 SELECT station, session, touched, size, closed FROM sessions WHERE station != '' ORDER BY touched"""
@@ -130,8 +130,8 @@ SELECT
     known.*
 FROM sessions AS known WHERE {{which}} ORDER BY id"""
 _WHICH = (
-    "station != '' AND session NOT LIKE '%.%'",
-    "station = ? AND session NOT LIKE '%.%'",
+    KNOWN,
+    f"{KNOWN} AND station = ?",
     "station = ? AND session = ?",
 )
 SET_ASIDE = """
@@ -189,8 +189,9 @@ def translated(path: Path) -> Iterator[None]:
     """Turn what SQLite raises into a JournalError that names the file and what to do."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # the second: a message about damage, damaged
         name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        name = name if isinstance(error, sqlite3.Error) else "SQLITE_CORRUPT"
         remedy = REMEDIES.get(name, "cannot be used")
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
@@ -257,6 +258,11 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
         for table, column, kind in COLUMNS_4:
             if not database.execute(HAS_COLUMN, (table, column)).fetchone():
                 database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+        for table, count in COLUMN_COUNTS.items():
+            (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
+            if found != count:
+                why = f"its table {table} has {found} columns, expected {count}"
+                raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 

@@ -26,6 +26,7 @@ from caesura_service.journal.rows import (
     outcome_of,
     record_of,
     stations_in,
+    verified,
 )
 from caesura_service.journal.schema import (
     SELECT_BEYOND,
@@ -98,7 +99,7 @@ class Siblings:
             with _opened(found.path) as kept:
                 while page := kept.execute(SELECT_BEYOND, {**wanted, "place": place}).fetchall():
                     for row in page:
-                        yield record_of(found.copy.key, Stored(*row))
+                        yield record_of(found.copy.key, verified(found.copy.key, Stored(*row)))
                     place = page[-1][0]
         except (JournalError, ProtocolError) as error:
             self._say(error)

@@ -14,6 +14,7 @@ their size, and for their age only once nobody has touched them for so long.
 from __future__ import annotations
 
 import logging
+import sqlite3
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -27,7 +28,7 @@ from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.checksums import checksum
-from caesura_service.journal.damage import damage_of, set_aside
+from caesura_service.journal.damage import damage_of, mended, readable, set_aside
 from caesura_service.journal.dropping import drop_some, hide
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
@@ -36,13 +37,14 @@ from caesura_service.journal.rows import (
     ROW_BYTES,
     Row,
     SessionRow,
-    Stored,
     copies_in,
     edits_of,
     epoch_in,
     outcome_of,
+    pages_of,
     record_of,
     row_of,
+    stations_in,
 )
 from caesura_service.journal.schema import (
     INSERT_EPOCH,
@@ -53,7 +55,6 @@ from caesura_service.journal.schema import (
     SELECT_KEPT,
     SELECT_LAST,
     SELECT_OUTCOME,
-    SELECT_PAGE,
     SELECT_ROWS,
     SELECT_SESSIONS,
     SET_ASIDE,
@@ -65,14 +66,15 @@ from caesura_service.journal.schema import (
     transaction,
     translated,
 )
+from caesura_service.journal.wal import damage_of_log
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
+MAX_PLACE = (1 << 63) - 1
 RETRY_S = 0.5  # after a commit that failed
 PATIENCE = 10  # times that tidying may be put off
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
-_PAGE = 500  # records read at once
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
@@ -102,10 +104,15 @@ class SqliteJournal:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            log_damage = damage_of_log(self.path) if self._alone else None
             self._database = stack.enter_context(closing(opened(self.path)))
             if self._alone:
                 stack.enter_context(closing(locked(self.path)))
-                if damage := damage_of(self._database, self.path):
+                if log_damage:
+                    why = "what was written after that is not known here, bridges send what they still have"
+                    logger.error("journal %s: %s; %s", self.path, log_damage, why)
+                damage = damage_of(self._database, self.path)
+                if damage and not mended(self._database, damage):
                     self._begin_anew(stack, damage)
                 self._set_damaged_aside()
             stack.callback(self.commit)
@@ -228,7 +235,7 @@ class SqliteJournal:
         """It stays until it is too old or too much."""
 
     def set_aside(self, station: str, session: str, why: str) -> str:
-        """Keep a session under a name that no other can have, for `caesura sessions export` and whoever repairs it."""
+        """Keep a session under a name that no other can have."""
         self.commit()
         with self._writing, translated(self.path):
             row = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
@@ -238,7 +245,7 @@ class SqliteJournal:
         with transaction(self._database):
             ((aside,),) = self._database.execute(SET_ASIDE, (why, row.id)).fetchall()
         self._seen.discard(row.key)
-        logger.error("journal %s: %s; what it has of the session is now %s/%s", self.path, why, row.station, aside)
+        logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
 
     def forget(self, station: str, session: str) -> None:
@@ -296,13 +303,39 @@ class SqliteJournal:
         self._database.close()
         aside = set_aside(self.path)
         logger.error(
-            "journal %s is damaged (%s): it is now %s, and its sessions are not known here; "
-            "bridges send what they still have",
+            "journal %s is damaged (%s): it is now %s, and of its sessions those are kept that are whole; "
+            "of the others bridges send what they still have",
             self.path,
             damage,
             aside.name,
         )
         self._database = stack.enter_context(closing(opened(self.path)))
+        try:
+            with closing(readable(aside)) as damaged, translated(aside):
+                self._salvage(damaged)
+        except JournalError as error:
+            logger.error("nothing more can be read: %s", error)
+
+    def _salvage(self, damaged: sqlite3.Connection) -> None:
+        """Take over the sessions of another file that are as they were written, each wholly or not at all."""
+        for station in stations_in(damaged):
+            if (epoch := epoch_in(damaged, station)) >= 0:
+                self.keep_epoch(station, epoch)
+        for row in damaged.execute(SELECT_ROWS).fetchall():
+            session = SessionRow(*row)
+            try:
+                with translated(self.path), transaction(self._database):
+                    self._salvage_one(damaged, session)
+            except JournalError as error:
+                logger.error("%s is not kept: %s", "/".join(session.key), error)
+
+    def _salvage_one(self, damaged: sqlite3.Connection, session: SessionRow) -> None:
+        if session.record_count is None or not session.is_intact:
+            raise JournalDamagedError("whether it is whole cannot be known")
+        for page in pages_of(damaged, session, MAX_PLACE):
+            self._write([row.again(session.key) for row in page])
+        if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
+            self._database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))
 
     def _set_damaged_aside(self) -> None:
         """Sessions of which not even the row in the table of sessions is as it was written."""
@@ -414,20 +447,14 @@ class SqliteJournal:
     # --- reading ----------------------------------------------------------------------------------------
 
     def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
-        place, count = -1, 0
+        pages = pages_of(self._database, session, last)
         while True:
             with self._writing, translated(self.path):
-                page = self._database.execute(SELECT_PAGE, (session.id, place, last, _PAGE)).fetchall()
-            if not page:
-                break
+                page = next(pages, None)
+            if page is None:
+                return
             for row in page:
-                yield record_of(session.key, Stored(*row), session.id)
-            place, count = page[-1][0], count + len(page)
-        if session.record_count not in {None, count}:
-            raise JournalDamagedError(
-                f"journal {self.path} has {count} records of {'/'.join(session.key)}, "
-                f"expected {session.record_count}"
-            )
+                yield record_of(session.key, row)
 
 
 def _parts(rows: Sequence[T]) -> Iterator[Sequence[T]]:

@@ -136,7 +136,7 @@ class Corrections:
         return Corrections(active, undone, self.revision + 1)
 
     def again(self, edit: Edit, kinds: Sequence[str]) -> Corrections:
-        """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense any more.
+        """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
 
         kinds: of segments that the session knows, which another version of the service may have changed.
         """

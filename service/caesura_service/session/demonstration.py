@@ -125,9 +125,9 @@ class Demonstration:
         self._program_t, self._program_unsaid = time_of(self.standing.view), False
         return [*said]
 
-    # Edits of the journal. Each is counted at its place among the batches; their corrections are filtered once.
-    # Corrections mean the same from the first sample on as after the last one, so the pipeline may heed all of them
-    # from the beginning (`foresee`), and has to only at the end (`settle`).
+    # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
+    # once. They mean the same from the first sample on as after the last one. So the pipeline may heed all of
+    # them from the beginning (`foresee`), and has to at the end (`settle`).
 
     def foresee(self, edits: Iterable[Edit]) -> None:
         """Filter from here on as all of these will have it; those that are no news yet come by `repeat`."""
@@ -144,7 +144,7 @@ class Demonstration:
         self._filter(corrections.active)
 
     def repeat(self, edit: Edit, at: float) -> list[Output]:
-        """An edit that was carried out once, at [s]; one that makes no sense any more is counted, and refused."""
+        """An edit that was carried out before, at [s]; one that makes no sense now is counted and refused."""
         try:
             if edit.version is None:
                 self.settle()

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
-from caesura_service.journal import Copy, Journal, JournalError, Key, Outcome
+from caesura_service.journal import Copy, Journal, JournalDamagedError, JournalError, Key, Outcome
 from caesura_service.session.concluded import Concluded, standing_of
 from caesura_service.session.content import check_columns
 from caesura_service.session.journals import Copies, Journals
@@ -107,12 +107,19 @@ class Takeover:
         return self._builder.concluded(station, outcome, owner)
 
     def _rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+        key = copies.best.key
         try:
             if copies.own is not None:
-                return (yield from self._restored(copies.own, owner))
+                try:
+                    return (yield from self._restored(copies.own, owner))
+                except JournalDamagedError as damage:
+                    self._own.set_aside(*key, str(damage))
+                    yield [NotTaken(*key, damage)]
+                    if copies.furthest is None:
+                        return None
             return self._begun(copies, owner)
         except Exception as error:
-            yield [NotTaken(*copies.best.key, error)]
+            yield [NotTaken(*key, error)]
             return None
 
     def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:

@@ -57,7 +57,7 @@ class Pipeline(Protocol):
         """The demonstration is over: decide what is still open."""
 
     def refresh(self) -> None:
-        """Bring the view up to date, as an edit does: between two looks it may lack the newest observations."""
+        """Bring the view up to date, as an edit does: between two looks it may lack newer observations."""
 
     @property
     def kinds(self) -> Sequence[str]:

@@ -320,7 +320,9 @@ def edited_while_it_goes_on(journal: MemoryJournal) -> Real:
     real.open()
     for number in range(1, 11):
         real.feed(26 * (number - 1), 26 * number)
-        real.edit([Insert(t=0.4 * number), Remove(t=0.4 * number), Undo(), Redo()][number % 4], at=float(number))
+        real.edit(
+            [Insert(t=0.4 * number), Remove(t=0.4 * number), Undo(), Redo()][number % 4], at=float(number)
+        )
     real.feed(260, real.count)
     assert real.standing.revision > 5
     return real
@@ -367,7 +369,9 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place():
 
 
 def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segment():
-    correction = Correction(none=(*range(5, 400_000), *range(400_010, 500_000)), starts=(4,), label=(7, "steady"))
+    correction = Correction(
+        none=(*range(5, 400_000), *range(400_010, 500_000)), starts=(4,), label=(7, "steady")
+    )
     recorded = correction.recorded()
     assert correction_of(recorded) == correction
     assert len(encode(recorded).payload) < 200

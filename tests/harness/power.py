@@ -12,7 +12,7 @@ COMPILER = shutil.which("gcc") or shutil.which("cc")
 
 
 class Power:
-    """Keeps what a directory's files were at their last fsync; for processes that are started through `command`."""
+    """Keeps each file of a directory as it was at its last fsync by a process started through `command`."""
 
     def __init__(self, directory: Path, beside: Path) -> None:
         """directory: whose files may be lost; beside: where the copies go. Both are made."""

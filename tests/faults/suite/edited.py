@@ -1,9 +1,9 @@
 """A service is killed while a long session with many edits is open, and started again on its journal.
 
-An operator's work must not make a restart longer than the bridges' rings. A registry with the real models writes
-two journals as fast as it goes: the same demonstration with and without edits. On each a service is started,
-killed and started again. What counts is its processor time until it is ready, less that of a service without a
-session: other work on the machine does not change that.
+An operator's work must not make a restart longer than the bridges' rings. A registry with the real models
+writes two journals as fast as it goes: the same demonstration with and without edits. On each a service is
+started, killed and started again. What counts is its processor time until it is ready, less that of a service
+without a session: other work on the machine does not change that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The power goes: the service is killed, and its journal becomes what had been fsynced by then.
 
-The stations have their rings and would send everything once more. So a ledger beside them has none: a session of
-which a batch and an edit are acknowledged right before each loss. Nothing could send these again.
+The stations have their rings and would send everything once more. So there is a ledger beside them without a
+ring: a session of which a batch and an edit are acknowledged right before each loss.
 """
 
 from __future__ import annotations

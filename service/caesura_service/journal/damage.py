@@ -47,8 +47,10 @@ def mended(database: sqlite3.Connection, damage: str) -> bool:
 
 
 def readable(aside: Path) -> sqlite3.Connection:
-    """A file that was set aside, for reading what can be read."""
-    return sqlite3.connect(f"file:{quote(str(aside))}?mode=rw", uri=True, isolation_level=None)
+    """A file that was set aside, for reading what can be read; it stays as it is."""
+    has_log = aside.with_name(aside.name + "-wal").exists()
+    how = "mode=ro" if has_log else "immutable=1"
+    return sqlite3.connect(f"file:{quote(str(aside))}?{how}", uri=True, isolation_level=None)
 
 
 def set_aside(path: Path) -> Path:

@@ -312,11 +312,11 @@ class SqliteJournal:
         self._database = stack.enter_context(closing(opened(self.path)))
         try:
             with closing(readable(aside)) as damaged, translated(aside):
-                self._salvage(damaged)
+                self._salvage(damaged, aside)
         except JournalError as error:
             logger.error("nothing more can be read: %s", error)
 
-    def _salvage(self, damaged: sqlite3.Connection) -> None:
+    def _salvage(self, damaged: sqlite3.Connection, aside: Path) -> None:
         """Take over the sessions of another file that are as they were written, each wholly or not at all."""
         for station in stations_in(damaged):
             if (epoch := epoch_in(damaged, station)) >= 0:
@@ -324,7 +324,7 @@ class SqliteJournal:
         for row in damaged.execute(SELECT_ROWS).fetchall():
             session = SessionRow(*row)
             try:
-                with translated(self.path), transaction(self._database):
+                with translated(aside), transaction(self._database):
                     self._salvage_one(damaged, session)
             except JournalError as error:
                 logger.error("%s is not kept: %s", "/".join(session.key), error)

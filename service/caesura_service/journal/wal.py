@@ -36,7 +36,7 @@ def damage_of_log(path: Path) -> str | None:
             _, read, _ = database.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
             if whole and read >= written:
                 return None
-            shutil.copyfile(log, keep)
+            shutil.copy(log, keep)
     except sqlite3.Error:
         return None  # whoever opens the journal is told
     return f"{read} of {written or 'its'} frames of its log can be read; the log is kept as {keep.name}"

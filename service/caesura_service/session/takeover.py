@@ -113,8 +113,10 @@ class Takeover:
                 try:
                     return (yield from self._restored(copies.own, owner))
                 except JournalDamagedError as damage:
-                    self._own.set_aside(*key, str(damage))
                     yield [NotTaken(*key, damage)]
+                    if self._own.outcome(*key) is not None:
+                        return None  # it can be asked for still
+                    self._own.set_aside(*key, str(damage))
                     if copies.furthest is None:
                         return None
             return self._begun(copies, owner)

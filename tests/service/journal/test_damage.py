@@ -176,6 +176,23 @@ def test_a_damaged_outcome_is_rebuilt_from_the_records(written, tmp_path, caplog
     ]
 
 
+def test_a_closed_session_with_a_damaged_record_can_be_asked_for_and_not_be_corrected(
+    written, tmp_path, caplog
+):
+    path = Path(shutil.copy(written, tmp_path))
+    spoil(path, "UPDATE records SET at = at + 1 WHERE seq = 3 AND session_id = 2")
+    for _ in range(2):
+        with SqliteJournal(path, NEVER) as journal:
+            registry = new_registry(journal)
+            assert registry.restore(10.0) == []
+            assert (OTHER, NAME) in shown(registry)
+            registry.command(OTHER, edit(3, Insert(t=0.8)), 11.0)
+            while registry.is_busy:
+                registry.step()
+            refusal = answer(registry.command(OTHER, edit(3, Insert(t=0.8)), 12.0))
+            assert f"{OTHER}/{NAME} is damaged" in str(refusal)
+
+
 def test_of_a_torn_file_the_sessions_that_are_whole_are_kept(written, tmp_path, caplog):
     path = Path(shutil.copy(written, tmp_path))
     expected, _ = after_restart(Path(shutil.copy(written, tmp_path / "whole.db")), caplog)

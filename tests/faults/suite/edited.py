@@ -24,7 +24,7 @@ from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of
 from faults.suite.outcome import Row
 from harness.demonstrations import taught
-from harness.processes import DEADLINE_S, SESSION, Service
+from harness.processes import DEADLINE_S, SESSION, Service, reaches
 
 STATION = "cell-1"
 SECONDS = 300.0  # of the demonstration
@@ -79,7 +79,7 @@ def restarted(directory: Path, seconds: float, edits: int) -> Restart:
             found = None
             if seconds:
                 with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
-                    found = caesura.snapshot(STATION, SESSION)
+                    found = reaches(caesura, STATION, 1)
             service.kill()
     finally:
         service.kill()

@@ -26,7 +26,7 @@ from caesura_service.session.session import Session
 from caesura_service.session.standing import snapshot_of
 from harness.sessions import batch, batches, closing, new_registry, opening
 
-FORBIDDEN = Resolution(
+EVERYTHING = Resolution(
     inserted=1.0, starts=(3,), none=((4, 9), (11, 12)), label=(7, "steady"), force=(1.5, None)
 )
 FACTORIES = {

@@ -28,12 +28,12 @@ def damage_of(database: sqlite3.Connection, path: Path) -> str | None:
         return None
     try:
         found = [str(row) for (row,) in database.execute(f"PRAGMA integrity_check({NAMED})")]
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         return str(error)
     return None if found == ["ok"] else " ".join("; ".join(found).split())
 
 
-def mended(database: sqlite3.Connection, damage: str) -> bool:
+def mended(database: sqlite3.Connection, path: Path, damage: str) -> bool:
     """Where nothing but indices is damaged, make them again."""
     if not all(OF_INDEX.search(one) for one in damage.split("; ")):
         return False
@@ -42,7 +42,7 @@ def mended(database: sqlite3.Connection, damage: str) -> bool:
         (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
     except sqlite3.DatabaseError:
         return False
-    logger.warning("indices of the journal were damaged (%s) and are made again", damage)
+    logger.warning("indices of journal %s were damaged (%s) and are made again", path, damage)
     return bool(found == "ok")
 
 

@@ -112,7 +112,7 @@ class SqliteJournal:
                     why = "what was written after that is not known here, bridges send what they still have"
                     logger.error("journal %s: %s; %s", self.path, log_damage, why)
                 damage = damage_of(self._database, self.path)
-                if damage and not mended(self._database, damage):
+                if damage and not mended(self._database, self.path, damage):
                     self._begin_anew(stack, damage)
                 self._set_damaged_aside()
             stack.callback(self.commit)

@@ -96,7 +96,7 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
     """An open session on the journal of that directory, edited at equal intervals while it goes on."""
     recording = taught(0, seconds)
     rows, columns = recording.matrix(), recording.columns
-    owner = Owner("1", 1)
+    owner, began = Owner("1", 1), time.time() - seconds  # the journal keeps nothing that is too old
     directory.mkdir()
     with SqliteJournal(directory / "caesura-1.sqlite") as journal:
         registry = Registry(
@@ -106,17 +106,20 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
             journal=journal,
             limits=Limits(),
         )
-        registry.command(STATION, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), 0.0)
+        registry.command(
+            STATION, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), began
+        )
         made = 0
         for seq in range(len(rows) // BATCH):
             batch = rows[seq * BATCH : (seq + 1) * BATCH]
             t = float(batch[-1, 0])
+            now = began + t
             packed = pack_samples(batch, columns, session=SESSION, epoch=0, seq=seq)
-            registry.samples(STATION, packed, t)
+            registry.samples(STATION, packed, now)
             if made < edits and t > 0.9 * seconds * (made + 1) / edits:
                 edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=t - 3.0))
                 (reply,) = [
-                    one.reply for one in registry.command(STATION, edit, t) if isinstance(one, Answer)
+                    one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Answer)
                 ]
                 assert isinstance(reply, Ack), reply
                 made += 1

@@ -117,7 +117,7 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
             packed = pack_samples(batch, columns, session=SESSION, epoch=0, seq=seq)
             registry.samples(STATION, packed, now)
             if made < edits and t > 0.9 * seconds * (made + 1) / edits:
-                edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=t - 3.0))
+                edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=0.7 * t))
                 (reply,) = [
                     one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Answer)
                 ]

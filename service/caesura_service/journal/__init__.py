@@ -1,9 +1,11 @@
 """What a session is made of, kept in order: replaying it rebuilds the session bit for bit."""
 
+from caesura_service.journal.edits import Edit, Resolution
 from caesura_service.journal.journal import (
     Copy,
     Journal,
     JournalBusyError,
+    JournalDamagedError,
     JournalError,
     Key,
     Outcome,
@@ -17,9 +19,11 @@ from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
     "Copy",
+    "Edit",
     "Found",
     "Journal",
     "JournalBusyError",
+    "JournalDamagedError",
     "JournalError",
     "JournalSettings",
     "Key",
@@ -27,6 +31,7 @@ __all__ = [
     "Outcome",
     "Record",
     "Recordable",
+    "Resolution",
     "Siblings",
     "SqliteJournal",
 ]

@@ -1,15 +1,24 @@
 """A journal whose file is damaged is set aside, so that a service comes up again at night without its owner.
 
-Nothing is deleted, and nothing is mended: what can be read of a damaged file is for `sqlite3 FILE .recover`.
-The rings of the bridges give what they still have, and the results gaps for the rest.
+Nothing is deleted. Sessions that are whole, record by record, are taken over into the new file. Where only an
+index is damaged, SQLite makes it again from the records. What else can be read of a damaged file is for
+`sqlite3 FILE .recover`. The rings of the bridges give what they still have, and the results gaps for the
+rest.
 """
 
 from __future__ import annotations
 
+import logging
+import re
 import sqlite3
 import time
 from pathlib import Path
+from urllib.parse import quote
 
+logger = logging.getLogger(__name__)
+
+NAMED = 20  # damages
+OF_INDEX = re.compile(r"^(row \d+ missing from|wrong # of entries in|non-unique entry in) index \w+$")
 CHECKED_BYTES = 1 << 30  # a larger file is not looked through at every start: that takes seconds a gigabyte
 
 
@@ -18,10 +27,30 @@ def damage_of(database: sqlite3.Connection, path: Path) -> str | None:
     if path.stat().st_size > CHECKED_BYTES:
         return None
     try:
-        (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
-    except sqlite3.DatabaseError as error:
+        found = [str(row) for (row,) in database.execute(f"PRAGMA integrity_check({NAMED})")]
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         return str(error)
-    return None if found == "ok" else " ".join(str(found).split())
+    return None if found == ["ok"] else " ".join("; ".join(found).split())
+
+
+def mended(database: sqlite3.Connection, path: Path, damage: str) -> bool:
+    """Where nothing but indices is damaged, make them again."""
+    if not all(OF_INDEX.search(one) for one in damage.split("; ")):
+        return False
+    try:
+        database.execute("REINDEX")
+        (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
+    except sqlite3.DatabaseError:
+        return False
+    logger.warning("indices of journal %s were damaged (%s) and are made again", path, damage)
+    return bool(found == "ok")
+
+
+def readable(aside: Path) -> sqlite3.Connection:
+    """A file that was set aside, for reading what can be read; it stays as it is."""
+    has_log = aside.with_name(aside.name + "-wal").exists()
+    how = "mode=ro" if has_log else "immutable=1"
+    return sqlite3.connect(f"file:{quote(str(aside))}?{how}", uri=True, isolation_level=None)
 
 
 def set_aside(path: Path) -> Path:

@@ -16,7 +16,8 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from caesura_protocol.messages import Close, Edit, Error, JournalReport, Open, SampleBatch, Snapshot
+from caesura_protocol.messages import Close, Error, JournalReport, Open, SampleBatch, Snapshot
+from caesura_service.journal.edits import Edit
 
 Recordable = Open | SampleBatch | Edit | Error | Close
 Key = tuple[str, str]  # station and session
@@ -28,6 +29,10 @@ class JournalError(Exception):
 
 class JournalBusyError(JournalError):
     """Another process has the journal."""
+
+
+class JournalDamagedError(JournalError):
+    """What the journal has is not what was written; the message names the session and the record."""
 
 
 class Record(NamedTuple):
@@ -86,14 +91,17 @@ class Journal(Protocol):
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session in the order in which they were appended; none for an unknown one."""
 
+    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+        """The edits of a session in the order in which they were made."""
+
     def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session with a record, in the order of their first one."""
 
     def closed(self) -> Set[Key]:
         """Those of the sessions that have a close among their records."""
 
-    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, or of those of one station, in the order of their first record."""
+    def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
+        """What it has of every session, of those of a station, or of one; oldest first."""
 
     def epoch_of(self, station: str) -> int:
         """The last epoch under which this instance had the station; -1 if it never had."""
@@ -109,6 +117,9 @@ class Journal(Protocol):
 
     def release(self, station: str, session: str) -> None:
         """Nobody holds the closed session any more: whether it is kept is the journal's own affair."""
+
+    def set_aside(self, station: str, session: str, why: str) -> str:
+        """Keep a damaged session under another name, and free its own; the new name. Raises JournalError."""
 
     def forget(self, station: str, session: str) -> None:
         """Drop a session; an unknown one is no error."""

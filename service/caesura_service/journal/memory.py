@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
-from caesura_protocol.messages import Close, Edit, JournalReport, SampleBatch
+from caesura_protocol.messages import Close, JournalReport, SampleBatch
+from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
@@ -62,6 +63,11 @@ class MemoryJournal:
         """The records of a session as they are now; later ones do not appear in the iteration."""
         return iter(tuple(self._records.get((station, session), ())))
 
+    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+        """Those of a session, oldest first."""
+        messages = (record.message for record in self._records.get((station, session), ()))
+        return tuple(message for message in messages if isinstance(message, Edit))
+
     def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session with a record, oldest first."""
         return tuple(self._records)
@@ -70,9 +76,12 @@ class MemoryJournal:
         """Those with a close."""
         return {key for key, records in self._records.items() if _is_closed(records)}
 
-    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
+    def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
         """What it has of every session, oldest first."""
-        kept = [key for key in self._records if station in {None, key[0]}]
+        if station is not None and session is not None:
+            kept = [(station, session)] if (station, session) in self._records else []
+        else:
+            kept = [key for key in self._records if station in {None, key[0]}]
         return tuple(self._copy(key, self._records[key]) for key in kept)
 
     def epoch_of(self, station: str) -> int:
@@ -90,6 +99,11 @@ class MemoryJournal:
     def outcome(self, station: str, session: str) -> Outcome | None:
         """How a session ended."""
         return self._outcomes.get((station, session))
+
+    def set_aside(self, station: str, session: str, why: str) -> str:
+        """Memory keeps no damaged session: it is dropped."""
+        self.forget(station, session)
+        return session
 
     def release(self, station: str, session: str) -> None:
         """Drop it: memory is for sessions that somebody holds."""

@@ -1,24 +1,30 @@
-"""Records and outcomes as rows of a journal's file, and back."""
+"""Records and outcomes as rows of a journal's file, and back; a row that is damaged is named, never read."""
 
 from __future__ import annotations
 
+import logging
 import sqlite3
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
     Close,
-    Edit,
     Error,
     Open,
     SampleBatch,
     Snapshot,
 )
-from caesura_service.journal.journal import Copy, Outcome, Record, Recordable
-from caesura_service.journal.schema import SELECT_COPIES, SELECT_EPOCH, SELECT_STATIONS
+from caesura_service.journal.checksums import checksum, is_intact
+from caesura_service.journal.edits import Edit
+from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
+from caesura_service.journal.schema import SELECT_EPOCH, SELECT_PAGE, SELECT_STATIONS, select_copies
 
+logger = logging.getLogger(__name__)
+
+PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
 _RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
 
@@ -33,6 +39,7 @@ class Row(NamedTuple):
     at: float
     encoding: str
     payload: bytes
+    crc: int
 
     @property
     def key(self) -> tuple[str, str]:
@@ -50,16 +57,98 @@ def row_of(record: Record) -> Row:
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
-    return Row(record.station, record.session, epoch, seq, record.at, encoding, payload)
+    crc = checksum(epoch, seq, record.at, encoding, payload)
+    return Row(record.station, record.session, epoch, seq, record.at, encoding, payload, crc)
 
 
-def record_of(station: str, session: str, at: float, encoding: str, payload: bytes) -> Record:
+class Stored(NamedTuple):
+    """A row of the table of records."""
+
+    place: int
+    session_id: int
+    epoch: int | None
+    seq: int | None
+    at: float
+    encoding: str
+    payload: bytes
+    crc: int | None = None
+
+    def again(self, key: Key) -> Row:
+        """The same, to be written to another file."""
+        crc = checksum(self.epoch, self.seq, self.at, self.encoding, self.payload)
+        return Row(*key, self.epoch, self.seq, self.at, self.encoding, self.payload, crc)
+
+
+def verified(key: Key, row: Stored) -> Stored:
+    """The row, which is as it was written. Raises JournalDamagedError."""
+    if not is_intact(row.crc, *row[2:-1]):
+        raise JournalDamagedError(
+            f"record {row.place} of {'/'.join(key)} is damaged: its checksum is not {row.crc}"
+        )
+    return row
+
+
+def record_of(key: Key, row: Stored) -> Record:
     """A row as it was appended. Raises ProtocolError where it cannot be read."""
-    return Record(station, session, at, decode(payload, encoding, *_RECORDABLE))
+    return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
 
 
-def outcome_of(opening: bytes, last_seq: int, snapshot: bytes) -> Outcome | None:
-    """A row as it was concluded; None where an older version wrote it in another form."""
+def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[Edit, ...]:
+    """Rows that are edits. Raises JournalDamagedError, or ProtocolError where one cannot be read."""
+    messages = (record_of(key, verified(key, Stored(*row))).message for row in rows)
+    return tuple(message for message in messages if isinstance(message, Edit))
+
+
+class SessionRow(NamedTuple):
+    """A row of the table of sessions."""
+
+    id: int
+    station: str
+    session: str
+    opened: float
+    touched: float
+    closed: int
+    size: int
+    record_count: int | None = None
+    damage: str | None = None
+    crc: int | None = None
+
+    @property
+    def key(self) -> Key:
+        """Station and session."""
+        return self.station, self.session
+
+    @property
+    def is_intact(self) -> bool:
+        """Is it as it was written?"""
+        return is_intact(self.crc, *self[:8])
+
+
+def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> Iterator[list[Stored]]:
+    """A session's rows up to the place `last`, some at a time.
+
+    Raises JournalDamagedError at a row that is not as it was written, and at the end where some are missing.
+    """
+    place, count = -1, 0
+    while rows := database.execute(SELECT_PAGE, (session.id, place, last, PAGE)).fetchall():
+        page = [verified(session.key, Stored(*row)) for row in rows]
+        if any(row.session_id != session.id for row in page):
+            raise JournalDamagedError(f"a record of {'/'.join(session.key)} is under another session")
+        yield page
+        place, count = page[-1].place, count + len(page)
+    if session.record_count not in {None, count}:
+        raise JournalDamagedError(
+            f"{'/'.join(session.key)} has {count} records, expected {session.record_count}"
+        )
+
+
+def outcome_of(
+    key: Key, _session_id: int, opening: bytes, last_seq: int, snapshot: bytes, crc: int | None = None
+) -> Outcome | None:
+    """A row as it was concluded; None where it is damaged, or an older version wrote it in another form."""
+    if not is_intact(crc, *key, opening, last_seq, snapshot):
+        logger.warning("the outcome of %s is damaged: the session is rebuilt from its records", "/".join(key))
+        return None
     try:
         return Outcome(
             decode(opening, encoding_of(Open), Open),
@@ -70,18 +159,27 @@ def outcome_of(opening: bytes, last_seq: int, snapshot: bytes) -> Outcome | None
         return None
 
 
-def copies_in(database: sqlite3.Connection, station: str | None) -> tuple[Copy, ...]:
-    """What a journal has of every session, or of those of one station, oldest first."""
-    rows = database.execute(SELECT_COPIES, {"station": station})
+def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
+    """What a journal has of every session, of a station's, or of one (station, session); oldest first."""
+    given = [name for name in key if name is not None]
+    rows = database.execute(select_copies(len(given)), given)
+    found = ((last_seq, edits, SessionRow(*row)) for last_seq, edits, *row in rows)
     return tuple(
-        Copy(name, session, opened, touched, bool(closed), last_seq, size, edits)
-        for name, session, opened, touched, closed, last_seq, size, edits in rows
+        Copy(*row[1:5], bool(row.closed), last_seq, row.size, edits)
+        for last_seq, edits, row in found
+        if row.is_intact
     )
 
 
 def epoch_in(database: sqlite3.Connection, station: str) -> int:
     """The last epoch under which a journal's instance had a station; -1 without one."""
-    (epoch,) = database.execute(SELECT_EPOCH, (station,)).fetchone()
+    row = database.execute(SELECT_EPOCH, (station,)).fetchone()
+    if row is None:
+        return -1
+    epoch, crc = (*row[1:], None)[:2]
+    if not is_intact(crc, station, epoch):
+        logger.warning("the epoch of station %s is damaged: the next one is taken from the clock", station)
+        return -1
     return int(epoch)
 
 

@@ -2,7 +2,8 @@
 
 One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
 Payloads are the codec's own bytes. `application_id` tells a journal from other databases, `user_version`
-which version of this schema it has.
+which version of this schema it has. Every row has a checksum of its values (`checksums.py`), and a session
+the number of its records.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
-from caesura_protocol.messages import Close, Edit
-from caesura_service.journal.journal import JournalBusyError, JournalError
+from caesura_protocol.messages import Close
+from caesura_service.journal.checksums import checksum
+from caesura_service.journal.edits import Edit
+from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 LOCK_SUFFIX = ".lock"
 CLOSE, EDIT = encoding_of(Close), encoding_of(Edit)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
@@ -62,65 +65,109 @@ CREATE TABLE IF NOT EXISTS stations (
 # What came with version 3: records may be edits, which are few and have to be counted.
 SCHEMA_3 = f"""
 CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
+# What came with version 4, at the end of each row: rows of older journals are read without it (`SELECT *`).
+COLUMNS_4 = (
+    ("sessions", "record_count", "INTEGER"),  # none where some were written before version 4
+    ("sessions", "damage", "TEXT"),  # why it is set aside, under a name that no session can have
+    ("sessions", "crc", "INTEGER"),
+    ("records", "crc", "INTEGER"),
+    ("outcomes", "crc", "INTEGER"),
+    ("stations", "crc", "INTEGER"),
+)
+COLUMN_COUNTS = {"sessions": 10, "records": 8, "outcomes": 5, "stations": 3}
+HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 
-# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more.
-SELECT_STATIONS = "SELECT DISTINCT station FROM sessions WHERE station != ''"
-SELECT_SESSIONS = "SELECT station, session FROM sessions WHERE station != '' ORDER BY id"
-SELECT_CLOSED = "SELECT station, session FROM sessions WHERE station != '' AND closed"
+# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more; one
+# whose name has a dot is damaged and set aside.
+KNOWN = "station != '' AND session NOT LIKE '%.%'"
+SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
+SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
+SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
+SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 SELECT_KEPT = """
 SELECT station, session, touched, size, closed FROM sessions WHERE station != '' ORDER BY touched"""
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
 # `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone
 # through from its beginning: what is new is found by its place.
 UPDATE_SESSIONS = f"""
-UPDATE sessions SET size = size + more, touched = last, closed = max(closed, closes > 0)
+UPDATE sessions SET size = size + more, touched = last, closed = max(closed, closes > 0),
+    record_count = record_count + additional,
+    crc = checksum(
+        id, station, session, opened, last, max(closed, closes > 0), size + more, record_count + additional
+    )
 FROM (
-    SELECT session_id, max(place), at AS last,
+    SELECT session_id, max(place), at AS last, count(*) AS additional,
         sum(length(payload) + ?) AS more, sum(encoding = '{CLOSE}') AS closes
     FROM records NOT INDEXED WHERE place > ? GROUP BY session_id
 )
 WHERE id = session_id"""
 SELECT_PAGE = """
-SELECT place, at, encoding, payload FROM records
-WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
+SELECT * FROM records WHERE session_id = ? AND place > ? AND place <= ? ORDER BY place LIMIT ?"""
+SELECT_EXTENT = """
+SELECT *, (SELECT coalesce(max(place), -1) FROM records WHERE session_id = id) FROM sessions
+WHERE station = ? AND session = ?"""
+SELECT_EDITS = f"""
+SELECT * FROM records WHERE encoding = '{EDIT}' AND session_id = (
+    SELECT id FROM sessions WHERE station = ? AND session = ?
+) ORDER BY place"""
 SELECT_BEYOND = """
-SELECT place, at, encoding, payload FROM records
+SELECT * FROM records
 WHERE session_id = (SELECT id FROM sessions WHERE station = :station AND session = :session)
     AND place > :place AND (seq IS NULL OR seq >= :first_seq)
 ORDER BY place LIMIT 200"""
 INSERT_OUTCOME = """
-INSERT OR REPLACE INTO outcomes SELECT id, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
+INSERT OR REPLACE INTO outcomes (session_id, opening, last_seq, snapshot, crc)
+SELECT id, ?, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
 SELECT_OUTCOME = """
-SELECT opening, last_seq, snapshot FROM outcomes JOIN sessions ON id = session_id
-WHERE station = ? AND session = ?"""
-SELECT_COPIES = f"""
-SELECT station, session, opened, touched, closed,
+SELECT outcomes.* FROM outcomes JOIN sessions ON id = session_id WHERE station = ? AND session = ?"""
+_SELECT_COPIES = f"""
+SELECT
     coalesce((
         SELECT max(seq) FROM records WHERE session_id = known.id AND seq IS NOT NULL AND epoch = (
             SELECT max(epoch) FROM records WHERE session_id = known.id AND seq IS NOT NULL
         )
     ), -1),
-    size,
-    (SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{EDIT}')
-FROM sessions AS known WHERE station = coalesce(:station, nullif(station, '')) ORDER BY id"""
-SELECT_EPOCH = "SELECT coalesce(max(epoch), -1) FROM stations WHERE station = ?"
-INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch) VALUES (?, ?)"
+    (SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{EDIT}'),
+    known.*
+FROM sessions AS known WHERE {{which}} ORDER BY id"""
+_WHICH = (
+    KNOWN,
+    f"{KNOWN} AND station = ?",
+    "station = ? AND session = ?",
+)
+SET_ASIDE = """
+UPDATE sessions SET session = session || '.damaged-' || id, damage = ?, closed = 1,
+    crc = checksum(
+        id, station, session || '.damaged-' || id, opened, touched, 1, size, record_count
+    )
+WHERE id = ? RETURNING session"""
+SELECT_EPOCH = "SELECT * FROM stations WHERE station = ?"
+INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?, ?, ?)"
+
+
+def select_copies(names: int) -> str:
+    """Of all sessions, of those of one station, or of one: by how many names of its key are given.
+
+    Each form is found by the index over both names: what it costs does not grow with the other sessions.
+    """
+    return _SELECT_COPIES.format(which=_WHICH[names])
 
 
 @cache
 def insert_sessions(count: int) -> str:
     """So many at once: at every statement a thread waits for the interpreter that others work with."""
     return f"""
-INSERT INTO sessions (station, session, opened, touched) VALUES {", ".join(["(?, ?, ?, ?)"] * count)}
+INSERT INTO sessions (station, session, opened, touched, record_count)
+VALUES {", ".join(["(?, ?, ?, ?, 0)"] * count)}
 ON CONFLICT (station, session) DO NOTHING"""
 
 
 @cache
 def insert_records(count: int) -> str:
     """So many at once."""
-    row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?)"
+    row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?, ?)"
     return f"""
-INSERT INTO records (session_id, epoch, seq, at, encoding, payload) VALUES {", ".join([row] * count)}
+INSERT INTO records (session_id, epoch, seq, at, encoding, payload, crc) VALUES {", ".join([row] * count)}
 ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
 
 
@@ -135,6 +182,7 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_CORRUPT": "is damaged: move it away, or name another --journal",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
 }
+KINDS = {"SQLITE_BUSY": JournalBusyError, "SQLITE_CORRUPT": JournalDamagedError}
 
 
 @contextmanager
@@ -142,10 +190,11 @@ def translated(path: Path) -> Iterator[None]:
     """Turn what SQLite raises into a JournalError that names the file and what to do."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # the second: a message about damage, damaged
         name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        name = name if isinstance(error, sqlite3.Error) else "SQLITE_CORRUPT"
         remedy = REMEDIES.get(name, "cannot be used")
-        kind = JournalBusyError if name == "SQLITE_BUSY" else JournalError
+        kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
 
 
@@ -171,6 +220,7 @@ def opened(path: Path) -> sqlite3.Connection:
         ) from error
     with translated(path):
         database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+        database.create_function("checksum", -1, checksum, deterministic=True)
         try:
             _prepare(database, path)
             _make_private(path)
@@ -225,6 +275,14 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     with transaction(database):  # whoever cannot write shall know now
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
+        for table, column, kind in COLUMNS_4:
+            if not database.execute(HAS_COLUMN, (table, column)).fetchone():
+                database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+        for table, count in COLUMN_COUNTS.items():
+            (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
+            if found != count:
+                why = f"its table {table} has {found} columns, expected {count}"
+                raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 

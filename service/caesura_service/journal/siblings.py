@@ -16,9 +16,25 @@ from typing import NamedTuple, TypeVar
 from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
+from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalError, Outcome, Record
-from caesura_service.journal.rows import copies_in, epoch_in, outcome_of, record_of, stations_in
-from caesura_service.journal.schema import SELECT_BEYOND, SELECT_OUTCOME, check, translated
+from caesura_service.journal.rows import (
+    Stored,
+    copies_in,
+    edits_of,
+    epoch_in,
+    outcome_of,
+    record_of,
+    stations_in,
+    verified,
+)
+from caesura_service.journal.schema import (
+    SELECT_BEYOND,
+    SELECT_EDITS,
+    SELECT_OUTCOME,
+    check,
+    translated,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -40,12 +56,12 @@ class Siblings:
         self._own = own
         self._said: set[str] = set()
 
-    def copies(self, station: str | None = None) -> list[Found]:
-        """What they have of every session, or of those of one station."""
+    def copies(self, station: str | None = None, session: str | None = None) -> list[Found]:
+        """What they have of every session, of those of one station, or of one."""
         return [
             Found(path, copy)
             for path in self._paths()
-            for copy in self._ask(path, lambda kept: copies_in(kept, station)) or ()
+            for copy in self._ask(path, lambda kept: copies_in(kept, station, session)) or ()
         ]
 
     def stations(self) -> frozenset[str]:
@@ -61,7 +77,16 @@ class Siblings:
     def outcome(self, found: Found) -> Outcome | None:
         """How a session ended, where that was kept and can be read."""
         row = self._ask(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
-        return outcome_of(*row) if row else None
+        return outcome_of(found.copy.key, *row) if row else None
+
+    def edits(self, found: Found) -> tuple[Edit, ...]:
+        """Those of the copy, oldest first; none where they cannot be read."""
+        try:
+            rows = self._ask(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
+            return edits_of(found.copy.key, rows or ())
+        except (JournalError, ProtocolError) as error:
+            self._say(error)
+            return ()
 
     def records(self, found: Found, first_seq: int = 0) -> Iterator[Record]:
         """What the copy has but batches before `first_seq`, with what is appended meanwhile.
@@ -73,8 +98,8 @@ class Siblings:
         try:
             with _opened(found.path) as kept:
                 while page := kept.execute(SELECT_BEYOND, {**wanted, "place": place}).fetchall():
-                    for _, at, encoding, payload in page:
-                        yield record_of(*found.copy.key, at, encoding, payload)
+                    for row in page:
+                        yield record_of(found.copy.key, verified(found.copy.key, Stored(*row)))
                     place = page[-1][0]
         except (JournalError, ProtocolError) as error:
             self._say(error)

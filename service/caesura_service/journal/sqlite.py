@@ -14,6 +14,7 @@ their size, and for their age only once nobody has touched them for so long.
 from __future__ import annotations
 
 import logging
+import sqlite3
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -26,20 +27,37 @@ from typing import Self, TypeVar
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
-from caesura_service.journal.damage import damage_of, set_aside
+from caesura_service.journal.checksums import checksum
+from caesura_service.journal.damage import damage_of, mended, readable, set_aside
 from caesura_service.journal.dropping import drop_some, hide
-from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
+from caesura_service.journal.edits import Edit
+from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
 from caesura_service.journal.keeping import GB, JournalSettings, Kept, overdue, sizes_of
-from caesura_service.journal.rows import ROW_BYTES, Row, copies_in, epoch_in, outcome_of, record_of, row_of
+from caesura_service.journal.rows import (
+    ROW_BYTES,
+    Row,
+    SessionRow,
+    copies_in,
+    edits_of,
+    epoch_in,
+    outcome_of,
+    pages_of,
+    record_of,
+    row_of,
+    stations_in,
+)
 from caesura_service.journal.schema import (
     INSERT_EPOCH,
     INSERT_OUTCOME,
     SELECT_CLOSED,
+    SELECT_EDITS,
+    SELECT_EXTENT,
     SELECT_KEPT,
     SELECT_LAST,
     SELECT_OUTCOME,
-    SELECT_PAGE,
+    SELECT_ROWS,
     SELECT_SESSIONS,
+    SET_ASIDE,
     UPDATE_SESSIONS,
     insert_records,
     insert_sessions,
@@ -48,14 +66,15 @@ from caesura_service.journal.schema import (
     transaction,
     translated,
 )
+from caesura_service.journal.wal import damage_of_log
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
+MAX_PLACE = (1 << 63) - 1
 RETRY_S = 0.5  # after a commit that failed
 PATIENCE = 10  # times that tidying may be put off
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
-_PAGE = 500  # records read at once
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
@@ -85,11 +104,17 @@ class SqliteJournal:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            log_damage = damage_of_log(self.path) if self._alone else None
             self._database = stack.enter_context(closing(opened(self.path)))
             if self._alone:
                 stack.enter_context(closing(locked(self.path)))
-                if damage := damage_of(self._database, self.path):
+                if log_damage:
+                    why = "what was written after that is not known here, bridges send what they still have"
+                    logger.error("journal %s: %s; %s", self.path, log_damage, why)
+                damage = damage_of(self._database, self.path)
+                if damage and not mended(self._database, self.path, damage):
                     self._begin_anew(stack, damage)
+                self._set_damaged_aside()
             stack.callback(self.commit)
             if not self._alone:
                 stack.callback(self._drop_the_rest)
@@ -144,12 +169,15 @@ class SqliteJournal:
         """The records of a session as they are now. Raises JournalError, perhaps on the way."""
         self.commit()
         with self._writing, translated(self.path):
-            found = self._database.execute(
-                "SELECT id, (SELECT max(place) FROM records WHERE session_id = id) FROM sessions"
-                " WHERE station = ? AND session = ?",
-                (station, session),
-            ).fetchone()
-        return iter(()) if found is None else self._pages(station, session, *found)
+            found = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
+        return iter(()) if found is None else self._pages(SessionRow(*found[:-1]), found[-1])
+
+    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+        """Those of a session, oldest first. Raises JournalError."""
+        self.commit()
+        with self._writing, translated(self.path):
+            rows = self._database.execute(SELECT_EDITS, (station, session)).fetchall()
+            return edits_of((station, session), rows)
 
     def sessions(self) -> tuple[Key, ...]:
         """(station, session) of every session, oldest first."""
@@ -163,15 +191,15 @@ class SqliteJournal:
         with self._writing, translated(self.path):
             return set(self._database.execute(SELECT_CLOSED))
 
-    def copies(self, station: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, or of those of one station, oldest first.
+    def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
+        """What it has of every session, of those of one station, or of one, oldest first.
 
         Without what cannot be written: one can still look.
         """
         with suppress(JournalError):
             self.commit()
         with self._writing, translated(self.path):
-            return copies_in(self._database, station)
+            return copies_in(self._database, station, session)
 
     def epoch_of(self, station: str) -> int:
         """The last epoch of a station; -1 without one."""
@@ -181,7 +209,7 @@ class SqliteJournal:
     def keep_epoch(self, station: str, epoch: int) -> None:
         """Remember it. Raises JournalError."""
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(INSERT_EPOCH, (station, epoch))
+            self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
 
     def conclude(self, station: str, outcome: Outcome) -> None:
         """Keep how a session ended; what is too large to be asked for is replayed instead."""
@@ -194,16 +222,31 @@ class SqliteJournal:
             return
         self.commit()
         with self._writing, translated(self.path), transaction(self._database):
-            self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, *key))
+            crc = checksum(*key, opening, outcome.last_seq, snapshot)
+            self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
 
     def outcome(self, station: str, session: str) -> Outcome | None:
         """How a session ended; None where an older version wrote it in another form."""
         with self._writing, translated(self.path):
             found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
-        return None if found is None else outcome_of(*found)
+        return None if found is None else outcome_of((station, session), *found)
 
     def release(self, station: str, session: str) -> None:
         """It stays until it is too old or too much."""
+
+    def set_aside(self, station: str, session: str, why: str) -> str:
+        """Keep a session under a name that no other can have."""
+        self.commit()
+        with self._writing, translated(self.path):
+            row = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
+            return session if row is None else self._set_aside(SessionRow(*row[:-1]), why)
+
+    def _set_aside(self, row: SessionRow, why: str) -> str:
+        with transaction(self._database):
+            ((aside,),) = self._database.execute(SET_ASIDE, (why, row.id)).fetchall()
+        self._seen.discard(row.key)
+        logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
+        return str(aside)
 
     def forget(self, station: str, session: str) -> None:
         """Drop a session; most of its records are deleted by and by.
@@ -260,13 +303,46 @@ class SqliteJournal:
         self._database.close()
         aside = set_aside(self.path)
         logger.error(
-            "journal %s is damaged (%s): it is now %s, and its sessions are not known here; "
-            "bridges send what they still have",
+            "journal %s is damaged (%s): it is now %s, and of its sessions those are kept that are whole; "
+            "of the others bridges send what they still have",
             self.path,
             damage,
             aside.name,
         )
         self._database = stack.enter_context(closing(opened(self.path)))
+        try:
+            with closing(readable(aside)) as damaged, translated(aside):
+                self._salvage(damaged, aside)
+        except JournalError as error:
+            logger.error("nothing more can be read: %s", error)
+
+    def _salvage(self, damaged: sqlite3.Connection, aside: Path) -> None:
+        """Take over the sessions of another file that are as they were written, each wholly or not at all."""
+        for station in stations_in(damaged):
+            if (epoch := epoch_in(damaged, station)) >= 0:
+                self.keep_epoch(station, epoch)
+        for row in damaged.execute(SELECT_ROWS).fetchall():
+            session = SessionRow(*row)
+            try:
+                with translated(aside), transaction(self._database):
+                    self._salvage_one(damaged, session)
+            except JournalError as error:
+                logger.error("%s is not kept: %s", "/".join(session.key), error)
+
+    def _salvage_one(self, damaged: sqlite3.Connection, session: SessionRow) -> None:
+        if session.record_count is None or not session.is_intact:
+            raise JournalDamagedError("whether it is whole cannot be known")
+        for page in pages_of(damaged, session, MAX_PLACE):
+            self._write([row.again(session.key) for row in page])
+        if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
+            self._database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))
+
+    def _set_damaged_aside(self) -> None:
+        """Sessions of which not even the row in the table of sessions is as it was written."""
+        with translated(self.path):
+            for row in [SessionRow(*row) for row in self._database.execute(SELECT_ROWS)]:
+                if not row.is_intact:
+                    self._set_aside(row, f"the entry of {'/'.join(row.key)} is damaged")
 
     # --- writing ----------------------------------------------------------------------------------------
 
@@ -370,16 +446,15 @@ class SqliteJournal:
 
     # --- reading ----------------------------------------------------------------------------------------
 
-    def _pages(self, station: str, session: str, session_id: int, last: int) -> Iterator[Record]:
-        place = -1
+    def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
+        pages = pages_of(self._database, session, last)
         while True:
             with self._writing, translated(self.path):
-                page = self._database.execute(SELECT_PAGE, (session_id, place, last, _PAGE)).fetchall()
-            if not page:
+                page = next(pages, None)
+            if page is None:
                 return
-            for _, at, encoding, payload in page:
-                yield record_of(station, session, at, encoding, payload)
-            place = page[-1][0]
+            for row in page:
+                yield record_of(session.key, row)
 
 
 def _parts(rows: Sequence[T]) -> Iterator[Sequence[T]]:

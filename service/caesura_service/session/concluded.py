@@ -33,6 +33,14 @@ class Concluded:
         """A closed session has finished."""
         raise RuntimeError("the session is closed")
 
+    def refresh(self) -> None:
+        """Nothing is newer."""
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Only what has been folded can be corrected."""
+        return ()
+
     def resolve(self, change: Change) -> Correction:
         """Only what has been folded can be corrected."""
         raise RuntimeError("the session has to be rebuilt from the journal first")

@@ -13,8 +13,9 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from caesura_protocol.errors import ProtocolError
@@ -29,6 +30,7 @@ from caesura_protocol.messages import (
     Remove,
     Undo,
 )
+from caesura_service.journal import Edit, Resolution
 from caesura_service.program import FORCE_LIMIT_N
 
 Change = Insert | Remove | Move | Relabel | LimitForce
@@ -48,6 +50,29 @@ class Correction:
     none: tuple[int, ...] = ()  # none starts there
     label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
+
+    def recorded(self) -> Resolution:
+        """The same as the journal has it."""
+        return Resolution(
+            inserted=self.inserted,
+            starts=self.starts,
+            none=tuple(_runs(self.none)),
+            label=self.label,
+            force=self.force,
+        )
+
+
+def correction_of(recorded: Resolution) -> Correction:
+    """A correction as it was recorded."""
+    none = tuple(index for first, stop in recorded.none for index in range(first, stop))
+    return Correction(recorded.inserted, recorded.starts, none, recorded.label, recorded.force)
+
+
+def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Of rising numbers: the first of each run, and the one behind its last."""
+    breaks = [i for i in range(1, len(indices)) if indices[i] != indices[i - 1] + 1]
+    for first, stop in pairwise([0, *breaks, len(indices)] if indices else ()):
+        yield indices[first], indices[stop - 1] + 1
 
 
 @dataclass(frozen=True)
@@ -109,6 +134,21 @@ class Corrections:
                 raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
             active, undone = (*self.active, resolve(action)), ()
         return Corrections(active, undone, self.revision + 1)
+
+    def again(self, edit: Edit, kinds: Sequence[str]) -> Corrections:
+        """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
+
+        kinds: of segments that the session knows, which another version of the service may have changed.
+        """
+
+        def known(change: Change) -> Correction:
+            assert edit.resolution is not None
+            correction = correction_of(edit.resolution)
+            if correction.label is not None:
+                _check_kind(correction.label[1], kinds)
+            return correction
+
+        return self.after(edit.action, known)
 
     def passed_over(self) -> Corrections:
         """An edit that cannot be made again has counted nevertheless."""
@@ -209,13 +249,17 @@ def _meant(t: float, shown: Shown) -> Mark:
 
 def _relabelled(t: float, kind: str, shown: Shown) -> Correction:
     _check_time(t, shown)
-    if kind not in shown.kinds:
-        why = "this session knows no such kind of segment"
-        raise ProtocolError("malformed", why, value=kind, expected=list(shown.kinds))
+    _check_kind(kind, shown.kinds)
     span = next((span for span in shown.spans if span.t0 <= t < span.tn), shown.spans[-1])
     ends = (span.start,) if span.grows else (span.start, span.end)
     inside = tuple(range(span.start + 1, span.end))
     return Correction(starts=ends, none=inside, label=((span.start + span.end) // 2, kind))
+
+
+def _check_kind(kind: str, kinds: Sequence[str]) -> None:
+    if kind not in kinds:
+        why = "this session knows no such kind of segment"
+        raise ProtocolError("malformed", why, value=kind, expected=list(kinds))
 
 
 def _limited(t: float, newton: float | None, shown: Shown) -> float:

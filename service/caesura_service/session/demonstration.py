@@ -6,15 +6,16 @@ is raised. Samples arrive here in order and once; ordering is the session's busi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Action, Open
+from caesura_service.journal import Edit
 from caesura_service.session import results
-from caesura_service.session.corrections import Corrections
+from caesura_service.session.corrections import Correction, Corrections
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Failed, Output, Owner, Publish, Refused
 from caesura_service.session.standing import Standing, Tally, program_of, time_of
@@ -33,6 +34,7 @@ class Demonstration:
     ) -> None:
         self.corrections = Corrections()
         self._pipeline = pipeline
+        self._filtered: tuple[Correction, ...] = ()  # corrections that the pipeline heeds
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
         self._program_t = 0.0  # [s] session time of the last program that was put
@@ -117,19 +119,64 @@ class Demonstration:
     def correct(self, edited: results.Edited, pipeline: Pipeline) -> list[Output]:
         """Go on as corrected, and say so at once."""
         self.corrections, self._pipeline = edited.corrections, pipeline
+        self._filtered = edited.corrections.active
         self.standing, said = results.with_edit(self.standing, pipeline.view, edited)
         self._status_t = max(self._status_t, self.standing.view.t)
         self._program_t, self._program_unsaid = time_of(self.standing.view), False
         return [*said]
 
-    def pass_over_edit(self) -> None:
-        """One that was made once, and makes no sense any more: it has counted nevertheless."""
-        self.corrections = self.corrections.passed_over()
-        self.standing = self.standing._replace(revision=self.corrections.revision)
+    # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
+    # once. They mean the same from the first sample on as after the last one. So the pipeline may heed all of
+    # them from the beginning (`foresee`), and has to at the end (`settle`).
+
+    def foresee(self, edits: Iterable[Edit]) -> None:
+        """Filter from here on as all of these will have it; those that are no news yet come by `repeat`."""
+        corrections = self.corrections
+        for edit in edits:
+            if edit.revision < corrections.revision:
+                continue
+            if not edit.is_resolved:
+                return  # what it comes to depends on what will be shown
+            try:
+                corrections = corrections.again(edit, self._pipeline.kinds)
+            except ProtocolError:
+                corrections = corrections.passed_over()
+        self._filter(corrections.active)
+
+    def repeat(self, edit: Edit, at: float) -> list[Output]:
+        """An edit that was carried out before, at [s]; one that makes no sense now is counted and refused."""
+        try:
+            if edit.version is None:
+                self.settle()
+                corrections, pipeline = self.corrected(edit.action)
+                return self.correct(results.Edited(corrections, edit.author, at), pipeline)
+            corrections = self.corrections.again(edit, self._pipeline.kinds)
+        except ProtocolError as error:
+            self.corrections = self.corrections.passed_over()
+            self.standing = self.standing._replace(revision=self.corrections.revision)
+            return self.refuse(error)
+        self.corrections = corrections
+        self._pipeline.refresh()
+        edited = results.Edited(corrections, edit.author, at)
+        self.standing = results.with_repeated_edit(self.standing, self._pipeline.view, edited, edit.version)
+        return []
+
+    def settle(self) -> None:
+        """Filter anew, where the pipeline does not heed exactly the corrections that have been counted."""
+        if self._filter(self.corrections.active):
+            self.standing = results.settled(self.standing, self._pipeline.view)
+
+    def _filter(self, corrections: tuple[Correction, ...]) -> bool:
+        """Does that change anything?"""
+        if corrections == self._filtered or self.state == "failed":
+            return False
+        self._pipeline, self._filtered = self._pipeline.corrected(corrections), corrections
+        return True
 
     def revive(self, rebuilt: Demonstration) -> None:
         """Have the mathematics of the same demonstration, folded again; what has been said of it stands."""
         self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
+        self._filtered = rebuilt._filtered
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""

@@ -97,6 +97,14 @@ class FakePipeline:
         """Remember to close the gap at the next sample, or at the end."""
         self._gap_pending = True
 
+    def refresh(self) -> None:
+        """It always is."""
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """There is one."""
+        return ("motion",)
+
     def resolve(self, change: Change) -> Correction:
         """A jump can be inserted where it has been; that is all."""
         if not isinstance(change, Insert):

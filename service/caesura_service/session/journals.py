@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from caesura_service.journal import Copy, Found, Journal, Outcome, Record, Siblings
+from caesura_service.journal import Copy, Edit, Found, Journal, Outcome, Record, Siblings
 
 
 class Copies(NamedTuple):
@@ -40,10 +40,10 @@ class Journals:
         """Those with a session."""
         return self._siblings.stations().union(station for station, _ in self._own.sessions())
 
-    def of(self, station: str) -> Mapping[str, Copies]:
-        """Every session of a station, in the order in which they were opened."""
-        known = {copy.session: Copies(copy, None) for copy in self._own.copies(station)}
-        siblings = self._siblings.copies(station)
+    def of(self, station: str, session: str | None = None) -> Mapping[str, Copies]:
+        """Every session of a station, or the one, in the order in which they were opened."""
+        known = {copy.session: Copies(copy, None) for copy in self._own.copies(station, session)}
+        siblings = self._siblings.copies(station, session)
         for found in siblings:
             own, furthest = known.get(found.copy.session, Copies(None, None))
             if furthest is None or found.copy.progress > furthest.copy.progress:
@@ -65,6 +65,14 @@ class Journals:
     def own_records(self, copy: Copy) -> Iterator[Record]:
         """All that the own journal has of a session. Raises JournalError or ProtocolError on the way."""
         return self._own.replay(*copy.key)
+
+    def own_edits(self, copy: Copy) -> Sequence[Edit]:
+        """Those among them. Raises as `own_records`."""
+        return self._own.edits(*copy.key) if copy.edits else ()
+
+    def siblings_edits(self, found: Found) -> Sequence[Edit]:
+        """Those that a sibling has of a session; none where they cannot be read."""
+        return self._siblings.edits(found) if found.copy.edits else ()
 
     def siblings_records(self, found: Found, first_seq: int) -> Iterator[Record]:
         """What a sibling has of a session but batches before `first_seq`, as far as it can be read."""

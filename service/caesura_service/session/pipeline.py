@@ -160,8 +160,17 @@ class SegmentationPipeline:
 
     def resolve(self, change: Change) -> Correction:
         """What a correction comes to. Raises ProtocolError where it points at nothing."""
-        self._view = self._look(self._happened())
+        self.refresh()
         return resolved(change, self._shown())
+
+    def refresh(self) -> None:
+        """Bring the view up to date."""
+        self._view = self._look(self._happened())
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Names of the kinds that a segment may have."""
+        return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
 
     def corrected(self, corrections: Sequence[Correction]) -> Self:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
@@ -283,7 +292,7 @@ class SegmentationPipeline:
             finished=self._finished,
             marks=[self._mark(before, part) for before, part in pairwise(parts)],
             spans=spans,
-            kinds=[*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)],
+            kinds=self.kinds,
             apps=self._view.apps,
         )
 

@@ -229,7 +229,7 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         session = self._builder.new(station, opening, self.custody.owner(station, now))
         with _RECORDING:
-            known = self._journals.of(station).get(command.session)
+            known = self._journals.of(station, command.session).get(command.session)
         with _BEGINNING:
             if known is not None:
                 return self._open_once_more(station, command, known, now)

@@ -121,6 +121,19 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
     return standing, [*changes, Publish(program_of(standing)), status]
 
 
+def with_repeated_edit(standing: Standing, view: View, edited: Edited, version: int) -> Standing:
+    """What an edit of the journal made of it: as `with_edit`, with the version that its program had."""
+    standing, _ = with_edit(standing, view, edited)
+    return standing._replace(heading=standing.heading.model_copy(update={"version": version}))
+
+
+def settled(standing: Standing, view: View) -> Standing:
+    """With the view that the corrections come to which have been counted already."""
+    standing, _ = with_view(standing, view, standing.tally)
+    heading = standing.heading.model_copy(update={"t": time_of(view), "notes": view.notes})
+    return standing._replace(heading=heading, apps=view.apps)
+
+
 def _next_program(standing: Standing, **changes: Any) -> Standing:
     heading, view = standing.heading, standing.view
     changes |= {"version": heading.version + 1, "t": time_of(view)}

@@ -39,7 +39,7 @@ class Reviving:
         if key not in self._under_way:
             if (why := self._failed.pop(key, None)) is not None:
                 raise ProtocolError("conflict", f"the session cannot be corrected: {why}", value=session.name)
-            copies = self._journals.of(station).get(session.name)
+            copies = self._journals.of(station, session.name).get(session.name)
             if copies is None:
                 why = "the journal no longer has the session's samples: it cannot be corrected"
                 raise ProtocolError("conflict", why, value=session.name)

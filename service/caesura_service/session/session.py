@@ -15,10 +15,13 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, SampleBatch
+from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, Redo, SampleBatch, Undo
+from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
+from caesura_service.session.corrections import Corrections
 from caesura_service.session.demonstration import Demonstration
 from caesura_service.session.intake import Intake
 from caesura_service.session.limits import Limits
@@ -48,6 +51,7 @@ class Session:
         self._demonstration = Demonstration(station, opening, pipeline, owner=owner, limits=limits)
         self._records = Records(station, opening.session, journal)
         self._intake = Intake(station, opening, self._demonstration, self._records, limits)
+        self._collects = False  # edits, whose corrections are not filtered yet?
         self._folded = True  # is there more of it than its outcome?
 
     @property
@@ -90,34 +94,53 @@ class Session:
         self._records.append(self._opening, now)
         return [*self._demonstration.begin(), self._ack()]
 
-    def restoring(self, records: Iterable[Record]) -> Iterator[None]:
-        """Fold the records behind the opening, saying and recording nothing; gives way after each."""
-        with self._records.withheld():
+    def restoring(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
+        """Fold the records behind the opening, saying and recording nothing; gives way after each.
+
+        edits: those among them, so far as they are known beforehand: then nothing is filtered twice.
+        """
+        with self._records.withheld(), self._collecting():
             self._demonstration.begin()
+            self._demonstration.foresee(edits)
             for record in records:
                 match record.message:
                     case Error(limit=int() as target) if target > self.next_seq:
                         self._intake.give_up(target)
-                    case Edit() as edit:
-                        self._edit_again(edit, record.at)
+                    case AppliedEdit() as edit:
+                        self._demonstration.repeat(edit, record.at)
                     case Open() | SampleBatch() | Close() as message:
                         self.receive(message, record.at)
                 yield
         self._intake.forgive()
         self._conclude()
 
-    def following(self, records: Iterable[Record]) -> Iterator[None]:
+    def following(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
         """Take what another instance has recorded of this session, as if it came now; gives way after each.
 
-        Says nothing. Raises as `receive`.
+        edits: as in `restoring`. Says nothing. Raises as `receive`.
         """
+        before = self.is_open, self.revision
         try:
-            for record in records:
-                if self.is_open or isinstance(record.message, Edit):
-                    self._follow(record)
-                yield
+            with self._collecting():
+                self._demonstration.foresee(edits)
+                for record in records:
+                    if self.is_open or isinstance(record.message, AppliedEdit):
+                        self._follow(record)
+                    yield
         finally:
             self._intake.forgive()
+            if (self.is_open, self.revision) != before:
+                self._conclude()
+
+    @contextmanager
+    def _collecting(self) -> Iterator[None]:
+        """While the context lasts edits are collected; at its end the corrections are filtered, once."""
+        self._collects = True
+        try:
+            yield
+        finally:
+            self._collects = False
+            self._demonstration.settle()
 
     def hand_to(self, owner: Owner) -> None:
         """Speak as this owner from here on."""
@@ -242,7 +265,7 @@ class Session:
         self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
-        self._records.append(edit, now)
+        self._records.append(self._applied(edit, corrections), now)
         said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
         self._conclude()
         return [*said, self._ack()]
@@ -253,15 +276,14 @@ class Session:
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
-    def _edit_again(self, edit: Edit, at: float) -> None:
-        """As it was made once. Where it makes no sense any more the samples are still worth having."""
-        try:
-            corrections, pipeline = self._demonstration.corrected(edit.action)
-        except ProtocolError as error:
-            self._demonstration.pass_over_edit()
-            self.refuse(error)
-        else:
-            self._demonstration.correct(Edited(corrections, edit.author, at), pipeline)
+    def _applied(self, edit: Edit, corrections: Corrections) -> AppliedEdit:
+        """What is recorded of an edit: what it comes to, so that a replay need not find that out."""
+        is_news = not isinstance(edit.action, Undo | Redo)
+        return AppliedEdit(
+            **vars(edit),
+            resolution=corrections.active[-1].recorded() if is_news else None,
+            version=self.looked.heading.version + 1,
+        )
 
     def _follow(self, record: Record) -> None:
         match record.message:
@@ -274,10 +296,9 @@ class Session:
                 self.receive(again, record.at)
             case Close() as close:
                 self.receive(close, record.at)
-            case Edit() as edit if edit.revision == self.revision:
+            case AppliedEdit() as edit if edit.revision == self.revision:
                 self._records.append(edit, record.at)
-                self._edit_again(edit, record.at)
-                self._conclude()
+                self._demonstration.repeat(edit, record.at)
 
     # --- steps ------------------------------------------------------------------------------------------
 
@@ -314,7 +335,7 @@ class Session:
 
     def _conclude(self) -> None:
         """Let the journal keep how it ended; without that it is replayed."""
-        if self.standing.state == "closed":
+        if self.standing.state == "closed" and not self._collects:
             self._records.conclude(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing)))
 
     def _ack(self) -> Answer:

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
-from caesura_service.journal import Copy, Journal, JournalError, Key, Outcome
+from caesura_service.journal import Copy, Journal, JournalDamagedError, JournalError, Key, Outcome
 from caesura_service.session.concluded import Concluded, standing_of
 from caesura_service.session.content import check_columns
 from caesura_service.session.journals import Copies, Journals
@@ -107,18 +107,27 @@ class Takeover:
         return self._builder.concluded(station, outcome, owner)
 
     def _rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+        key = copies.best.key
         try:
             if copies.own is not None:
-                return (yield from self._restored(copies.own, owner))
+                try:
+                    return (yield from self._restored(copies.own, owner))
+                except JournalDamagedError as damage:
+                    yield [NotTaken(*key, damage)]
+                    if self._own.outcome(*key) is not None:
+                        return None  # it can be asked for still
+                    self._own.set_aside(*key, str(damage))
+                    if copies.furthest is None:
+                        return None
             return self._begun(copies, owner)
         except Exception as error:
-            yield [NotTaken(*copies.best.key, error)]
+            yield [NotTaken(*key, error)]
             return None
 
     def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         records = self._journals.own_records(copy)
         session = self._builder.new(copy.station, _opening(next(records).message), owner)
-        for _ in session.restoring(records):
+        for _ in session.restoring(records, self._journals.own_edits(copy)):
             yield []
         return session
 
@@ -134,8 +143,9 @@ class Takeover:
 
     def _followed(self, session: Session, copies: Copies) -> Generator[list[Output], None, None]:
         assert copies.furthest is not None
+        records = self._journals.siblings_records(copies.furthest, session.next_seq)
         try:
-            for _ in session.following(self._journals.siblings_records(copies.furthest, session.next_seq)):
+            for _ in session.following(records, self._journals.siblings_edits(copies.furthest)):
                 yield []
         except Exception as error:
             yield [NotTaken(*copies.best.key, error)]

@@ -56,6 +56,13 @@ class Pipeline(Protocol):
     def finish(self) -> None:
         """The demonstration is over: decide what is still open."""
 
+    def refresh(self) -> None:
+        """Bring the view up to date, as an edit does: between two looks it may lack newer observations."""
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Of segments, that a correction may name."""
+
     def resolve(self, change: Change) -> Correction:
         """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
 

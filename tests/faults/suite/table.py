@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from functools import partial
 
-from faults.suite import bridges, clocks, connections, disks, fuzz, hostile, killed, lines, readers, rings, waits
+from faults.suite import (
+    bridges,
+    clocks,
+    connections,
+    disks,
+    edited,
+    fuzz,
+    hostile,
+    killed,
+    lines,
+    losses,
+    readers,
+    rings,
+    waits,
+)
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
 FAULTS: tuple[Fault, ...] = (
     Fault("service-killed", killed.service_killed),
+    Fault("power-loss", losses.power_loss),
+    Fault("edited-restart", edited.edited_restart),
     Fault("router-killed", killed.router_killed),
     Fault("service-frozen", partial(killed.frozen, "service")),
     Fault("router-frozen", partial(killed.frozen, "router")),

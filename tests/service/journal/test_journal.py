@@ -7,14 +7,16 @@ from contextlib import nullcontext
 
 import pytest
 
-from caesura_protocol.messages import Error
+from caesura_protocol.messages import Error, Insert, Undo
 from caesura_service.journal import (
+    Edit,
     Journal,
     JournalError,
     JournalSettings,
     MemoryJournal,
     Outcome,
     Record,
+    Resolution,
     SqliteJournal,
 )
 from caesura_service.session.fake_pipeline import make_fake_pipeline
@@ -24,6 +26,9 @@ from caesura_service.session.session import Session
 from caesura_service.session.standing import snapshot_of
 from harness.sessions import batch, batches, closing, new_registry, opening
 
+EVERYTHING = Resolution(
+    inserted=1.0, starts=(3,), none=((4, 9), (11, 12)), label=(7, "steady"), force=(1.5, None)
+)
 FACTORIES = {
     "memory": lambda path: nullcontext(MemoryJournal()),
     "sqlite": lambda path: SqliteJournal(path / "j.sqlite"),
@@ -67,6 +72,20 @@ def test_a_message_comes_back_as_it_was(journal, message, now):
     kept = Record("cell-1", "s1", 1.5, message)
     journal.append(kept, now=now)
     assert list(journal.replay("cell-1", "s1")) == [kept]
+
+
+def test_edits_come_back_with_what_they_came_to_in_their_order(journal):
+    made = [
+        Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0), version=3, resolution=EVERYTHING),
+        Edit(session="s1", revision=1, author="Bob", action=Undo(), version=4),
+    ]
+    journal.append(record("s1", 0))
+    for edit in made:
+        journal.append(Record("cell-1", "s1", 1.0, edit))
+    journal.append(Record("cell-2", "s1", 1.0, made[0]))
+    assert journal.edits("cell-1", "s1") == tuple(made)
+    assert [copy.edits for copy in journal.copies("cell-1", "s1")] == [2]
+    assert journal.edits("cell-1", "s2") == journal.copies("cell-1", "s2") == ()
 
 
 def test_a_name_that_was_forgotten_can_be_used_again(journal):

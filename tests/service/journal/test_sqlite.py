@@ -16,6 +16,7 @@ from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.journal import sqlite as module
 from caesura_service.journal.schema import SCHEMA_VERSION
+from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of, status_of
 from harness.sessions import (
     NAME,
@@ -183,6 +184,25 @@ def test_a_commit_costs_the_same_however_much_there_is(path):
             journal.append(record(seq))
         journal.commit()
         assert steps_of_a_commit(journal, range(1024, 1088)) < 1.2 * max(first)
+
+
+def steps_of_an_open(journal: SqliteJournal, registry: Registry, session: str) -> int:
+    steps = itertools.count()
+    journal._database.set_progress_handler(lambda: next(steps) < 0, 10)
+    registry.command(STATION, opening(session), 1e4)
+    journal._database.set_progress_handler(None, 10)
+    return next(steps)
+
+
+def test_an_open_costs_the_same_however_many_old_sessions_the_station_has(path):
+    with SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal)
+        steps_of_an_open(journal, registry, "first")
+        before = steps_of_an_open(journal, registry, "second")
+        for number in range(300):
+            journal.append(Record(STATION, f"old-{number}", 0.0, opening(f"old-{number}")))
+        journal.commit()
+        assert steps_of_an_open(journal, registry, "third") < 1.2 * before
 
 
 def test_payloads_are_the_codecs_bytes(path):

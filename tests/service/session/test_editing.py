@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_clients.recording import load_recording
-from caesura_protocol.codec import pack_samples
+from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Ack,
@@ -33,12 +33,13 @@ from caesura_protocol.messages import (
     SessionStatus,
     Undo,
 )
+from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import JournalError, MemoryJournal
 from caesura_service.recordings import batches as batches_of
 from caesura_service.recordings import opening_of
-from caesura_service.session.corrections import Correction, Corrections
+from caesura_service.session.corrections import Correction, Corrections, correction_of
 from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.session.pipeline import SegmentationPipeline, make_pipeline
 from caesura_service.session.ports import NotTaken, Output
 from caesura_service.session.registry import Registry
 from caesura_service.session.session import Session
@@ -299,6 +300,81 @@ def test_an_edit_that_makes_no_sense_any_more_costs_neither_the_samples_nor_the_
     assert "no such kind" in blind.standing.tally.last_refusal.message
     assert isinstance(blind.edit(LimitForce(t=1.0, newton=1.0)), ProtocolError)
     assert blind.edit(Undo()).revision == 3
+
+
+def filtered(monkeypatch) -> list[int]:
+    """How many observations were filtered anew, each time that it happened from here on."""
+    counts: list[int] = []
+    corrected = SegmentationPipeline.corrected
+
+    def counted(pipeline: SegmentationPipeline, corrections: Any) -> SegmentationPipeline:
+        counts.append(pipeline.view.observations)
+        return corrected(pipeline, corrections)
+
+    monkeypatch.setattr(SegmentationPipeline, "corrected", counted)
+    return counts
+
+
+def edited_while_it_goes_on(journal: MemoryJournal) -> Real:
+    real = Real(journal)
+    real.open()
+    for number in range(1, 11):
+        real.feed(26 * (number - 1), 26 * number)
+        real.edit(
+            [Insert(t=0.4 * number), Remove(t=0.4 * number), Undo(), Redo()][number % 4], at=float(number)
+        )
+    real.feed(260, real.count)
+    assert real.standing.revision > 5
+    return real
+
+
+def test_a_restart_filters_no_observation_twice_however_many_edits_there_are(monkeypatch):
+    journal = MemoryJournal()
+    real = edited_while_it_goes_on(journal)
+    counts = filtered(monkeypatch)
+    again = Real(journal)
+    assert again.registry.restore() == []
+    assert sum(counts) == 0
+    assert compared(again.standing) == compared(real.standing)
+    for one in (real, again):
+        one.registry.command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+    assert compared(again.standing) == compared(real.standing)
+
+
+def test_edits_that_were_not_known_beforehand_are_filtered_once_at_the_end(monkeypatch):
+    journal = MemoryJournal()
+    real = edited_while_it_goes_on(journal)
+    monkeypatch.setattr(journal, "edits", lambda *_: ())
+    counts = filtered(monkeypatch)
+    again = Real(journal)
+    assert again.registry.restore() == []
+    assert counts == [real.standing.view.observations]
+    assert again.standing.view.segments[:-1] == real.standing.view.segments[:-1]
+    for one in (real, again):
+        one.registry.command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+    assert again.standing.view == real.standing.view
+
+
+def test_the_edits_of_an_older_journal_are_resolved_at_their_place():
+    journal = MemoryJournal()
+    real = edited_while_it_goes_on(journal)
+    records = journal._records[STATION, NAME]
+    for place, record in enumerate(records):
+        if isinstance(record.message, AppliedEdit):
+            old = record.message.model_copy(update={"resolution": None, "version": None})
+            records[place] = record._replace(message=old)
+    again = Real(journal)
+    assert again.registry.restore() == []
+    assert compared(again.standing) == compared(real.standing)
+
+
+def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segment():
+    correction = Correction(
+        none=(*range(5, 400_000), *range(400_010, 500_000)), starts=(4,), label=(7, "steady")
+    )
+    recorded = correction.recorded()
+    assert correction_of(recorded) == correction
+    assert len(encode(recorded).payload) < 200
 
 
 # --- taken up from its outcome --------------------------------------------------------------------------

@@ -1,0 +1,24 @@
+"""A checksum for every row, so that a flipped bit is found instead of read.
+
+SQLite checks the structure of a file and not what is in it: a bit that flips in a payload comes back as
+another sample, or as another correction. A row without a checksum is one of a journal before version 4, and
+is read as it is.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+import msgpack  # type: ignore[import-untyped]
+
+Value = int | float | str | bytes | None
+
+
+def checksum(*values: Value) -> int:
+    """CRC-32 of the values of a row, types and boundaries included."""
+    return zlib.crc32(msgpack.packb(values))
+
+
+def is_intact(crc: int | None, *values: Value) -> bool:
+    """Does a row have its checksum, or none at all?"""
+    return crc is None or crc == checksum(*values)

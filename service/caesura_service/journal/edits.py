@@ -1,0 +1,35 @@
+"""An edit as it was carried out: the command, and what it came to.
+
+A replay needs the second half. What an edit points at (the changepoint nearest to 3.2 s) depends on what was
+shown when it was made. What it came to (no segment starts at observations 20 to 31) does not. So a replay
+collects edits without filtering in between. Only edits that were carried out are recorded.
+"""
+
+from __future__ import annotations
+
+from caesura_protocol import messages
+from caesura_protocol.messages import Message
+
+Run = tuple[int, int]  # observations: the first one, and the one behind the last
+
+
+class Resolution(Message):
+    """What a correction came to; observations by their number, as in `session.corrections`."""
+
+    inserted: float | None = None  # [s]
+    starts: tuple[int, ...] = ()
+    none: tuple[Run, ...] = ()
+    label: tuple[int, str] | None = None
+    force: tuple[float, float | None] | None = None  # [s], [N]
+
+
+class Edit(messages.Edit):
+    """A recorded edit. It has the name of the command, so that older journals are read by the same model."""
+
+    resolution: Resolution | None = None  # of undo and redo: none
+    version: int | None = None  # of the program that the edit made; None in journals before version 4
+
+    @property
+    def is_resolved(self) -> bool:
+        """Does the record say what the edit came to? Those of older journals do not."""
+        return self.version is not None

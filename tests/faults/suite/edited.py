@@ -1,0 +1,141 @@
+"""A service is killed while a long session with many edits is open, and started again on its journal.
+
+An operator's work must not make a restart longer than the bridges' rings. A registry with the real models
+writes two journals as fast as it goes: the same demonstration with and without edits. On each a service is
+started, killed and started again. What counts is its processor time until it is ready, less that of a service
+without a session: other work on the machine does not change that.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from caesura_clients import connect
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.messages import Ack, Edit, Insert, Open, Snapshot
+from caesura_service.journal import SqliteJournal
+from caesura_service.session.limits import Limits
+from caesura_service.session.pipeline import make_pipeline
+from caesura_service.session.ports import Answer, Owner
+from caesura_service.session.registry import Registry
+from caesura_service.session.standing import snapshot_of
+from faults.suite.outcome import Row
+from harness.demonstrations import taught
+from harness.processes import DEADLINE_S, SESSION, Service, reaches
+
+STATION = "cell-1"
+SECONDS = 300.0  # of the demonstration
+EDITS = 40
+BATCH = 20
+MOST = 1.5  # times the restart without edits
+STARTS = 2  # of which the faster one counts
+
+
+@dataclass(frozen=True)
+class Restart:
+    """What it took until the service was ready, and what it had then."""
+
+    seconds: float  # of the processor
+    wall_s: float
+    found: Snapshot | None
+    expected: Snapshot | None
+
+    @property
+    def is_equal(self) -> bool:
+        """Is every result what it was before?"""
+        return self.found is None or results(self.found) == results(self.expected)
+
+
+def edited_restart(directory: Path, seconds: float = SECONDS, edits: int = EDITS) -> Row:
+    """The restart with edits beside that without."""
+    empty, plain, edited = (
+        restarted(directory / name, length, count)
+        for name, length, count in (("empty", 0.0, 0), ("plain", seconds, 0), ("edited", seconds, edits))
+    )
+    without_s, with_s = plain.seconds - empty.seconds, edited.seconds - empty.seconds
+    equal = plain.is_equal and edited.is_equal
+    samples = 0 if edited.found is None else edited.found.status.samples
+    sent = len(taught(0, seconds).t)
+    note = (
+        f"{seconds / 60:g} min, {edits} edits: {with_s:.2f} s, {without_s:.2f} s without; "
+        f"a service without a session {empty.seconds:.2f} s"
+    )
+    met = equal and samples == sent and with_s <= MOST * without_s
+    return Row(1, sent, sent - samples, 0, "yes" if equal else "no", edited.wall_s, note, met)
+
+
+def restarted(directory: Path, seconds: float, edits: int) -> Restart:
+    """A service that is killed on a journal with such a session, and its next start."""
+    expected = write(directory, seconds, edits) if seconds else None
+    service, spent = Service(directory), []
+    try:
+        for _ in range(STARTS):
+            began = time.monotonic()
+            service.start()
+            spent.append((processor_s(service.pid), time.monotonic() - began))
+            found = None
+            if seconds:
+                with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
+                    found = reaches(caesura, STATION, 1)
+            service.kill()
+    finally:
+        service.kill()
+    return Restart(*min(spent), found, expected)
+
+
+def processor_s(pid: int) -> float:
+    """[s] of all threads of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def write(directory: Path, seconds: float, edits: int) -> Snapshot:
+    """An open session on the journal of that directory, edited at equal intervals while it goes on."""
+    recording = taught(0, seconds)
+    rows, columns = recording.matrix(), recording.columns
+    owner, began = Owner("1", 1), time.time() - seconds  # the journal keeps nothing that is too old
+    directory.mkdir()
+    with SqliteJournal(directory / "caesura-1.sqlite") as journal:
+        registry = Registry(
+            owner=owner,
+            pipeline_factory=make_pipeline,
+            default_preset="default",
+            journal=journal,
+            limits=Limits(),
+        )
+        registry.command(
+            STATION, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), began
+        )
+        made = 0
+        for seq in range(len(rows) // BATCH):
+            batch = rows[seq * BATCH : (seq + 1) * BATCH]
+            t = float(batch[-1, 0])
+            now = began + t
+            packed = pack_samples(batch, columns, session=SESSION, epoch=0, seq=seq)
+            registry.samples(STATION, packed, now)
+            if made < edits and t > 0.9 * seconds * (made + 1) / edits:
+                edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=0.7 * t))
+                (reply,) = [
+                    one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Answer)
+                ]
+                assert isinstance(reply, Ack), reply
+                made += 1
+        (standing,) = registry.board.standings()
+        return snapshot_of(standing)
+
+
+def results(snapshot: Snapshot | None) -> tuple[object, ...]:
+    """All that it shows, except who answers and how often it has spoken."""
+    assert snapshot is not None
+    status, program = snapshot.status, snapshot.program
+    return (
+        snapshot.segments.segments,
+        snapshot.changepoints.changepoints,
+        snapshot.posterior and (snapshot.posterior.starts, snapshot.posterior.probabilities),
+        (program.apps, program.notes, program.version, program.author, program.edited, program.complete),
+        (status.samples, status.observations, status.t, status.gaps, status.state),
+        (status.revision, status.undoable, status.redoable),
+    )

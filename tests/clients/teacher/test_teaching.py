@@ -30,7 +30,7 @@ SHORT = Scenario(
     "short", "one move", (0.4, 0.0, 0.3), (Step("dwell", 0.3), Step("move", 1.3, (0.4, 0.1, 0.3)))
 )
 DATA = Path(__file__).parents[3] / "data"
-CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding"}
+CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding", "turning"}
 
 
 def test_the_same_seed_gives_the_same_bytes_however_it_is_cut(robot: Robot) -> None:

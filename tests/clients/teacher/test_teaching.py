@@ -199,3 +199,5 @@ def test_the_recordings_in_the_repository_are_what_the_teacher_makes(stored: Dem
     assert_allclose(file.signals["force"], stored.recording.signals["force"], atol=0.5)
     truth = json.loads((DATA / f"{name}.ann.json").read_text(encoding="utf-8"))
     assert [m["kind"] for m in truth["changepoints"]] == [m["kind"] for m in stored.truth["changepoints"]]
+    names = [[phase["name"] for phase in found.get("phases", [])] for found in (truth, stored.truth)]
+    assert names[0] == names[1]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from caesura_clients.bridge.teacher.person import THESIS
+from caesura_clients.bridge.teacher.phases import Beginning, phases_of
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M, SKILLS, Scenario, Step
 from caesura_clients.bridge.teacher.teaching import Demonstration, Teaching, teach
 from caesura_service.robot import Robot
@@ -175,8 +176,23 @@ def test_a_turn_without_an_angle_is_named(robot: Robot) -> None:
         teach(scenario, robot=robot)
 
 
-@pytest.mark.parametrize("name", list(SKILLS))
+@pytest.mark.parametrize("name", ["screwing", "peg", "contour"])
 def test_a_person_with_habits_teaches_each_skill_with_all_its_phases(name: str, robot: Robot) -> None:
     truth = truth_of(teach(name, seed=5, robot=robot, natural=True, rate_hz=100.0).truth, name)
     assert len(truth.phases) == 1 + sum(step.begins is not None for step in SKILLS[name].steps)
     assert all(force.value < 30.0 for force in truth.forces)
+
+
+def test_events_of_phases_are_taken_in_their_order_and_a_missing_one_leaves_none() -> None:
+    marks = [
+        {"kind": kind, "t": t} for kind, t in (("contact_on", 2.0), ("contact_off", 3.0), ("contact_on", 6.0))
+    ]
+    pick, carry = Beginning("pick", "contact_on", 2.2), Beginning("carry", "contact_off", 1.0)
+    found = phases_of((pick, carry, Beginning("place", "contact_on", 3.1)), marks, 9.0)
+    assert [(phase["name"], phase["t0"], phase["t1"]) for phase in found] == [
+        ("reach", 0.0, 2.0),
+        ("pick", 2.0, 3.0),
+        ("carry", 3.0, 6.0),
+        ("place", 6.0, 9.0),
+    ]
+    assert phases_of((pick, carry, carry), marks, 9.0) == phases_of((), marks, 9.0) == []

@@ -25,22 +25,20 @@ class Beginning(NamedTuple):
 def phases_of(
     beginnings: Sequence[Beginning], changepoints: Sequence[dict[str, Any]], end_s: float
 ) -> list[dict[str, Any]]:
-    """Phases from 0 to end_s [s], each from its event on; none where no skill begins.
+    """Phases from 0 to end_s [s], each from its event on.
 
-    An event is the nearest of its kind to when it was meant. Raises ValueError where there is none, or where
-    two skills begin with one.
+    An event is the nearest of its kind to when it was meant, after the phase before it has begun. Empty where
+    no skill begins, and where an event did not happen, as of a hand that grasps above the table: which phase
+    that time belongs to is then not clear.
     """
-    if not beginnings:
-        return []
-    times = [0.0, *(_time(beginning, changepoints) for beginning in beginnings), end_s]
+    times = [0.0]
+    for name, event, meant_s in beginnings:
+        del name
+        found = [mark["t"] for mark in changepoints if mark["kind"] == event and mark["t"] > times[-1]]
+        if not found:
+            return []
+        times.append(min(found, key=lambda t: abs(t - meant_s)))
     names = [FIRST, *(beginning.name for beginning in beginnings)]
-    if any(after <= before for before, after in pairwise(times)):
-        raise ValueError(f"phases {names} begin at {times[:-1]} s, expected each after the one before")
-    return [{"t0": t0, "t1": t1, "name": name} for name, (t0, t1) in zip(names, pairwise(times), strict=True)]
-
-
-def _time(beginning: Beginning, changepoints: Sequence[dict[str, Any]]) -> float:
-    times = [float(mark["t"]) for mark in changepoints if mark["kind"] == beginning.event]
-    if not times:
-        raise ValueError(f"phase {beginning.name!r} begins with {beginning.event}, which never happened")
-    return min(times, key=lambda t: abs(t - beginning.meant_s))
+    ends = pairwise([*times, end_s])
+    phases = [{"t0": t0, "t1": t1, "name": name} for name, (t0, t1) in zip(names, ends, strict=True)]
+    return phases if beginnings else []

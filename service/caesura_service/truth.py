@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from caesura_protocol.messages import WRENCH_SOURCES
 
 T = TypeVar("T")
 
-KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding")
+KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding", "turning")
 LEVELS = ("major", "optional")
 HAND_ON_ROBOT = ("yes", "no", "unknown")
 SHA256_DIGITS = 64
@@ -56,7 +57,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch [s] of one class; kind is one of `KINDS`."""
+    """A stretch from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
 
     t0: float
     t1: float
@@ -86,8 +87,9 @@ class Source:
 class Truth:
     """The truth of one recording. Nothing outside of the window [s] is judged.
 
-    robot: groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the
-    annotator declares, None where unstated. source: the recording, None for an annotation that names none.
+    phases: runs of segments that make one skill, in order and apart, each with the skill's name. robot:
+    groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the annotator
+    declares, None where unstated. source: the recording, None for an annotation that names none.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Truth:
     wrench_source: str | None = None
     hand_on_robot: str | None = None
     source: Source | None = None
+    phases: tuple[Span, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
     try:
         if not isinstance(content, Mapping):
             raise ValueError(f"is a {type(content).__name__}, expected an object")
-        content = {"segments": (), "loads": (), "forces": (), **content}
+        content = {"segments": (), "loads": (), "forces": (), "phases": (), **content}
         return Truth(
             name=name,
             window=_window(content["window"]),
@@ -161,6 +164,7 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
             wrench_source=_choice(content, "wrench_source", WRENCH_SOURCES),
             hand_on_robot=_choice(content, "hand_on_robot", HAND_ON_ROBOT),
             source=_source(content.get("recording")),
+            phases=_phases(content),
         )
     except KeyError as error:
         raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
@@ -256,6 +260,25 @@ def _span(segment: Mapping[str, Any]) -> Span:
     if kind not in KINDS:
         raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
     return Span(*_ends(segment), kind)
+
+
+def _phases(content: Mapping[str, Any]) -> tuple[Span, ...]:
+    """Read the phases in order of time. Raises ValueError where two overlap, KeyError."""
+    phases = tuple(sorted(_each(content, "phases", _phase), key=lambda phase: phase.t0))
+    for before, after in pairwise(phases):
+        if after.t0 < before.t1:
+            raise ValueError(
+                f"phases: {after.kind!r} begins at {after.t0:g} s, expected {before.t1:g} s or later, "
+                f"where {before.kind!r} ends"
+            )
+    return phases
+
+
+def _phase(entry: Mapping[str, Any]) -> Span:
+    name = entry["name"]
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError(f"name is {name!r}, expected text")
+    return Span(*_ends(entry), name)
 
 
 def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:

@@ -36,7 +36,7 @@ from caesura_clients.bridge.teacher.movements import (
     speed_peaks,
     velocity_on_grid,
 )
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.scenarios import BASIC
 from caesura_clients.recording import load_recording
 from caesura_protocol.messages import WrenchSource
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
@@ -123,12 +123,12 @@ class SimulatedCase:
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_clients.bridge.teacher.teaching import teach  # noqa: PLC0415
 
-        source = SOURCES[(self.seed + list(SCENARIOS).index(self.scenario)) % len(SOURCES)]
+        source = SOURCES[(self.seed + list(BASIC).index(self.scenario)) % len(SOURCES)]
         recording = teach(self.scenario, seed=self.seed, wrench_source=source, natural=self.natural).recording
         signals = recording.signals
         values = measures(recording.t, signals["pos"], signals["force"])
         set_name, name = NATURAL if self.natural else IDEAL, f"{self.scenario}-{self.seed}"
-        guided = source != "flange_sensor" and not SCENARIOS[self.scenario].surfaces
+        guided = source != "flange_sensor" and not BASIC[self.scenario].surfaces
         return Windows(set_name, name, values, guided=guided)
 
 
@@ -166,7 +166,7 @@ def cases(data: Path, seeds: Sequence[int]) -> list[Case]:
     files = sorted(data.glob("*.npz"))
     if not files:
         raise TruthError(f"{data}: no recording (*.npz) to compare with; name the directory with --data")
-    simulated = [SimulatedCase(s, seed, n) for n in (False, True) for s in SCENARIOS for seed in seeds]
+    simulated = [SimulatedCase(s, seed, n) for n in (False, True) for s in BASIC for seed in seeds]
     return [*map(RealCase, files), *simulated]
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from caesura_clients.bridge.teacher.intentions import PROFILES, Profile
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.scenarios import BASIC, SKILLS
 from caesura_clients.recording import Recording, load_recording
 from caesura_service.judge.declared import with_declarations
 from caesura_service.truth import (
@@ -145,14 +145,23 @@ def suite(name: str, extent: Extent) -> list[Case]:
 
 
 def teacher(extent: Extent) -> list[Case]:
-    """Every scenario by `seeds` people; a third of them each moves by each profile.
+    """Every basic scenario by `seeds` people; a third of them each moves by each profile.
 
     Seed 0, the thesis' own person, is left out: it was looked at while the models were made.
     """
+    return _taught(BASIC, extent)
+
+
+def skills(extent: Extent) -> list[Case]:
+    """Every scenario that turns the tool, goes in circles or repeats strokes, by people as of `teacher`."""
+    return _taught(SKILLS, extent)
+
+
+def _taught(scenarios: Iterable[str], extent: Extent) -> list[Case]:
     people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
         TaughtCase(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
-        for i, scenario in enumerate(SCENARIOS)
+        for i, scenario in enumerate(scenarios)
         for seed in people
     ]
 
@@ -232,5 +241,6 @@ def _annotated(path: Path) -> list[Path]:
 
 SUITES: Mapping[str, Callable[[Extent], list[Case]]] = {
     "teacher": teacher,
+    "skills": skills,
     "real": real,
 }

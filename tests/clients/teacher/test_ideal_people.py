@@ -15,7 +15,8 @@ from caesura_protocol.messages import WrenchSource
 from caesura_service.judge.thesis.demonstrations import TIMED, person
 from caesura_service.robot import Robot
 
-# SHA-256 of samples and truth, recorded before habits existed; "probe" is of the arithmetic beneath.
+# SHA-256 of samples and truth without phases, recorded before habits existed; "probe" is of the arithmetic
+# beneath.
 HASHES = json.loads((Path(__file__).parent / "ideal_people.json").read_text(encoding="utf-8"))
 
 
@@ -39,7 +40,8 @@ def _same_arithmetic(robot: Robot) -> None:
 
 def digest(demonstration: Demonstration) -> str:
     found = hashlib.sha256(demonstration.recording.matrix().tobytes())
-    found.update(json.dumps(demonstration.truth, sort_keys=True).encode())
+    truth = {name: value for name, value in demonstration.truth.items() if name != "phases"}
+    found.update(json.dumps(truth, sort_keys=True).encode())
     return found.hexdigest()
 
 

@@ -70,7 +70,7 @@ def test_peaks_and_dips_of_a_speed() -> None:
 def test_the_table_has_a_column_a_set_and_a_line_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("caesura_clients.bridge.teacher.movements.SCENARIOS", ("parkour",))
+    monkeypatch.setattr("caesura_clients.bridge.teacher.movements.BASIC", ("parkour",))
     signals = {"pos": stroke(1.0, 1.5, (0.2, 0.0, 0.0)), "force": STILL}
     Recording(T, signals).save(tmp_path / "mine_0.npz")
     main([str(tmp_path), "--people", "3", "3"])

@@ -30,7 +30,7 @@ SHORT = Scenario(
     "short", "one move", (0.4, 0.0, 0.3), (Step("dwell", 0.3), Step("move", 1.3, (0.4, 0.1, 0.3)))
 )
 DATA = Path(__file__).parents[3] / "data"
-CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding"}
+CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding", "turning"}
 
 
 def test_the_same_seed_gives_the_same_bytes_however_it_is_cut(robot: Robot) -> None:
@@ -199,3 +199,5 @@ def test_the_recordings_in_the_repository_are_what_the_teacher_makes(stored: Dem
     assert_allclose(file.signals["force"], stored.recording.signals["force"], atol=0.5)
     truth = json.loads((DATA / f"{name}.ann.json").read_text(encoding="utf-8"))
     assert [m["kind"] for m in truth["changepoints"]] == [m["kind"] for m in stored.truth["changepoints"]]
+    names = [[phase["name"] for phase in found.get("phases", [])] for found in (truth, stored.truth)]
+    assert names[0] == names[1]

@@ -117,3 +117,66 @@ def test_the_force_that_is_taught_is_the_effort_without_the_load() -> None:
     normal = during(4.0, 1.0, 2.0, 15.0) + during(4.0, 2.0, 3.0, 17.4525)
     truth = annotate(state(4.0, [], normal=normal, load_kg=during(4.0, 2.0, 4.0, 0.25)))
     assert truth["forces"] == [{"t0": 1.0, "t1": 3.0, "newton": 15.0}]
+
+
+def turning(
+    seconds: float,
+    turns: list[tuple[float, float, tuple[float, float, float]]],
+    moves: list[tuple[float, float, tuple[float, float, float]]] = (),  # type: ignore[assignment]
+    **more: Array,
+) -> State:
+    """Constant rate [rad/s] within each turn (from, to, rate), beside moves of the tip."""
+    moved, turned = state(seconds, moves, **more), state(seconds, turns)
+    return State(moved.t, moved.velocity, moved.normal, moved.load_kg, turned.velocity)
+
+
+def test_a_turn_in_place_is_turning_in_the_air_in_contact_and_with_a_load() -> None:
+    turns = [(1.0, 2.0, (0, 0, 1.0)), (4.0, 5.0, (0, 1.0, 0)), (7.0, 8.0, (1.0, 0, 0))]
+    more = {"normal": during(9.0, 3.0, 6.0, 10.0), "load_kg": during(9.0, 6.0, 9.0, 0.3)}
+    truth = annotate(turning(9.0, turns, **more), guided=True)
+    kinds = ["steady", "turning", "steady", "contact", "turning", "contact", "hold", "turning", "hold"]
+    assert classes(truth) == kinds
+    assert [t for kind, t in majors(truth) if kind in ("start", "stop")] == [1.0, 2.0, 4.0, 5.0, 7.0, 8.0]
+    assert truth["loads"] == [{"t0": 6.0, "t1": 9.0, "kg": 0.3}]
+
+
+def test_a_turn_slower_than_a_tenth_of_a_radian_a_second_is_none() -> None:
+    truth = annotate(turning(6.0, [(1.0, 1.5, (0, 0, 0.03)), (3.0, 4.0, (0, 0, 0.5))]), guided=True)
+    assert classes(truth) == ["steady", "turning", "steady"]
+    assert majors(truth) == [("start", 3.0), ("stop", 4.0)]
+
+
+def test_what_travels_and_turns_is_motion() -> None:
+    truth = annotate(turning(5.0, [(1.1, 2.1, (0, 0, 1.0))], [(1.0, 2.0, (0.2, 0, 0))]), guided=True)
+    assert classes(truth) == ["steady", "motion", "steady"]
+    assert majors(truth) == [("start", 1.0), ("stop", 2.1)]
+
+
+def test_a_tip_that_strays_a_little_still_turns_in_place() -> None:
+    truth = annotate(turning(5.0, [(1.0, 2.0, (0, 0, 1.5))], [(1.2, 1.8, (0.04, 0, 0))]), guided=True)
+    assert classes(truth) == ["steady", "turning", "steady"]
+
+
+def test_a_turn_that_goes_on_after_a_movement_is_a_segment_of_its_own() -> None:
+    truth = annotate(turning(5.0, [(1.5, 3.0, (0, 0, 1.0))], [(1.0, 2.0, (0.2, 0, 0))]), guided=True)
+    assert classes(truth) == ["steady", "motion", "turning", "steady"]
+    assert majors(truth) == [("start", 1.0), ("start", 2.0), ("stop", 3.0)]
+
+
+def test_edges_of_a_movement_and_a_turn_within_a_rest_are_one() -> None:
+    truth = annotate(turning(5.0, [(2.2, 3.2, (0, 0, 1.0))], [(1.0, 2.0, (0.2, 0, 0))]), guided=True)
+    assert classes(truth) == ["steady", "motion", "turning", "steady"]
+    assert [t for _, t in majors(truth)] == [1.0, 2.1, 3.2]
+
+
+def test_a_turn_that_is_reversed_has_a_corner() -> None:
+    turns = [(1.0, 2.0, (0, 0, 1.0)), (2.1, 3.1, (0, 0, -1.0))]
+    truth = annotate(turning(5.0, turns), guided=True)
+    assert classes(truth) == ["steady", "turning", "steady"]
+    assert [kind for kind, _ in majors(truth)] == ["start", "corner", "stop"]
+
+
+def test_a_movement_that_returns_to_its_start_is_no_small_one() -> None:
+    moves = [(1.0, 2.0, (0.1, 0, 0)), (2.0, 3.0, (-0.1, 0, 0))]
+    truth = annotate(turning(5.0, [], moves), guided=True)
+    assert classes(truth) == ["steady", "motion", "steady"]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.safety import DEFAULT
 from caesura_protocol.messages import App
 from caesura_service.execution.checks import check
@@ -30,6 +31,16 @@ def robot() -> Robot:
 
 def cell(scenario: str) -> Cell:
     return World(SCENARIOS[scenario], 0.25).cell()
+
+
+@pytest.mark.parametrize(
+    ("scenario", "surface"), [("screwing", "screw"), ("peg", "hole"), ("contour", "barrel")]
+)
+def test_a_cell_with_a_surface_that_is_not_level_is_refused(scenario: str, surface: str):
+    with pytest.raises(
+        CaesuraError, match=f"scenario '{scenario}' has a {surface}, and the simulated cell has"
+    ):
+        cell(scenario)
 
 
 def changed(apps: Apps, index: int, **fields: Any) -> Apps:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.scenarios import BASIC, SKILLS, Scenario
 from caesura_clients.recording import load_recording
 from caesura_service.commands import register
 from caesura_service.judge.baselines import Baseline, thresholds
@@ -57,7 +58,7 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
     [
         ((), "either files or one --suite"),
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
-        (("--suite", "nonsense"), "known: ['teacher', 'real', 'thesis', 'roundtrip', 'realism']"),
+        (("--suite", "nonsense"), "known: ['teacher', 'skills', 'real', 'thesis', 'roundtrip', 'realism']"),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "no such file"),
@@ -88,12 +89,16 @@ def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
     assert FileCase(tmp_path / "b.npz").load()[0].wrench_source == "flange_sensor_with_hand"
 
 
-def test_the_teacher_teaches_every_scenario_with_each_profile_a_third():
-    cases = suite("teacher", Extent(seeds=3))
-    assert len(cases) == 3 * len(SCENARIOS)
+@pytest.mark.parametrize(("name", "scenarios"), [("teacher", BASIC), ("skills", SKILLS)])
+def test_the_teacher_teaches_every_scenario_with_each_profile_a_third(
+    name: str, scenarios: Mapping[str, Scenario]
+):
+    cases = suite(name, Extent(seeds=3))
+    assert {case.group for case in cases} == set(scenarios)
+    assert len(cases) == 3 * len(scenarios)
     assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
     profiles = [case.profile for case in cases]
-    assert {profiles.count(profile) for profile in set(profiles)} == {len(SCENARIOS)}
+    assert {profiles.count(profile) for profile in set(profiles)} == {len(scenarios)}
 
 
 @pytest.mark.parametrize(

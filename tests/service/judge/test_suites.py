@@ -23,7 +23,7 @@ from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import Extent, FileCase, TaughtCase, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown
 from caesura_service.recordings import capabilities_of, segment_recording
-from caesura_service.truth import Leniency, Truth, TruthError, truth_of
+from caesura_service.truth import Leniency, Span, Truth, TruthError, truth_of
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 QUICK = Baseline("quick", thresholds)
@@ -145,6 +145,29 @@ def test_a_second_accepted_time_is_read():
     (point,) = truth_of(EMPTY | {"changepoints": [mark]}, "x").points
     assert point.accepted_s == (3.1, 2.85)
     assert (point.nearest_s(2.9), point.nearest_s(3.0)) == (2.85, 3.1)
+
+
+def test_phases_are_read_in_the_order_of_time():
+    phases = [{"t0": 2, "t1": 4.5, "name": "peel"}, {"t0": 0, "t1": 2, "name": "reach"}]
+    assert truth_of(EMPTY | {"phases": phases}, "x").phases == (Span(0, 2, "reach"), Span(2, 4.5, "peel"))
+    assert truth_of(EMPTY, "x").phases == ()
+
+
+@pytest.mark.parametrize(
+    ("phases", "expected"),
+    [
+        ([{"t0": 0, "t1": 2}], r"'phases\[0\].name' is missing"),
+        ([{"t0": 0, "t1": 2, "name": ""}], r"phases\[0\]: name is '', expected text"),
+        ([{"t0": 3, "t1": 2, "name": "peel"}], r"phases\[0\]: t0 is 3 and t1 is 2"),
+        (
+            [{"t0": 0, "t1": 2, "name": "reach"}, {"t0": 1.5, "t1": 3, "name": "peel"}],
+            "phases: 'peel' begins at 1.5 s, expected 2 s or later",
+        ),
+    ],
+)
+def test_a_phase_that_is_off_is_named(phases: list, expected: str):
+    with pytest.raises(TruthError, match=expected):
+        truth_of(EMPTY | {"phases": phases}, "x")
 
 
 def declared(recording: Recording, **content: Any) -> Recording:

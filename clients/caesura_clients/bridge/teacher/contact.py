@@ -64,6 +64,11 @@ class Surface:
         """Whether a point of the base plane [m] lies over it."""
         return hypot(x - self.center_m[0], y - self.center_m[1]) <= self.radius_m
 
+    def height_at(self, x: float, y: float) -> float:
+        """Height [m] of the fingertips at which it is touched over a point of the base plane [m]."""
+        del x, y
+        return self.touch_height_m
+
     @property
     def _force_at_stop(self) -> float:
         return self.preload_n + self.spring_n_per_m * self.travel_m if self.travel_m else 0.0

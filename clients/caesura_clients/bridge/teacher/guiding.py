@@ -12,7 +12,7 @@ of 1 ms, and it is what lets a guided Panda rest within micrometres while a hand
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from caesura_clients.bridge.teacher.effort import Effort
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_clients.bridge.teacher.shapes import SHAPED, ShapedTouch
 from caesura_service.robot import HandDynamics, Robot
 
 GRAVITY = 9.81
@@ -32,7 +33,9 @@ STRIBECK_RAD_PER_S = 0.01  # joint speed over which stiction falls to sliding fr
 STICK_RAD_PER_S = 2e-4  # below it friction acts like a very stiff damper
 HAND_TURN_STIFFNESS = 25.0  # [Nm/rad]
 HAND_TURN_DAMPING = 3.0  # [Nms/rad]
+FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING = 60.0, 5.0  # of a hand that means to turn the tool
 WEIGHT_FELT_S = 0.15  # in which a hand takes a load over
+TORQUE_FELT_S = 0.15  # in which it takes over a torque that resists its turning
 PRESS_FELT_S = 0.3  # in which it corrects a force that it feels to be wrong
 PRESS_CORRECTION_N = 8.0
 LEAST_PRESS_N = 0.5
@@ -45,7 +48,8 @@ class Trace:
 
     t (n,) [s]; q (n, 7) [rad]; v (n, 7) [rad/s]; twist (n, 6) of the flange [m/s, rad/s]; environment (n, 6)
     and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips; width (n,) [m];
-    load_kg (n,) held by the fingers.
+    load_kg (n,) held by the fingers; tip_velocity (n, 3) [m/s] of the fingertips; normal (n,) [N] with which
+    a surface pushes. The last two are empty where the executor runs a program.
     """
 
     t: Array
@@ -57,6 +61,8 @@ class Trace:
     contact: Array
     width: Array
     load_kg: Array
+    tip_velocity: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    normal: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Guiding:
@@ -64,7 +70,9 @@ class Guiding:
 
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
-        self._touch = Touch(plan.scenario.surfaces)
+        shaped = any(isinstance(surface, SHAPED) for surface in plan.scenario.surfaces)
+        self._touch = None if shaped else Touch(plan.scenario.surfaces)
+        self._shaped = ShapedTouch(plan.scenario.surfaces)
         rate_per_s = plan.person.force_rate_per_s
         self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
@@ -75,6 +83,7 @@ class Guiding:
         self._v = np.zeros(7)
         self._weight_n = 0.0
         self._press_n = 0.0
+        self._torque_nm = 0.0  # that the hand adds about the tool's axis
         self._tick = 0
 
     @property
@@ -85,14 +94,15 @@ class Guiding:
     def run(self, ticks: int) -> Trace:
         """Simulate the next ticks, or what is left."""
         first, last = self._tick, min(self._tick + ticks, self._plan.ticks)
-        rows = np.empty((last - first, 35))
+        rows = np.empty((last - first, 39))
         for row, tick in zip(rows, range(first, last), strict=True):
             self._step(tick, row)
         self._tick = last
-        q, v, twist, environment, hand, contact = np.split(rows, [7, 14, 20, 26, 32], axis=1)
+        parts = np.split(rows, [7, 14, 20, 26, 32, 35, 38], axis=1)
+        q, v, twist, environment, hand, contact, tip_velocity, normal = parts
         t = np.arange(first, last) / TICKS_PER_S
         width, load_kg = self._plan.width[first:last], self._plan.load_kg[first:last]
-        return Trace(t, q, v, twist, environment, hand, contact, width, load_kg)
+        return Trace(t, q, v, twist, environment, hand, contact, width, load_kg, tip_velocity, normal[:, 0])
 
     def _step(self, tick: int, row: Array) -> None:
         """Write the state and its wrenches into the row, then go one tick on."""
@@ -102,10 +112,12 @@ class Guiding:
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
         tip = tip_motion(arm.position_base, twist, lever)
-        contact = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
-        self._feel(tick, load_kg, float(contact[2]))
+        contact, torque_nm, normal_n = self._contact(arm, twist, tip, load_kg)
+        self._feel(tick, load_kg, normal_n, torque_nm)
         outside = contact + load_kg * FALL
+        turning = torque_nm * arm.rotation_base[:, 2]
         given = hand + at_flange(outside, lever) - self._damping * twist
+        given[3:] += turning
         friction_nm = self._friction_nm
         if self._stiction != 1.0:
             friction_nm = joint_friction(self._v, friction_nm, self._stiction)
@@ -113,9 +125,21 @@ class Guiding:
         if load_kg > 0.0:
             outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
         row[:7], row[7:14], row[14:20] = self._q, self._v, twist
-        row[20:26], row[26:32], row[32:] = at_flange(outside, lever), hand, contact
+        row[20:26], row[26:32], row[32:35] = at_flange(outside, lever), hand, contact
+        row[23:26] += turning
+        row[35:38], row[38] = tip[1], normal_n
         self._v = self._v + change
         self._q = self._q + DT * self._v
+
+    def _contact(
+        self, arm: HandDynamics, twist: Array, tip: tuple[list[float], Vector], load_kg: float
+    ) -> tuple[Array, float, float]:
+        """Force (3,) [N] at the fingertips, torque [Nm] about the tool's axis, and normal force [N]."""
+        if self._touch is not None:
+            force = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
+            return force, 0.0, float(force[2])
+        spin = float(twist[3:] @ arm.rotation_base[:, 2])
+        return self._shaped.touch(*tip, spin, DT, GRAVITY * load_kg)
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""
@@ -124,19 +148,32 @@ class Guiding:
         wrench = np.empty(6)
         wrench[:3] = person.stiffness_n_per_m * (place * (plan.position[tick] - arm.position_base))
         wrench[:3] += person.damping_ns_per_m * (place * (plan.velocity[tick] - twist[:3])) + plan.force[tick]
-        wrench[2] += self._weight_n - self._press_n
+        wanted = self._orientation
+        rate = twist[3:]
+        stiffness, damping = HAND_TURN_STIFFNESS, HAND_TURN_DAMPING
+        if plan.turns is None:
+            wrench[2] += self._weight_n - self._press_n
+        else:
+            toward = plan.turns.rotation[tick]
+            wanted, rate = toward @ wanted, rate - plan.turns.rate[tick]
+            stiffness, damping = FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING
+            wrench[2] += self._weight_n
+            wrench[:3] -= self._press_n * toward[:, 2]
         if effort:
             wrench[:3] += effort.push(tick) - (1.0 - place) * plan.feed_forward[tick]
-        turn = self._orientation @ arm.rotation_base.T
+        turn = wanted @ arm.rotation_base.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        wrench[3:] = HAND_TURN_STIFFNESS * error - HAND_TURN_DAMPING * twist[3:] + plan.torque[tick]
+        wrench[3:] = stiffness * error - damping * rate + plan.torque[tick]
+        if self._torque_nm:
+            wrench[3:] += self._torque_nm * arm.rotation_base[:, 2]
         return wrench
 
-    def _feel(self, tick: int, load_kg: float, normal_n: float) -> None:
-        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes back.
+    def _feel(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
+        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes or turns back.
 
         A hand holds its own effort, so a load that it has gripped rests on the surface, not on the hand.
         """
+        self._torque_nm -= DT / TORQUE_FELT_S * (torque_nm + self._torque_nm)
         weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
         self._weight_n += DT / WEIGHT_FELT_S * (weight - self._weight_n)
         if self._effort:

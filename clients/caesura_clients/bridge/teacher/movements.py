@@ -22,7 +22,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
 from caesura_clients.bridge.teacher.intentions import Array
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
+from caesura_clients.bridge.teacher.scenarios import BASIC
 from caesura_clients.recording import Recording, load_recording
 
 GRID_HZ = 100
@@ -220,7 +220,7 @@ def simulated_figures(seeds: Sequence[int], *, natural: bool) -> dict[str, list[
     from caesura_clients.bridge.teacher.teaching import teach  # noqa: PLC0415
 
     found: dict[str, list[float]] = {}
-    for scenario in SCENARIOS:
+    for scenario in BASIC:
         for seed in seeds:
             taught = teach(scenario, seed=seed, wrench_source="flange_sensor_with_hand", natural=natural)
             _collect(found, taught.recording)

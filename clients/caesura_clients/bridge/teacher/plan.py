@@ -21,13 +21,17 @@ from caesura_clients.bridge.teacher.habits import IDEAL
 from caesura_clients.bridge.teacher.intentions import Array, Movement, Stroke, Vector, path, time_of_share
 from caesura_clients.bridge.teacher.noise import band_noise, wandering
 from caesura_clients.bridge.teacher.person import Person
-from caesura_clients.bridge.teacher.scenarios import Kind, Scenario, Step, tips
+from caesura_clients.bridge.teacher.phases import Beginning
+from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M, Kind, Scenario, Step, tips
+from caesura_clients.bridge.teacher.shapes import Barrel
 from caesura_clients.bridge.teacher.submovements import Sweep, draw_bow, draw_submovements
+from caesura_clients.bridge.teacher.turns import Turns, turning_torque, turns_about
 
 TICKS_PER_S = 1000.0
 DT = 1.0 / TICKS_PER_S  # [s]
 FINGER_TRAVEL_S = 0.56
 WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
+MOVING = ("move", "touch", "slide", "turn", "circle", "insert")  # steps whose time is that of a speed
 PASSING_OVERLAP = 0.13  # of a stroke's duration, by which it and the next reach into each other
 LET_GO_S = 0.3  # in which a force is let go when the hand leaves
 PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
@@ -47,6 +51,10 @@ SLOW_M_PER_S = 0.025  # mean speed of tracing
 APPROACH_M, APPROACH_SHARE = (0.008, 0.03), (0.25, 0.5)  # last part of a touch: height, share of its duration
 TEMPO_HZ = (0.3, 2.0)
 TEMPO_LIMIT = 0.8  # speed never changes by more than this share
+ANGLE_FACTORS = (0.7, 1.2)  # least and largest share of a scenario's angles that a person turns by
+OVERTURN, OVERTURN_SHARE = 0.35, (0.02, 0.06)  # probability of turning too far, by which share
+CIRCLE_POINTS = 8  # in a round, through which a circle is drawn
+ROUND_SPREAD = 0.5  # of a circle's radius from point to point, times the person's irregularity
 LONGEST_LEAD_S = 0.15  # by which a change of tempo may shift an event
 FULL_SPEED_NOISE = 2.0  # times the noise at 0.1 m/s, reached in proportion to the speed
 
@@ -58,8 +66,9 @@ class Plan:
     position: (n, 3) [m] where it wants the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
     (n, 3) [Nm] that it adds to holding that place; feed_forward: (n, 3) [N], how much of that is for getting
     there; press: (n,) [N] that it means the surface to feel; aims: what it means to press with where it
-    controls its force; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them. All in the base
-    frame.
+    controls its force; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them; turns: where it
+    means the tool to point, None where it keeps its orientation; phases: when it means to begin each skill.
+    All in the base frame.
     """
 
     scenario: Scenario
@@ -73,6 +82,8 @@ class Plan:
     aims: Aims
     width: Array
     load_kg: Array
+    turns: Turns | None = None
+    phases: tuple[Beginning, ...] = ()
 
     @property
     def ticks(self) -> int:
@@ -87,12 +98,19 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
         planner.add(step, duration)
     n = round(planner.now / DT)
     t = np.arange(n) / TICKS_PER_S
-    meant = path(scenario.start, planner.strokes, _with_tempo(t, person, rng))
-    moved = gaussian_filter1d(meant, person.habits.smoothing_s / DT, axis=0, mode="nearest")
+    even = _with_tempo(t, person, rng)
+    moved = _smoothed(path(scenario.start, planner.strokes, even), person)
+    turns = None
+    if scenario.turn_axis is not None:
+        angle = _smoothed(path((0.0, 0.0, 0.0), planner.turns, even), person)[:, 0]
+        turns = turns_about(scenario.turn_axis, angle, DT)
+        moved += turns.swing(FINGERS_BELOW_FLANGE_M)
     velocity: Array = np.gradient(moved, DT, axis=0)
     position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
     press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
     pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
+    if turns is not None:
+        pushed = turns.along_tool(pushed)
     feed_forward = _feed_forward(velocity, person)
     force = pushed + feed_forward + _unsteadiness(velocity, person, rng)
     width, held = _gripper(
@@ -101,9 +119,28 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     torque = TURN_WANDER_NM * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
     load_kg = person.load_kg * held.astype(np.float64)
     aims = aims_at(planner.aims, t)
+    if turns is not None:
+        torque += turning_torque(turns, person, DT, rng)
     return Plan(
-        scenario, person, position, velocity, force, torque, feed_forward, press, aims, width, load_kg
+        scenario,
+        person,
+        position,
+        velocity,
+        force,
+        torque,
+        feed_forward,
+        press,
+        aims,
+        width,
+        load_kg,
+        turns,
+        tuple(planner.phases),
     )
+
+
+def _smoothed(path: Array, person: Person) -> Array:
+    """A path (n, k) as a hand follows it, without its corners."""
+    return np.asarray(gaussian_filter1d(path, person.habits.smoothing_s / DT, axis=0, mode="nearest"))
 
 
 class _Planner:
@@ -118,6 +155,11 @@ class _Planner:
         self.push = np.zeros(3)  # [N] what the hand adds to holding its place
         self.press = 0.0  # [N] what it means the surface to feel
         self.strokes: list[Movement] = []
+        self.angle = 0.0  # [rad] to which the turns so far lead
+        self.turns: list[Movement] = []  # of the tool, [rad] in the first of three columns
+        self.angle_factor = self._draw_angle_factor()
+        self.phases: list[Beginning] = []
+        self.inserted_m = 0.0  # how far below the surface the tip stands in a hole
         self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
         self.presses: list[Stroke] = []
@@ -131,7 +173,12 @@ class _Planner:
         """Append a step that takes a duration [s]."""
         self.now -= self.lead
         self.overlap = self._draw_overlap(step)
+        if step.begins is not None:
+            self.phases.append(Beginning(*step.begins, self.now))
+        before = len(self.strokes)
         _ACTS[step.kind](self, step, duration + self.lead)
+        if step.angle_deg is not None and step.kind != "turn":
+            self._turn_along(self.strokes[before], self._angle(step.angle_deg))
         self.now += self.lead + duration
         self.lead = self.overlap * duration
 
@@ -141,8 +188,66 @@ class _Planner:
         rounder = self.rng.uniform(0.0, 2.0 * rounding) if rounding else 0.0
         return (PASSING_OVERLAP + rounder) * step.passing
 
+    def _draw_angle_factor(self) -> float:
+        """Draw by how much this person turns more or less than the scenario says."""
+        if not (self.scenario.angle_spread and self.person.irregularity):
+            return 1.0
+        return float(np.clip(1.0 + self.scenario.angle_spread * self.rng.normal(), *ANGLE_FACTORS))
+
+    def _angle(self, degrees: float) -> float:
+        return self.angle_factor * float(np.radians(degrees))
+
+    def _turn_along(self, stroke: Movement, angle: float) -> None:
+        """Turn the tool to an angle [rad] with the same progress as a stroke."""
+        by = np.array([angle - self.angle, 0.0, 0.0])
+        if isinstance(stroke, Sweep):
+            places = np.vstack([np.zeros(3), by])
+            straight = replace(stroke, places=places, bow=np.zeros((2, 3)), deviation=np.zeros((0, 3)))
+            self.turns.append(straight)
+        elif isinstance(stroke, Stroke):
+            self.turns.append(replace(stroke, displacement=by, deviation=np.zeros((0, 3))))
+        self.angle = angle
+
+    def _turn(self, step: Step, duration: float) -> None:
+        """Turn the tool about its tip, which stays; by chance a little too far and back."""
+        if step.angle_deg is None:
+            raise ValueError(f"step turn of {self.scenario.name} has no angle_deg")
+        angle, habits = self._angle(step.angle_deg), self.person.habits
+        if self.press > 0.0:
+            self._press_down(self._force(step), min(PRESS_RISE_S, duration), duration, yields=False)
+        over = 0.0
+        if habits != IDEAL and self.rng.random() < OVERTURN:
+            over = self.rng.uniform(*OVERTURN_SHARE) * (angle - self.angle)
+        lasts = duration * (0.8 if over else 1.0)
+        submovements = draw_submovements(lasts, habits, self.rng)
+        by = np.array([[0.0, 0.0, 0.0], [angle + over - self.angle, 0.0, 0.0]])
+        self.turns.append(Sweep(self.now, lasts, by, submovements))
+        if over:
+            back = np.array([-over, 0.0, 0.0])
+            self.turns.append(Stroke(self.now + 0.7 * duration, 0.3 * duration, back))
+        self.angle = angle
+
+    def _circle(self, step: Step, duration: float) -> None:
+        """Go round a level circle that begins and ends here, its centre ahead along the base's x axis."""
+        turned = 2.0 * np.pi * np.arange(1, CIRCLE_POINTS * step.rounds) / CIRCLE_POINTS
+        spread = ROUND_SPREAD * self.person.irregularity
+        radius = step.radius_m * (1.0 + (spread * self.rng.normal(size=turned.size) if spread else 0.0))
+        center = self.place + np.array([step.radius_m, 0.0, 0.0])
+        x, y = center[0] - radius * np.cos(turned), center[1] - radius * np.sin(turned)
+        via = np.column_stack([x, y, np.full(turned.size, center[2])])
+        goal = self.place.copy()
+        self._stroke(goal, duration, via=tuple(tuple(point) for point in via.tolist()))
+
+    def _insert(self, step: Step, duration: float) -> None:
+        """Push down along the tool, to the place of the step, with a force."""
+        goal = np.array([*self.place[:2], np.array(step.to)[2]])
+        self.inserted_m = float(self.place[2] - goal[2])
+        self._ideal_stroke(goal, duration, flat=True)
+        self._press_down(self._force(step), min(PRESS_RISE_S, duration), duration, yields=False)
+
     def _move(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
+        self.inserted_m = 0.0
         self._let_go(min(LET_GO_S, duration))
         long = not step.passing and not step.via and np.linalg.norm(goal - self.place) > LONG_MOVE_M
         if long and self.rng.random() < self.person.hesitation:
@@ -184,7 +289,8 @@ class _Planner:
     def _press(self, step: Step, duration: float) -> None:
         surface, force = self._surface_below(self.place), self._force(step)
         rise = min(PRESS_RISE_S, 0.7 * duration)
-        place = np.array([*self.place[:2], surface.touch_height_m - tips(0.0) - surface.depth_for(force)])
+        height = surface.height_at(*self.place[:2]) - self.inserted_m
+        place = np.array([*self.place[:2], height - tips(0.0) - surface.depth_for(force)])
         if surface.travel_m > 0.0 and self.person.force_rate_per_s is None:  # else x_d = x, thesis 3.2.2
             self._stroke(place, rise)
         else:
@@ -194,8 +300,14 @@ class _Planner:
 
     def _slide(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
+        here = self._surface_below(self.place)
+        depth = here.height_at(*self.place[:2]) - self.place[2]
         goal[2] = self.place[2]
-        self._stroke(goal, duration * (1.0 + self.overlap), flat=True)
+        via: tuple[Vector, ...] = ()
+        if isinstance(here, Barrel):
+            via = here.arc(self.place, goal, depth)
+            goal[2] = here.height_at(*goal[:2]) - depth
+        self._stroke(goal, duration * (1.0 + self.overlap), flat=True, via=via)
         self._press_down(self._force(step), duration, duration, yields=False)
 
     def _grasp(self, step: Step, duration: float) -> None:
@@ -320,13 +432,16 @@ _ACTS: Mapping[Kind, Callable[[_Planner, Step, float], None]] = {
     "grasp": _Planner._grasp,
     "release": _Planner._release,
     "dwell": _Planner._dwell,
+    "turn": _Planner._turn,
+    "circle": _Planner._circle,
+    "insert": _Planner._insert,
 }
 
 
 def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> list[float]:
     """How long each step takes this person [s]."""
     nominal = np.diff([0.0, *(step.until_s for step in steps)])
-    moves = np.array([step.kind in ("move", "touch", "slide") for step in steps])
+    moves = np.array([step.kind in MOVING for step in steps])
     scaled = np.where(moves, nominal / person.speed_factor, nominal * person.pause_factor)
     scaled *= np.exp(person.irregularity * rng.normal(size=len(steps)))
     least = np.array([0.9 if step.kind == "grasp" else 0.1 for step in steps])

@@ -12,16 +12,17 @@ arguments give the same bytes, however the demonstration is cut into chunks.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.bridge.teacher.guiding import Guiding
+from caesura_clients.bridge.teacher.guiding import Guiding, Trace
 from caesura_clients.bridge.teacher.habits import IDEAL
 from caesura_clients.bridge.teacher.intentions import Array, Profile
 from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
+from caesura_clients.bridge.teacher.phases import phases_of
 from caesura_clients.bridge.teacher.plan import DT, make_plan
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
 from caesura_clients.bridge.teacher.sensor import Sensors
@@ -78,6 +79,7 @@ class Teaching:
         robot = robot or load_panda()
         plan = make_plan(self.scenario, self.person, rng)
         self.duration_s = DT * plan.ticks
+        self._phases = plan.phases
         self._guiding = Guiding(robot, plan)
         self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
         self._stride = 1.0 / (DT * rate_hz)
@@ -89,7 +91,7 @@ class Teaching:
         """Simulate on, `seconds` at a time: samples (n, columns), as many as the rate gives."""
         while not self._guiding.done:
             trace = self._guiding.run(max(1, round(seconds / DT)))
-            self._states.append(State(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg))
+            self._states.append(self._state(trace))
             read = self._sensors.read(trace)
             matrix = np.column_stack([trace.t, *(read[s] for s in self.signals)])
             chosen = matrix[self._reported(trace.t)]
@@ -100,7 +102,10 @@ class Teaching:
         """What happened, once all chunks are read: the annotation format of real recordings, and more."""
         if not self._guiding.done:
             raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
-        parts = [[getattr(s, name) for s in self._states] for name in ("t", "velocity", "normal", "load_kg")]
+        names = [field.name for field in fields(State)]
+        parts = [[getattr(state, name) for state in self._states] for name in names]
+        truth = annotate(State(*(np.concatenate(part) for part in parts)), guided=self._guided)
+        phases = phases_of(self._phases, truth["changepoints"], truth["window"][1])
         return {
             "file": f"{self.scenario.name}.npz",
             "scenario": self.scenario.name,
@@ -110,12 +115,19 @@ class Teaching:
             "wrench_source": self.wrench_source,
             "hand_force_in_wrench": self.wrench_source
             in ("flange_sensor_with_hand", "joint_torque_estimate"),
-            **annotate(State(*(np.concatenate(part) for part in parts)), guided=self._guided),
+            **truth,
+            **({"phases": phases} if phases else {}),
         }
+
+    def _state(self, trace: Trace) -> State:
+        """True state of a trace: of the flange, or of the fingertips and their turns."""
+        if not self.scenario.whole_pose:
+            return State(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg)
+        return State(trace.t, trace.tip_velocity, trace.normal, trace.load_kg, trace.twist[:, 3:])
 
     @property
     def _guided(self) -> bool:
-        return self.scenario.traced or self.person.habits != IDEAL
+        return self.scenario.traced or self.scenario.whole_pose or self.person.habits != IDEAL
 
     def _reported(self, t: Array) -> NDArray[np.bool_]:
         """Ticks on which a sample is due: the first at or after each multiple of the period."""

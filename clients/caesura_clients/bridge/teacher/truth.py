@@ -3,12 +3,16 @@
 Derived from the simulated state, never from the plan: contact from the contact model, motion from the true
 speed, a load from what the fingers held off the ground. The rule is the annotators': a rest of at least 0.3 s
 parts two movements, shorter ones and small corrections are optional (neither a miss nor a false alarm).
+
+Where the whole pose is read, an angular rate counts as the speed that it gives a point at a hand's breadth
+(0.1 m). So every threshold of the rule holds for turns too: 10 mm/s are 0.1 rad/s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -19,11 +23,17 @@ from scipy.ndimage import uniform_filter1d
 from caesura_clients.bridge.teacher.guiding import GRAVITY
 from caesura_clients.bridge.teacher.intentions import Array
 
-Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding"]
+Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding", "turning"]
 Level = Literal["major", "optional"]
-MOVING = ("motion", "transport", "sliding")
-REST_OF: Mapping[Class, Class] = {"motion": "steady", "transport": "hold", "sliding": "contact"}
+MOVING = ("motion", "transport", "sliding", "turning")
+RESTS_OF: Mapping[Class, tuple[Class, ...]] = {
+    "motion": ("steady",),
+    "transport": ("hold",),
+    "sliding": ("contact",),
+    "turning": ("steady", "hold", "contact"),
+}
 Mask = NDArray[np.bool_]
+Way = Callable[[Array, float], float]
 
 RULE = (
     "from the simulation's true state: major = boundary between motion and a rest that lasts >=0.3 s; "
@@ -57,24 +67,53 @@ TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no cr
 TRACING_PEAK_M_PER_S = 0.008  # of the lesser peak beside a corner, where a whole movement is slow
 SLOW_M_PER_S = 0.040  # a movement whose smoothed speed stays below is slow
 TRACING_LOOK_S = 0.6  # over which the turn of a slow movement is read
+HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement
+TRAVEL_SHARE = 0.25  # of the way that a turn gives a point at that distance: who travels less turns in place
+TURNING_RULE = (
+    " A turn is read as the speed that it gives a point at 0.1 m: it starts and stops at 0.1 rad/s. turning ="
+    " the tool's tip travels less than a quarter of that point's way; what travels and turns is motion,"
+    " transport or sliding. Speed is the tip's, in contact along any direction. Edges within 0.3 s are one. A"
+    " reversal of a turn is a corner."
+)
 EDGE_TOL_S = 0.4  # largest tolerance of a gradual edge
 
 
 @dataclass(frozen=True)
 class State:
     """True state at ticks of equal length: t (n,) [s]; velocity (n, 3) [m/s] of the flange; normal (n,) [N]
-    with which a surface pushes; load_kg (n,) between the fingers.
+    with which a surface pushes; load_kg (n,) between the fingers. Where the whole pose is read, velocity is
+    that of the tool's tip and rate (n, 3) [rad/s] that of its turns; else rate is empty.
     """
 
     t: Array
     velocity: Array
     normal: Array
     load_kg: Array
+    rate: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def dt(self) -> float:
         """Length of a tick [s]."""
         return float(self.t[1] - self.t[0])
+
+    @property
+    def turns(self) -> bool:
+        """Whether turns are read."""
+        return bool(len(self.rate))
+
+    @property
+    def pace(self) -> Array:
+        """(n,) [m/s] speed, or that of a point at a hand's breadth from the tip where it is turned faster."""
+        speed = np.linalg.norm(self.velocity, axis=1)
+        if not self.turns:
+            return np.asarray(speed)
+        return np.asarray(np.maximum(speed, HAND_BREADTH_M * np.linalg.norm(self.rate, axis=1)))
+
+    def moving(self, first: int, last: int, cls: Class) -> Array:
+        """Velocity [m/s] by which a class moves in ticks first to last: (n, 3), on a level surface (n, 2)."""
+        if cls == "turning":
+            return np.asarray(HAND_BREADTH_M * self.rate[first:last])
+        return self.velocity[first:last, : 2 if cls == "sliding" and not self.turns else 3]
 
     @property
     def effort(self) -> Array:
@@ -107,7 +146,7 @@ def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
     marks = _told_apart(marks)
     return {
         "window": [0.0, _time(state, state.t.size - 1)],
-        "rule": GUIDED_RULE if guided else RULE,
+        "rule": (GUIDED_RULE if guided else RULE) + TURNING_RULE * state.turns,
         "changepoints": sorted(marks, key=lambda mark: (mark["t"], mark["level"])),
         "segments": [
             {"t0": _time(state, s.first), "t1": _time(state, s.last), "cls": s.cls}
@@ -156,9 +195,17 @@ def _motion_spans(
     state: State, first: int, last: int, names: tuple[Class, Class], *, guided: bool
 ) -> list[Span]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
-    velocity = state.velocity[first:last, : 2 if names[0] == "sliding" else 3]
-    speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
-    moves = (_guided_moves if guided else _ideal_moves)(velocity, speed, state.dt, names[0])
+    way = _reach if state.turns else _way
+    find = partial(_guided_moves if guided else _ideal_moves, way=way)
+    velocity = state.moving(first, last, names[0])
+    turns = find(*_pace(state, state.moving(first, last, "turning")), "turning") if state.turns else []
+    in_place = [turn for turn in turns if not turn.small and _in_place(state, first, turn)]
+    for turn in in_place:
+        velocity = velocity.copy()
+        velocity[turn.first : turn.last] = 0.0
+    moves = find(*_pace(state, velocity), names[0])
+    if turns:
+        moves = _with_turns(state, moves, turns, in_place)
     at, spans = 0, []
     for move in _joined(moves, last - first, round(REST_S / state.dt)):
         spans += [Span(at, move.first, names[1])] * (move.first > at)
@@ -168,17 +215,68 @@ def _motion_spans(
     return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
 
 
-def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
+def _pace(state: State, velocity: Array) -> tuple[Array, Array, float]:
+    """Velocity, smoothed speed (n,) [m/s] and tick [s]: what movements are found in."""
+    speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
+    return velocity, speed, state.dt
+
+
+def _in_place(state: State, first: int, turn: Span) -> bool:
+    """Whether the tip hardly travels in a turn of a stretch that begins at a tick."""
+    ticks = slice(first + turn.first, first + turn.last)
+    turned = state.dt * float(np.linalg.norm(HAND_BREADTH_M * state.rate[ticks], axis=1).sum())
+    return _reach(state.velocity[ticks], state.dt) < TRAVEL_SHARE * turned
+
+
+def _with_turns(state: State, moves: list[Span], turns: list[Span], in_place: list[Span]) -> list[Span]:
+    """Movements and turns of a stretch, apart: what travels and turns is a movement.
+
+    What is left of a turn before or after a movement is a turn, if it is not shorter than a rest. A small
+    turn beside anything larger is nothing.
+    """
+    rest = round(REST_S / state.dt)
+    left = [turn for turn in in_place if not any(m.first < turn.first and turn.last < m.last for m in moves)]
+    moves = [_apart(move, left) for move in moves]
+    moves = [move for move in moves if move.first < move.last]
+    for turn in turns:
+        if turn.small or turn in in_place:
+            continue
+        at = turn.first
+        for index, move in enumerate(moves):
+            if not _overlap(turn, move):
+                continue
+            begin = move.first if move.first - at >= rest else min(at, move.first)
+            end = move.last if turn.last - move.last >= rest else max(turn.last, move.last)
+            moves[index] = move._replace(first=begin, last=end)
+            left += [turn._replace(first=at, last=begin)] * (begin > at)
+            at = end
+        left += [turn._replace(first=at)] * (turn.last > at)
+    small = [turn for turn in turns if turn.small and not any(_overlap(turn, m) for m in moves + left)]
+    return sorted(moves + left + small)
+
+
+def _apart(move: Span, turns: list[Span]) -> Span:
+    """A movement without the ends that smoothing has put into a turn beside it."""
+    first = max([move.first, *(turn.last for turn in turns if turn.first <= move.first < turn.last)])
+    last = min([move.last, *(turn.first for turn in turns if turn.first < move.last <= turn.last)])
+    return move._replace(first=first, last=last)
+
+
+def _overlap(one: Span, other: Span) -> bool:
+    return one.first < other.last and other.first < one.last
+
+
+def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[Span]:
     """Movements of ideal people: what exceeds 5 mm/s, if it exceeds 10 mm/s."""
     moves = []
     for a, b in runs(speed > START_M_PER_S):
-        small = bool(speed[a:b].max() < SMALL_M_PER_S or _way(velocity[a:b], dt) < SMALL_M)
+        small = bool(speed[a:b].max() < SMALL_M_PER_S or way(velocity[a:b], dt) < SMALL_M)
         if speed[a:b].max() > SURE_M_PER_S:
             moves.append(Span(a, b, cls, small or _slips(a, b, dt, cls)))
     return moves
 
 
-def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[Span]:
+def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[Span]:
     """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections.
 
     A small run beside a large one is a correction: the large movement starts and stops where it does itself.
@@ -187,7 +285,7 @@ def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[
     large = [
         (a, b)
         for a, b in runs(speed > SURE_M_PER_S)
-        if speed[a:b].max() >= SMALL_M_PER_S and _way(velocity[a:b], dt) >= SMALL_M
+        if speed[a:b].max() >= SMALL_M_PER_S and way(velocity[a:b], dt) >= SMALL_M
     ]
     fast = [Span(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
     left = speed > TRACING_M_PER_S
@@ -195,7 +293,7 @@ def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class) -> list[
         left[move.first : move.last] = False
     slow = []
     for a, b in _bridged(runs(left), rest, apart=fast):
-        traced = _way(velocity[a:b], dt) >= TRACING_M
+        traced = way(velocity[a:b], dt) >= TRACING_M
         if traced or speed[a:b].max() > SURE_M_PER_S:
             slow.append(Span(a, b, cls, not traced or _slips(a, b, dt, cls)))
     return sorted(fast + slow)
@@ -218,6 +316,11 @@ def _way(velocity: Array, dt: float) -> float:
     return float(np.linalg.norm(np.sum(velocity, axis=0) * dt))
 
 
+def _reach(velocity: Array, dt: float) -> float:
+    """How far [m] a movement gets from where it begins; unlike its way not 0 for one that returns."""
+    return float(np.linalg.norm(np.cumsum(velocity, axis=0) * dt, axis=1).max())
+
+
 def _slips(first: int, last: int, dt: float, cls: Class) -> bool:
     return cls == "sliding" and (last - first) * dt < SLIDE_S
 
@@ -233,7 +336,10 @@ def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
         end = length if length - move.last < rest else move.last
         if joined and begin - joined[-1].last < rest:
             before = joined.pop()
-            if before.small == move.small:
+            if before.small == move.small and before.cls != move.cls:
+                begin = (before.last + begin) // 2
+                joined.append(before._replace(last=begin))
+            elif before.small == move.small:
                 begin = before.first
             elif before.small:
                 joined.append(before._replace(last=begin))
@@ -271,7 +377,7 @@ def _beside_rests(state: State, spans: list[Span], marks: list[dict[str, Any]]) 
         beyond = spans[max(0, index - 1)] if before.small else spans[min(index + 2, len(spans) - 1)]
         if small is None or mark["level"] != "major" or mark["kind"] not in ("start", "stop"):
             marked.append(mark)
-        elif beyond is not small and beyond.cls != REST_OF[small.cls]:
+        elif beyond is not small and beyond.cls not in RESTS_OF[small.cls]:
             marked.append({**mark, "level": "optional"})
         else:
             covered = (small.last - small.first) * state.dt
@@ -285,7 +391,7 @@ def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:
         return mark
     tick, look = round(mark["t"] / state.dt), round(EDGE_TOL_S / state.dt)
     near = slice(max(0, tick - look), tick + look)
-    speed = np.linalg.norm(state.velocity[near], axis=1)
+    speed = state.pace[near]
     gradual = float(np.sum((speed > START_M_PER_S) & (speed < SURE_M_PER_S)) * state.dt)
     return {**mark, "tol": round(min(EDGE_TOL_S, max(mark["tol"], gradual)), 3)}
 
@@ -326,8 +432,7 @@ def _guided_dips(state: State, span: Span) -> list[dict[str, Any]]:
 
 
 def _smoothed(state: State, span: Span) -> Array:
-    axes = 2 if span.cls == "sliding" else 3
-    part = state.velocity[span.first : span.last, :axes]
+    part = state.moving(span.first, span.last, span.cls)
     smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
     return smooth
 
@@ -394,7 +499,10 @@ def _force(state: State, first: int, last: int) -> dict[str, float]:
 def _loads(state: State, spans: list[Span]) -> list[dict[str, float]]:
     carried = np.zeros(state.t.size, dtype=bool)
     for span in spans:
-        carried[span.first : span.last] = span.cls in ("transport", "hold")
+        free = state.load_kg[span.first] > 0.0 and state.normal[span.first] == 0.0
+        carried[span.first : span.last] = span.cls in ("transport", "hold") or (
+            span.cls == "turning" and free
+        )
     return [
         {"t0": _time(state, a), "t1": _time(state, b), "kg": round(float(np.max(state.load_kg[a:b])), 4)}
         for a, b in runs(carried)

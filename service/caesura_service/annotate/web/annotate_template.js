@@ -17,6 +17,7 @@ export const keys = [
   { key: "4", name: "sliding", title: "sliding", kind: "sliding" },
   { key: "5", name: "transport", title: "transport", kind: "transport" },
   { key: "6", name: "hold", title: "hold", kind: "hold" },
+  { key: "7", name: "turning", title: "turning", kind: "turning" },
   { key: "0", name: "no class", title: "no class" },
   { key: "z", name: "undo", title: "undo" },
   { key: "s", name: "save", title: "save" },

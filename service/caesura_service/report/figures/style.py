@@ -41,6 +41,7 @@ COLOUR_OF_KIND = {
     "sliding": "#e69f00",
     "transport": "#009e73",
     "hold": "#cc79a7",
+    "turning": "#f0e442",
 }
 SHADE = 0.30  # opacity of a segment behind signals
 # x, y, z: apart from the kinds, from each other in lightness, and by their dashes in black and white.

@@ -1,0 +1,44 @@
+"""Phases of a demonstration: runs of segments that make one skill, such as reach, wipe, retract.
+
+A scenario says with which step a skill begins and which event that is. When the event happened, the truth of
+the segments says. A rest belongs to the phase before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+Event = Literal["start", "contact_on", "contact_off"]
+FIRST = "reach"
+
+
+class Beginning(NamedTuple):
+    """A skill by name, the event with which it begins, and when the hand means to begin it [s]."""
+
+    name: str
+    event: Event
+    meant_s: float
+
+
+def phases_of(
+    beginnings: Sequence[Beginning], changepoints: Sequence[dict[str, Any]], end_s: float
+) -> list[dict[str, Any]]:
+    """Phases from 0 to end_s [s], each from its event on.
+
+    An event is the nearest of its kind to when it was meant, after the phase before it has begun. Empty where
+    no skill begins, and where an event did not happen, as of a hand that grasps above the table: which phase
+    that time belongs to is then not clear.
+    """
+    times = [0.0]
+    for name, event, meant_s in beginnings:
+        del name
+        found = [mark["t"] for mark in changepoints if mark["kind"] == event and mark["t"] > times[-1]]
+        if not found:
+            return []
+        times.append(min(found, key=lambda t: abs(t - meant_s)))
+    names = [FIRST, *(beginning.name for beginning in beginnings)]
+    ends = pairwise([*times, end_s])
+    phases = [{"t0": t0, "t1": t1, "name": name} for name, (t0, t1) in zip(names, ends, strict=True)]
+    return phases if beginnings else []

@@ -47,7 +47,7 @@ REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to t
 # A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
 HANDS_BREADTH_M = 0.1
-TURN_RADIUS_M = 0.05  # of the arc on which the reported point of the tool goes while it turns in place
+TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
@@ -104,7 +104,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "turning": Pace("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": Pace("rotation", most=REST / HANDS_BREADTH_M),
-        "about_a_point": Pivot(floor=0.0005, share=0.2 * 0.5 * TURN_RADIUS_M, reach=TURN_RADIUS_M),
+        "about_a_point": Pivot(floor=0.0002, share=0.002, reach=TOOL_M),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
         "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
         "pressed": Walk("force", scale=0.5, presence=beyond),

@@ -31,7 +31,7 @@ class Pivot:
     regression has a closed form (Bishop 2006, exercise 3.23). The equation holds for every point of the tool;
     the prior and the weight depend on which one is reported.
 
-    Every step is weighed by exp(−|z_t − z_{t−1}|²/2 (floor² + reach² |φ_t|²)), which is at most 1: an arc
+    Every step is weighed by exp(−|z_t − z_{t−1}|⁴/2 (floor² + reach² |φ_t|²)²), which is at most 1: an arc
     about a centre further away than `reach` is a movement, not a turn in place.
 
     floor [m]; share [m/rad]; reach [m].
@@ -65,7 +65,7 @@ class Pivot:
         y = z - before - e @ before
         step2, angle2 = float((z - before) @ (z - before)), float(turned @ turned)
         scale2 = self.floor**2 + self.share**2 * angle2
-        near = -0.5 * step2 / (self.floor**2 + self.reach**2 * angle2)
+        near = -0.5 * (step2 / (self.floor**2 + self.reach**2 * angle2)) ** 2
         n, gram, cross, squares, log_scales, weights = (
             append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 4, 5, 6, 7, 8)
         )

@@ -48,7 +48,7 @@ def add_step(sums, past, channel, lanes):
     y_x, y_y, y_z = past[last, 0] - x - left_x, past[last, 1] - y - left_y, past[last, 2] - z - left_z
     cross_x, cross_y, cross_z = turned(-u, -v, -w, first, second, y_x, y_y, y_z)
     step2 = (past[last, 0] - x) ** 2 + (past[last, 1] - y) ** 2 + (past[last, 2] - z) ** 2
-    near = -0.5 * step2 / (channel.floor2 + channel.reach2 * angle2)
+    near = -0.5 * (step2 / (channel.floor2 + channel.reach2 * angle2)) ** 2
     for i in range(lanes):
         sums[NEAR, i] += near
         sums[GRAM, i] += size * (angle2 - u * u) / scale2

@@ -20,6 +20,7 @@ from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.edge.arrivals import (
+    NOBODY,
     Arrival,
     Command,
     Content,
@@ -134,8 +135,10 @@ class Answers(Threaded):
         return isinstance(command, Open) and command.session not in known
 
     def _pass_on(self, command: Command) -> None:
-        if not self._work.insist(command):
-            _refuse_overload(command.query, "too much is waiting", 2 * self._work.capacity)
+        station = sender_of(command.content.key).station
+        if not self._work.command(command, station or NOBODY):
+            most = self._work.settings.commands
+            _refuse_overload(command.query, "too many commands of the station are waiting", most)
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:

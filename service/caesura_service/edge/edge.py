@@ -26,7 +26,7 @@ from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Content, Samples, Watching, sender_of
+from caesura_service.edge.arrivals import NOBODY, Arrival, Content, Samples, Watching, sender_of
 from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
@@ -157,7 +157,7 @@ class Edge:
             self._turn_away(source)
             return
         content = Content.of(key, payload, str(sample.encoding))
-        self._inbox.offer(Samples(content, station), source, len(content.payload))
+        self._inbox.offer(Samples(content, station), source, len(content.payload), station or NOBODY)
 
     def _turn_away(self, source: str) -> None:
         """Dropped like what finds no room: counted, told in the session's status, and asked for again."""

@@ -121,12 +121,13 @@ class Outgoing:
         if reply.ok is not None:
             asked.replies += 1
             arrival = Samples(content_of(reply.ok), asked.ask.station)
-            asked.dropped += not self._inbox.offer(arrival, asked.ask.station, len(arrival.content.payload))
+            station = asked.ask.station
+            asked.dropped += not self._inbox.offer(arrival, station, len(arrival.content.payload), station)
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.deliver(Ended(asked))
+        self._inbox.deliver(Ended(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:

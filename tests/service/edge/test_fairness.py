@@ -1,0 +1,93 @@
+"""A station whose work takes long, and its neighbours: they do not wait for it, and it keeps its order."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Open
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.session.fake_pipeline import FakePipeline, make_fake_pipeline
+from caesura_service.session.ports import PipelineFactory
+from caesura_service.session.slices import give_way
+from caesura_service.session.view import Pipeline
+from harness.peer import Peer
+from harness.sessions import batches, closing, opening
+from service.edge.test_edge import until_closed
+
+
+class Slow(FakePipeline):
+    """A push lasts until the gate opens."""
+
+    gate: threading.Event
+    begun: threading.Event
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        self.begun.set()
+        while not self.gate.wait(0.001):
+            give_way()
+        return super().push(samples)
+
+
+def slow(gate: threading.Event, begun: threading.Event) -> PipelineFactory:
+    """The fake pipeline, slow for sessions of that name."""
+
+    def made(command: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(command, preset)
+        if command.session == "slow":
+            vars(fake).update(gate=gate, begun=begun)
+            fake.__class__ = Slow
+        return fake
+
+    return made
+
+
+@pytest.fixture
+def gate() -> Iterator[threading.Event]:
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+@pytest.fixture
+def begun() -> threading.Event:
+    return threading.Event()
+
+
+@pytest.fixture
+def service(config: ServiceConfig, gate: threading.Event, begun: threading.Event) -> Iterator[Service]:
+    with Service(config, pipeline_factory=slow(gate, begun)) as running:
+        yield running
+        gate.set()
+
+
+def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_to_its_end(
+    service, peer, gate, begun
+):
+    peer.command(opening("slow"), "cell-1")
+    for batch in batches(3, "slow"):
+        peer.send(batch, "cell-1")
+    assert begun.wait(5.0)
+    peer.command(opening(), "cell-2")
+    for batch in batches(20):
+        peer.send(batch, "cell-2")
+    assert until_closed(peer, 19, "cell-2").next_seq == 20
+    assert peer.snapshot("slow", "cell-1").status.batches == 0, "nothing of a batch is shown before its end"
+    gate.set()
+    ack = peer.command(closing(2, "slow"), "cell-1")  # which waits behind its batches
+    assert (ack.state, ack.next_seq) == ("closed", 3)
+    status = peer.snapshot("slow", "cell-1").status
+    assert (status.batches, status.repeats, status.gaps, status.lost) == (3, 0, (), 0)
+
+
+def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gate, begun):
+    with Service(config, pipeline_factory=slow(gate, begun)) as service, Peer(service.endpoint) as peer:
+        peer.command(opening("slow"))
+        peer.send(batches(1, "slow")[0])
+        assert begun.wait(5.0)
+    assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]

@@ -38,6 +38,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
+from caesura_service.edge.rates import SENDERS, WorkBudget
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
@@ -70,6 +71,7 @@ class Worker(Threaded):
         steward: Steward,
         inbox: Inbox[Arrival],
         outgoing: Outgoing,
+        budget: WorkBudget,
         clock: Callable[[], float],
     ) -> None:
         self.messages = 0  # taken from the inbox so far
@@ -79,6 +81,8 @@ class Worker(Threaded):
         self._steward = steward
         self._inbox = inbox
         self._outgoing = outgoing
+        self._budget = budget
+        self._told: set[str] = set()  # stations that know that they have used up their budget
         self._clock = clock
         super().__init__("caesura-worker", inbox.wake)
 
@@ -112,9 +116,17 @@ class Worker(Threaded):
             began = time.perf_counter()
             if (lane := self._do_a_slice(arrival)) is not None:
                 self._inbox.put_back(Unfinished(lane))
-            self._inbox.spent(time.perf_counter() - began)
+            self._charge(arrival, time.perf_counter() - began)
             if self._chores or not len(self._inbox):
                 return
+
+    def _charge(self, arrival: Arrival, took_s: float) -> None:
+        """What was done for a station counts for its turn, and for its budget."""
+        self._inbox.spent(took_s)
+        if isinstance(arrival, Samples | Ended | Command | Unfinished):
+            lane = _lane_of(arrival)
+            self._budget.spend(lane, took_s)
+            self._registry.spent(lane, took_s)
 
     def _do_a_slice(self, arrival: Arrival) -> str | None:
         """Begin with an arrival, or go on; the lane of what is left to do."""
@@ -147,8 +159,17 @@ class Worker(Threaded):
         before, self._pressed = self._pressed, self._inbox.pressed
         for source, messages in self._inbox.take_drops().items():
             self.say(self._registry.dropped(station_of(source), messages))
+            self._tell_of_budget(station_of(source))
         for source in before ^ self._pressed:
             self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
+
+    def _tell_of_budget(self, station: str) -> None:
+        """Where a station's messages are dropped because of its work, its session says so, once."""
+        if not self._budget.is_spent(station):
+            self._told.discard(station)
+        elif station not in self._told and len(self._told) < SENDERS:
+            self._told.add(station)
+            self.say(self._registry.refuse(station, self._budget.refusal(station)))
 
     def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
@@ -230,9 +251,11 @@ class Worker(Threaded):
                     raise TypeError("an answer without a question")
 
 
-def _lane_of(arrival: Samples | Ended | Command) -> str:
+def _lane_of(arrival: Samples | Ended | Command | Unfinished) -> str:
     """The station whose turn it takes, as it was enqueued."""
     match arrival:
+        case Unfinished(lane):
+            return lane
         case Samples(_, station):
             return station or NOBODY
         case Ended(asked):

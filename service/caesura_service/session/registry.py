@@ -221,6 +221,9 @@ class Registry:
             said += self._tidy(now)
         return said
 
+    def spent(self, station: str, seconds: float) -> None:
+        """So long did a slice of the work on what a station sent take. For those who count."""
+
     @property
     def is_busy(self) -> bool:
         """Is there something to do, for which `step` is to be called?"""

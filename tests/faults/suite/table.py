@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from faults.suite import bridges, clocks, disks, fuzz, killed, lines, readers, rings, waits
+from faults.suite import bridges, clocks, disks, fuzz, killed, lines, neighbours, readers, rings, waits
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
@@ -28,5 +28,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("messages-doubled-and-late", partial(lines.bad_messages, Line(doubled=0.05, late=0.05))),
     Fault("messages-all-at-once", partial(lines.bad_messages, Line(lost=0.05, doubled=0.05, late=0.05))),
     *(Fault(f"robot-waits/{way}", partial(waits.robot_waits, way)) for way in waits.WAYS),
+    Fault("dense-station", partial(neighbours.hostile_station, "dense")),
+    Fault("edit-storm", partial(neighbours.hostile_station, "edits")),
     Fault("hostile-inputs", fuzz.fuzz),
 )

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.edge.rates import Rate, RateSettings
 from caesura_service.session.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.session.ports import PipelineFactory
 from caesura_service.session.slices import give_way
@@ -83,6 +86,32 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     assert (ack.state, ack.next_seq) == ("closed", 3)
     status = peer.snapshot("slow", "cell-1").status
     assert (status.batches, status.repeats, status.gaps, status.lost) == (3, 0, (), 0)
+
+
+WORK = Rate(0.001, 0.0001)
+
+
+def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(config):
+    rates = RateSettings(work=WORK)
+    with (
+        Service(replace(config, rates=rates), pipeline_factory=make_fake_pipeline) as service,
+        Peer(service.endpoint) as peer,
+    ):
+        peer.command(opening())
+        peer.send(batches(1)[0])
+        peer.until_service(lambda status: status.messages >= 2)
+        with pytest.raises(ProtocolError, match=r"work: 0.0001 s at once and 0.001 s a second") as no:
+            peer.command(opening())
+        assert (no.value.code, no.value.limit) == ("overloaded", WORK.per_s)
+        peer.command(opening("s2"), "cell-2")
+        peer.send(batches(2)[1])
+        status = peer.until_service(
+            lambda status: status.dropped > 0 and "cell-1" in str(status.last_refusal)
+        )
+        assert status.refused["overloaded"] >= 2, "the command, and that batches are dropped for that reason"
+        assert "used up its work" in peer.snapshot().status.last_refusal.message
+        assert service.registry.counting.of_station["cell-1"].work_s > 0.0
+        assert not peer.snapshot("s2", "cell-2").status.refused
 
 
 def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gate, begun):

@@ -100,9 +100,8 @@ class Inbox(Generic[T]):
         self.news = 0  # counts changes of what is pressed, and drops
         self.settings = settings
         self._lanes: dict[str, _Lane[T]] = {}
-        self._turns: list[
-            tuple[float, int, _Lane[T]]
-        ] = []  # a heap of those that wait, but for the served one
+        # A heap of the lanes that wait, but for the one in service.
+        self._turns: list[tuple[float, int, _Lane[T]]] = []
         self._served: _Lane[T] | None = None
         self._virtual_s, self._count = 0.0, count()
         self._waiting, self._woken = 0, False

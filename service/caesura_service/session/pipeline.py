@@ -295,6 +295,7 @@ class SegmentationPipeline:
 
     def _mark(self, before: Part, part: Part) -> Mark:
         """A changepoint, with what lies between its neighbours."""
+        give_way()
         between = range(before.start + 1, part.end)
         shown, gaps = part.changepoint, self._division.online.boundaries
         return Mark(

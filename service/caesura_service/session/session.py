@@ -248,6 +248,7 @@ class Session:
         self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
+        self._check_kept()  # once more: that may have taken long
         self._records.append(edit, now)
         said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
         self._conclude()

@@ -27,7 +27,17 @@ struct Opening {
     std::string hand_on_robot = "unknown";  // yes, no: does a person guide this robot by hand?
     std::string force_frame = "base";       // flange
     std::string length_unit = "m";          // cm, mm
+    std::string bridge;                     // names this one among all, [a-z0-9][a-z0-9_-]*; empty: not named
 };
+
+template <class Packer>
+void pack_text(Packer& pk, const std::string& text) {
+    if (text.empty()) {
+        pk.pack_nil();
+    } else {
+        pk.pack(text);
+    }
+}
 
 template <class Packer>
 void pack_names(Packer& pk, const std::vector<std::string>& names) {
@@ -40,7 +50,7 @@ template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(9);
+    pk.pack_map(10);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -50,11 +60,7 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack(std::string("columns"));
     pack_names(pk, opening.columns);
     pk.pack(std::string("wrench_source"));
-    if (opening.wrench_source.empty()) {
-        pk.pack_nil();
-    } else {
-        pk.pack(opening.wrench_source);
-    }
+    pack_text(pk, opening.wrench_source);
     pk.pack(std::string("hand_on_robot"));
     pk.pack(opening.hand_on_robot);
     pk.pack(std::string("force_frame"));
@@ -63,20 +69,24 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack(opening.length_unit);
     pk.pack(std::string("preset"));
     pk.pack_nil();  // the service's own choice
+    pk.pack(std::string("bridge"));
+    pack_text(pk, opening.bridge);
 }
 
 /// Encoding Control. last_seq: the number of the last batch, -1 where there was none.
 template <class Packer>
-void pack_close(Packer& pk, const std::string& session, std::int64_t last_seq) {
+void pack_close(Packer& pk, const Opening& opening, std::int64_t last_seq) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(3);
+    pk.pack_map(4);
     pk.pack(std::string("type"));
     pk.pack(std::string("close"));
     pk.pack(std::string("session"));
-    pk.pack(session);
+    pk.pack(opening.session);
     pk.pack(std::string("last_seq"));
     pk.pack(last_seq);
+    pk.pack(std::string("bridge"));
+    pack_text(pk, opening.bridge);
 }
 
 /// Encoding SampleBatch. rows: a matrix (n, columns) row by row, float or double, little-endian; in its first
@@ -84,7 +94,7 @@ void pack_close(Packer& pk, const std::string& session, std::int64_t last_seq) {
 template <class Packer, class Real>
 void pack_batch(Packer& pk, const Opening& opening, std::uint64_t seq, double t0, const std::vector<Real>& rows) {
     const auto bytes = static_cast<std::uint32_t>(rows.size() * sizeof(Real));
-    pk.pack_map(7);
+    pk.pack_map(8);
     pk.pack(std::string("session"));
     pk.pack(opening.session);
     pk.pack(std::string("epoch"));
@@ -100,18 +110,22 @@ void pack_batch(Packer& pk, const Opening& opening, std::uint64_t seq, double t0
     pk.pack(std::string("samples"));
     pk.pack_bin(bytes);
     pk.pack_bin_body(reinterpret_cast<const char*>(rows.data()), bytes);
+    pk.pack(std::string("bridge"));
+    pack_text(pk, opening.bridge);
 }
 
 /// Encoding Heartbeat: twice a second while nothing else is sent. seq: the last batch that was put.
 template <class Packer>
 void pack_heartbeat(Packer& pk, const Opening& opening, std::int64_t seq) {
-    pk.pack_map(3);
+    pk.pack_map(4);
     pk.pack(std::string("session"));
     pk.pack(opening.session);
     pk.pack(std::string("epoch"));
     pk.pack(opening.epoch);
     pk.pack(std::string("seq"));
     pk.pack(seq);
+    pk.pack(std::string("bridge"));
+    pack_text(pk, opening.bridge);
 }
 
 /// Encoding Error, the answer to a replay that asks for what the ring has lost.

@@ -60,7 +60,7 @@ class Bridge {
     /// Until the service has everything: what it misses, it asks for or is sent again.
     void close(std::int64_t last_seq) {
         while (true) {
-            const auto ack = ask([&](auto& pk) { caesura::pack_close(pk, opening_.session, last_seq); });
+            const auto ack = ask([&](auto& pk) { caesura::pack_close(pk, opening_, last_seq); });
             if (ack.at("state").template as<std::string>() == "closed") return;
             for (auto seq = ack.at("next_seq").template as<std::uint64_t>(); seq <= std::uint64_t(last_seq); ++seq)
                 send(ring_.at(seq));
@@ -160,6 +160,7 @@ int main(int argc, char** argv) {
     opening.session = "s" + std::to_string(std::time(nullptr));
     opening.columns = {"t", "px", "py", "pz"};
     opening.wrench_source = "none";
+    opening.bridge = "minimal-" + std::to_string(std::time(nullptr));
     Bridge bridge(session, "cell-1", opening);
     bridge.open();
 

@@ -53,6 +53,7 @@ from caesura_protocol.messages import (
 
 VECTORS = Path(__file__).resolve().parents[1] / "tests" / "vectors"
 SESSION = "s20260314-092653-58af"
+BRIDGE = "robot-1-4711-58af"
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 OF_RESULT: dict[str, Any] = {
     "station": "cell-1",
@@ -150,8 +151,14 @@ def examples() -> dict[str, Message]:
     program = Program(
         **OF_RESULT, version=3, complete=False, apps=(app,), notes=("loads below 0.1 kg are not weighed",)
     )
-    opening = Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor", hand_on_robot="yes")
-    closing = Close(session=SESSION, last_seq=624)
+    opening = Open(
+        session=SESSION,
+        columns=COLUMNS,
+        wrench_source="flange_sensor",
+        hand_on_robot="yes",
+        bridge=BRIDGE,
+    )
+    closing = Close(session=SESSION, last_seq=624, bridge=BRIDGE)
     actions = (
         Insert(t=3.5),
         Remove(t=3.5),
@@ -162,9 +169,9 @@ def examples() -> dict[str, Message]:
         Redo(),
     )
     edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
-    batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17}
+    batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17, "bridge": BRIDGE}
     messages: list[Message] = [
-        Heartbeat(session=SESSION, epoch=0, seq=17),
+        Heartbeat(session=SESSION, epoch=0, seq=17, bridge=BRIDGE),
         opening,
         closing,
         edit,

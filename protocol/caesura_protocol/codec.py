@@ -168,10 +168,17 @@ def decode_error(payload: bytes, encoding: str) -> ProtocolError:
 
 
 def pack_samples(
-    matrix: NDArray[np.floating[Any]], columns: tuple[str, ...], *, session: str, epoch: int, seq: int
+    matrix: NDArray[np.floating[Any]],
+    columns: tuple[str, ...],
+    *,
+    session: str,
+    epoch: int,
+    seq: int,
+    bridge: str | None = None,
 ) -> SampleBatch:
     """A batch from a matrix (n, columns), session time [s] in its first column.
 
+    bridge: the name of the one that sends it.
     Precision is kept, and in double every bit: `unpack_samples` gives the same times, wherever it begins.
     """
     shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)
@@ -190,6 +197,7 @@ def pack_samples(
         columns=columns,
         t0=t0,
         samples=little.tobytes(),
+        bridge=bridge,
     )
 
 

@@ -101,6 +101,7 @@ class SampleBatch(Message):
     columns: Columns
     t0: Seconds  # [s] session clock
     samples: bytes
+    bridge: Name | None = None  # which one sends: a session belongs to one bridge
 
 
 class Heartbeat(Message):
@@ -109,6 +110,7 @@ class Heartbeat(Message):
     session: Name
     epoch: Count
     seq: Annotated[int, Field(ge=-1)]  # the last batch that was put; -1 before the first
+    bridge: Name | None = None
 
 
 class Open(Message):
@@ -123,6 +125,7 @@ class Open(Message):
     force_frame: ForceFrame = "base"
     length_unit: LengthUnit = "m"
     preset: Name | None = None  # None: the service's own choice
+    bridge: Name | None = None  # names this bridge; another one needs a higher epoch to take the session over
 
 
 class Close(Message):
@@ -131,6 +134,7 @@ class Close(Message):
     type: Literal["close"] = "close"
     session: Name
     last_seq: Annotated[int, Field(ge=-1)]
+    bridge: Name | None = None
 
 
 class Insert(Message):

@@ -17,8 +17,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,11 +27,13 @@ import numpy as np
 import zenoh
 from machine import machine, options, pace_ms, tell
 
+from caesura_clients.errors import CaesuraError
 from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.query import snapshots
+from caesura_clients.query import snapshot
 from caesura_clients.recording import load_recording
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import Encoded, decode, encode, pack_samples
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, parse_station_key, session_key, station_key
 from caesura_protocol.messages import Ack, Control, Open, Posterior
 
@@ -115,8 +117,14 @@ def row(stations: int, load: Load) -> tuple[object, ...]:
     )
 
 
-def measured(stations: int, instances: int, *, lockstep: bool) -> Load:
-    """One service, so many stations at once."""
+def measured(
+    stations: int,
+    instances: int,
+    *,
+    lockstep: bool,
+    beside: Callable[[str], AbstractContextManager[None]] = nullcontext,
+) -> Load:
+    """One service, so many stations at once. beside: what else uses the service, by its endpoint."""
     names = [f"cell-{number}" for number in range(1, stations + 1)]
     pace = pace_ms()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
@@ -124,6 +132,7 @@ def measured(stations: int, instances: int, *, lockstep: bool) -> Load:
         service = Service(Path(directory), *many)
         service.start()
         stack.callback(service.end)
+        stack.enter_context(beside(service.endpoint))
         context = multiprocessing.get_context("spawn")
         told: Any = context.Queue()
         reader = context.Process(target=read, args=(service.endpoint, len(names), told), daemon=True)
@@ -152,19 +161,26 @@ def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, f
     """[ms] from putting the batch that completes an observation to its result, after the warm-up."""
     for station, t, at in received:
         batch = int(np.ceil((t + DELAY_S - 1e-9) / BATCH_S)) - 1
-        if t >= WARM_UP_S and batch < len(put_at[station]):
+        if t >= WARM_UP_S and batch < len(put_at.get(station, ())):
             yield 1e3 * (at - put_at[station][batch])
 
 
 def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> int:
     """Samples that were put and that no session has."""
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 10.0
     while True:
-        have = {one.status.station: one.status.samples for one in snapshots(transport)}
-        lost = sum(batches * BATCH - have.get(name, 0) for name in names)
+        lost = sum(batches * BATCH - taken(transport, name) for name in names)
         if not lost or time.monotonic() > deadline:
             return lost
         time.sleep(0.2)
+
+
+def taken(transport: ZenohTransport, name: str) -> int:
+    """Samples that a session has."""
+    try:
+        return snapshot(transport, name, SESSION).status.samples
+    except (CaesuraError, ProtocolError):
+        return 0  # not to be had just now
 
 
 # --- the other processes --------------------------------------------------------------------------------

@@ -449,6 +449,17 @@ def test_samples_of_a_session_that_nobody_opened_are_bad_and_those_of_one_that_j
     assert grades(list(judge(facts)), "bridge") == ["ok", "warn"]
 
 
+def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():
+    facts = well()
+    ((station, session),) = facts.statuses
+    sent = [batch_of(session).model_copy(update={"bridge": name}) for name in ("east-1", "west-2", "east-1")]
+    facts.batches = {(station, session): sent}
+    found = list(judge(facts))
+    (rivals,) = [one for one in found if one.check == "bridge" and one.grade == "bad"]
+    assert rivals.found == f"2 bridges publish {session}: east-1 (2 batches), west-2 (1 batches)"
+    assert not [one for one in found if "over" in f"{one.found} {one.remedy}"]
+
+
 def test_a_recording_is_looked_at_without_a_network(tmp_path):
     recording(3000).save(tmp_path / "demo.npz")
     code, text = run("--file", str(tmp_path / "demo.npz"))

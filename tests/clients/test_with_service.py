@@ -20,6 +20,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_clients.errors import Absent
+from caesura_protocol.errors import ProtocolError
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
@@ -93,6 +94,27 @@ def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
     assert last[0].segments == snapshot.segments.segments
     assert last[0].changepoints == snapshot.changepoints.changepoints
     assert last[0].program == snapshot.program
+
+
+def test_a_second_bridge_of_a_session_is_told_which_one_has_it_and_takes_nothing_from_it(endpoint):
+    with connect(endpoint) as one, connect(endpoint) as other:
+        first = Bridge(one.transport, "cell-7", LiveSource(), session="s7", settings=QUICK)
+        second = Bridge(
+            other.transport, "cell-7", LiveSource([samples(2400, 100.0)]), session="s7", settings=QUICK
+        )
+        with first:
+            first.wait_open(10.0)
+            first.send(samples(1000))
+            with (
+                second,
+                pytest.raises(ProtocolError, match="a second one needs a session of its own") as refused,
+            ):
+                second.run()
+            assert str(refused.value.expected) in str(refused.value)
+            first.send(samples(1000, 1.0))
+            assert first.finish().next_seq == 100
+        status = one.snapshot("cell-7").status
+        assert (status.samples, status.duplicates, status.lost, status.t < 3.0) == (2000, 0, 0, True)
 
 
 def test_a_service_that_is_killed_and_comes_back_has_everything():

@@ -81,8 +81,9 @@ int main() {
     opening.columns = {"t", "px", "py", "pz", "fx", "fy", "fz"};
     opening.wrench_source = "flange_sensor";
     opening.hand_on_robot = "yes";
+    opening.bridge = "robot-1-4711-58af";
     { StandIn pk; caesura::pack_open(pk, opening); show(pk); }
-    { StandIn pk; caesura::pack_close(pk, opening.session, 624); show(pk); }
+    { StandIn pk; caesura::pack_close(pk, opening, 624); show(pk); }
     { StandIn pk; caesura::pack_heartbeat(pk, opening, 17); show(pk); }
     std::vector<float> small = {ROWS};
     { StandIn pk; caesura::pack_batch(pk, opening, 17, 12.5, small); show(pk); }

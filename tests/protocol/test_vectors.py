@@ -73,7 +73,7 @@ def test_both_float_sizes_say_the_same(size):
 def test_the_layout_in_the_readme_is_the_one_on_disk():
     text = (ROOT / "tests" / "vectors" / "README.md").read_text(encoding="utf-8")
     payload = (ROOT / "tests" / "vectors" / "SampleBatch.float32.msgpack").read_bytes()
-    assert payload[0] == 0x87
+    assert payload[0] == 0x88
     t0 = re.search(r"`a2` \"t0\" `cb ([0-9a-f]{16})`", text)[1]
     assert b"\xa2t0\xcb" + bytes.fromhex(t0) in payload
     assert b"\xa7samples\xc4\x54" in payload

@@ -17,7 +17,10 @@ keeps at least a window, so it never evicts what such a service has not seen.
 
 from __future__ import annotations
 
+import os
+import re
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -215,7 +218,7 @@ class Bridge:
         self._check()
         self._sender.flush()
         self._sender.put_waiting()
-        close = Close(session=self.session, last_seq=self._sender.last_seq)
+        close = Close(session=self.session, last_seq=self._sender.last_seq, bridge=self._open.bridge)
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
             before = self.acknowledged
@@ -228,6 +231,7 @@ class Bridge:
             if told and self.acknowledged <= before:
                 self._sender.resend(self.acknowledged, self.settings.window_batches)
             self._over.wait(self.settings.retry_s)
+            self._check()  # the session may be another bridge's
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
         """Ask once. A service that has lost the session, or waits for more, is told the session again.
@@ -318,6 +322,12 @@ class Bridge:
             raise failure
 
 
+def new_bridge_name() -> str:
+    """Names this bridge among all: `{host}-{process}-{4 hex}`."""
+    host = re.sub("[^a-z0-9]+", "-", socket.gethostname().lower()).strip("-")[:40] or "bridge"
+    return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
+
+
 def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
     # A source that was written for an earlier version does not state whether a hand is on the robot.
     hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
@@ -336,4 +346,5 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Op
         force_frame=source.force_frame,
         length_unit=source.length_unit,
         preset=preset,
+        bridge=new_bridge_name(),
     )

@@ -101,7 +101,8 @@ class Sender:
         with self._putting:
             if self._clock() - self._last_put >= idle_s:
                 seq = self._next_put - 1
-                beat = Heartbeat(session=self._open.session, epoch=self._open.epoch, seq=seq)
+                said = self._open
+                beat = Heartbeat(session=said.session, epoch=said.epoch, seq=seq, bridge=said.bridge)
                 self._transport.put(self._key, encode(beat))
                 self._last_put = self._clock()
 
@@ -117,4 +118,7 @@ class Sender:
 
     def _encoded(self, batch: Matrix, seq: int) -> Encoded:
         said = self._open
-        return encode(pack_samples(batch, said.columns, session=said.session, epoch=said.epoch, seq=seq))
+        made = pack_samples(
+            batch, said.columns, session=said.session, epoch=said.epoch, seq=seq, bridge=said.bridge
+        )
+        return encode(made)

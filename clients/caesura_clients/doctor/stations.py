@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -229,6 +230,19 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
     yield from check_bias(None if wrench.tare is None else np.array(wrench.tare), station=station.name)
 
 
+def _rivals(station: Station, status: SessionStatus) -> Iterator[Finding]:
+    """Do two bridges send one session?"""
+    own = [one.bridge for one in station.batches if one.session == status.session]
+    senders = Counter(name for name in own if name is not None)
+    if len(senders) > 1:
+        each = ", ".join(f"{name} ({count} batches)" for name, count in sorted(senders.items()))
+        remedy = (
+            "the service takes those of the one that opened it: stop the other, or give it another --session"
+        )
+        found = f"{len(senders)} bridges publish {status.session}: {each}"
+        yield bad("bridge", found, remedy, station=station.name)
+
+
 def _strangers(station: Station) -> dict[str, int]:
     """Batches of sessions other than the current one, by session."""
     own = station.status.session if station.status is not None else None
@@ -236,4 +250,9 @@ def _strangers(station: Station) -> dict[str, int]:
     return {session: others.count(session) for session in sorted(set(others))}
 
 
-CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[Finding]], ...] = (_losses, _refusals, _wrench)
+CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[Finding]], ...] = (
+    _rivals,
+    _losses,
+    _refusals,
+    _wrench,
+)

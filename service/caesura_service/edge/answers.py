@@ -11,6 +11,7 @@ is refused at once, without waiting behind what is too much already; everything 
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Mapping
 
 import zenoh
@@ -20,6 +21,7 @@ from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.edge.arrivals import (
+    NOBODY,
     Arrival,
     Command,
     Content,
@@ -29,7 +31,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.outgoing import answer, as_pressed, refuse
-from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
+from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings, WorkBudget
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, program_of, snapshot_of
@@ -48,16 +50,18 @@ class Answers(Threaded):
         registry: Registry,
         work: Inbox[Arrival],
         status: Callable[[], ServiceStatus],
+        budget: WorkBudget,
         *,
         rates: RateSettings | None = None,
     ) -> None:
-        """work: the worker's inbox."""
+        """work: the worker's inbox; budget: the worker's time that each station may use."""
         rates = rates or RateSettings()
         self._questions, self._commands = RateLimit(rates.questions), RateLimit(rates.commands)
         self._complaints = RateLimit(COMPLAINTS)
-        self.turned_away = 0  # openings that were refused because of an overload
+        self.turned_away = 0  # commands that were refused because of an overload
+        self._counting = threading.Lock()
         self._registry = registry
-        self._work = work
+        self._work, self._budget = work, budget
         self._status = status
         self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
             QueueSettings(capacity=QUESTIONS, shares=1)
@@ -85,7 +89,10 @@ class Answers(Threaded):
         """Enqueue a command for the worker; under pressure look at it first."""
         source, station = sender_of(str(query.key_expr))
         if not self._commands.allows(source):
-            _refuse_overload(query, "too many commands a second", self._commands.rates[0].per_s)
+            self._refuse_command(query, "too many commands a second", self._commands.rates[0].per_s)
+        elif self._budget.is_spent(station or NOBODY):
+            refusal = self._budget.refusal(station or NOBODY)
+            self._refuse_command(query, refusal.message, self._budget.rate.per_s)
         elif station is not None and self._work.is_pressed(*sources_of(station)):
             self._enqueue(self._admit, query)
         else:
@@ -118,7 +125,8 @@ class Answers(Threaded):
         if not self._begins(command.content):
             self._pass_on(command)
             return
-        self.turned_away += 1
+        with self._counting:
+            self.turned_away += 1
         why = "more arrives than can be done: no new sessions until that is over, try again"
         with query:
             fill = round(self._work.fill(), 2)
@@ -136,8 +144,15 @@ class Answers(Threaded):
         return isinstance(command, Open) and command.session not in known
 
     def _pass_on(self, command: Command) -> None:
-        if not self._work.insist(command):
-            _refuse_overload(command.query, "too much is waiting", 2 * self._work.capacity)
+        station = sender_of(command.content.key).station
+        if not self._work.command(command, station or NOBODY):
+            most = self._work.settings.commands
+            self._refuse_command(command.query, "too many commands of the station are waiting", most)
+
+    def _refuse_command(self, query: zenoh.Query, why: str, limit: float) -> None:
+        with self._counting:
+            self.turned_away += 1
+        _refuse_overload(query, why, limit)
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:

@@ -118,7 +118,14 @@ class Watching:
     """From here on tokens are told of."""
 
 
-Arrival = Samples | Command | Ended | Presence | Linked | Watching
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """Work whose slice was over: on what a station sent, or of our own. lane: whose turn it takes."""
+
+    lane: str
+
+
+Arrival = Samples | Command | Ended | Presence | Linked | Watching | Unfinished
 
 
 def sources_of(station: str) -> tuple[str, str]:

@@ -26,13 +26,13 @@ from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import Arrival, Content, Samples, Watching, sender_of
+from caesura_service.edge.arrivals import NOBODY, Arrival, Content, Samples, Watching, sender_of
 from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
-from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
+from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings, WorkBudget
 from caesura_service.edge.scope import Scope
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.worker import Worker
@@ -70,8 +70,9 @@ class Edge:
         self._worker: Worker | None = None
         rates = rates or RateSettings()
         self._rates = RateLimit(rates.samples, rates.volume)
+        self._work = WorkBudget(rates.work)
         self._complaints = RateLimit(COMPLAINTS)
-        self._answers = Answers(registry, self._inbox, self.status, rates=rates)
+        self._answers = Answers(registry, self._inbox, self.status, self._work, rates=rates)
         self._gathering = Gathering(self._take_samples)
         self._stack = ExitStack()
 
@@ -87,9 +88,8 @@ class Edge:
                 program=self._answers.program,
             )
             steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
-            self._worker = Worker(
-                self._registry, steward, self._inbox, Outgoing(network, self._inbox), self._clock
-            )
+            outgoing = Outgoing(network, self._inbox, self._work)
+            self._worker = Worker(self._registry, steward, self._inbox, outgoing, self._work, self._clock)
             self._worker.say(steward.begin(who_is_there(network)))
             self._declare(stack, network)
             self._worker.say(self._registry.restate(None))
@@ -154,16 +154,17 @@ class Edge:
         key, payload = str(sample.key_expr), sample.payload
         source, station = sender_of(key)
         if not self._rates.allows(source, 1.0, len(payload)):
-            self._turn_away(source)
+            most = (rate.per_s for rate in self._rates.rates)
+            self._turn_away(source, "more than {:g} messages or {:g} bytes a second".format(*most))
+            return
+        if self._work.is_spent(station or NOBODY):
+            self._turn_away(source, self._work.refusal(station or NOBODY).message)
             return
         content = Content.of(key, payload, str(sample.encoding))
-        self._inbox.offer(Samples(content, station), source, len(content.payload))
+        self._inbox.offer(Samples(content, station), source, len(content.payload), station or NOBODY)
 
-    def _turn_away(self, source: str) -> None:
+    def _turn_away(self, source: str, why: str) -> None:
         """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
         self._inbox.turn_away(source)
         if self._complaints.allows(source):
-            most = (rate.per_s for rate in self._rates.rates)
-            logger.warning(
-                "%s: more than %g messages or %g bytes a second; the rest is dropped", source, *most
-            )
+            logger.warning("%s: %s; the rest is dropped", source, why)

@@ -1,9 +1,15 @@
-"""The one queue between the network's threads and a thread that works.
+"""The queue between the network's threads and a thread that works, with a lane for each station.
+
+Whose turn it is: start-time fair queueing (Goyal, Vin & Cheng 1996). Every lane has a virtual time, to which
+the measured time of the work on its items is added; the lane that has had least is next. A lane that was
+empty begins at the virtual time of the lane in service, so being idle earns nothing. So a station that causes
+more work than its share waits behind the others, and they do not wait for it. Within a lane items keep their
+order.
 
 Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
-the hole by its number and asks again. Commands are never dropped: there is room for as many again, and past
-that the caller is told, so that it can refuse them.
+the hole by its number and asks again. Commands are never dropped: there is room for as many again, of one
+station for `commands`, and past that the caller is told, so that it can refuse them.
 
 Overload is known before anything is dropped: from `overloaded_at` of the capacity, or of a source's share,
 the queue or that source is pressed, until it has fallen to `relieved_at`. Where somebody announces it,
@@ -13,9 +19,11 @@ nothing is dropped until that is done; meanwhile there is room for as much again
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from heapq import heappop, heappush
+from itertools import count
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
@@ -31,6 +39,7 @@ class QueueSettings:
     capacity: int = 4096  # items; commands have as much again
     capacity_bytes: int = 1 << 28
     shares: int = 4  # one source may take one part in so many
+    commands: int = 64  # of one station
     overloaded_at: float = 0.625  # more than the answers to all questions under way, which are no overload
     relieved_at: float = 0.25
 
@@ -66,8 +75,20 @@ class _Load:
         return share if share > share_bytes else share_bytes
 
 
+class _Lane(Generic[T]):
+    """What waits of one station, in order."""
+
+    __slots__ = ("commands", "due", "items")
+
+    def __init__(self) -> None:
+        # Each with what it counts for, if for anything, its size [bytes], and whether it is a command.
+        self.items: deque[tuple[T, _Load | None, int, bool]] = deque()
+        self.commands = 0
+        self.due = 0.0  # [s] virtual time
+
+
 class Inbox(Generic[T]):
-    """Bounded, first in first out; nothing but `get` ever waits."""
+    """Bounded; nothing but `get` ever waits."""
 
     def __init__(self, settings: QueueSettings, *, announced: bool = False) -> None:
         """announced: does somebody watch `changed` and call `has_announced`?"""
@@ -77,29 +98,37 @@ class Inbox(Generic[T]):
         self.pressed: frozenset[str] = frozenset()  # sources, and WHOLE; replaced, never changed
         self.changed = threading.Event()  # what is pressed has changed
         self.news = 0  # counts changes of what is pressed, and drops
-        self._settings = settings
-        # With what it counts for, if for anything, and its size [bytes].
-        self._queue: SimpleQueue[tuple[T, _Load | None, int] | None] = SimpleQueue()
+        self.settings = settings
+        self._lanes: dict[str, _Lane[T]] = {}
+        # A heap of the lanes that wait, but for the one in service.
+        self._turns: list[tuple[float, int, _Lane[T]]] = []
+        self._served: _Lane[T] | None = None
+        self._virtual_s, self._count = 0.0, count()
+        self._waiting, self._woken = 0, False
         self._total = _Load(WHOLE, settings)
         self._of_source: dict[str, _Load] = {}
         self._drops: dict[str, int] = {}
         self._announced = announced
         self._is_told = not announced
         self._lock = threading.Lock()
+        self._arrived = threading.Condition(self._lock)
 
-    def offer(self, item: T, source: str, size: int = 0) -> bool:
-        """Enqueue an item that may be dropped. False where it was, which is counted."""
+    def offer(self, item: T, source: str, size: int = 0, lane: str | None = None) -> bool:
+        """Enqueue an item that may be dropped. False where it was, which is counted.
+
+        lane: whose turn it takes; by default the source's own.
+        """
         with self._lock:
             room = 1.0 if self._is_told else 2.0
             mine = self._of_source.get(source) or self._made_known(source)
-            self._total.items = self._queue.qsize()
+            self._total.items = self._waiting
             if not (self._total.has_room(size, room) and mine.has_room(size, room)):
                 self._drop(source)
                 return False
             mine.items += 1
             self._total.items += 1
             self._account(mine, size)
-            self._queue.put((item, mine, size))
+            self._put(source if lane is None else lane, item, mine, size)
         return True
 
     def turn_away(self, source: str) -> None:
@@ -107,43 +136,71 @@ class Inbox(Generic[T]):
         with self._lock:
             self._drop(source)
 
-    def insist(self, item: T) -> bool:
+    def insist(self, item: T, lane: str = "") -> bool:
         """Enqueue an item that is not dropped. False only where even its own room is used up."""
-        if self._queue.qsize() >= 2 * self.capacity:
-            return False
-        self.deliver(item)
+        with self._lock:
+            if self._waiting >= 2 * self.capacity:
+                return False
+            self._put(lane, item)
         return True
 
-    def deliver(self, item: T) -> None:
+    def command(self, item: T, lane: str) -> bool:
+        """Likewise a command, of which so many may wait of one lane."""
+        with self._lock:
+            known = self._lanes.get(lane)
+            if self._waiting >= 2 * self.capacity or (known and known.commands >= self.settings.commands):
+                return False
+            self._put(lane, item, command=True)
+        return True
+
+    def deliver(self, item: T, lane: str = "") -> None:
         """Enqueue an item that its own cause bounds, like the end of one of a few questions."""
-        self._queue.put((item, None, 0))
+        with self._lock:
+            self._put(lane, item)
+
+    def put_back(self, item: T) -> None:
+        """The next item of the lane that `get` gave one of last, before all that waits there."""
+        with self._lock:
+            assert self._served is not None
+            self._served.items.appendleft((item, None, 0, False))
+            self._waiting += 1
 
     def get(self, timeout_s: float) -> T | None:
         """The next item; None if there is none in time, or if somebody called `wake`."""
-        try:
-            entry = self._queue.get(timeout=timeout_s)
-        except Empty:
-            return None
-        if entry is None:
-            return None
-        item, load, size = entry
-        if load is not None:
-            with self._lock:
+        with self._arrived:
+            self._end_turn()
+            if not self._turns and not self._woken:
+                self._arrived.wait(timeout_s)
+            if not self._turns:
+                self._woken = False
+                return None
+            self._virtual_s, _, lane = heappop(self._turns)
+            self._served = lane
+            item, load, size, command = lane.items.popleft()
+            lane.commands -= command
+            self._waiting -= 1
+            self._total.items = self._waiting  # commands too
+            if load is not None:
                 load.items -= 1
-                self._total.items = self._queue.qsize()  # commands too
                 self._account(load, -size)
-        elif self.pressed:  # by what may lie behind the last sample
-            with self._lock:
-                self._total.items = self._queue.qsize()
+            elif self.pressed:  # by what may lie behind the last sample
                 self._press(self._total)
         return item
 
+    def spent(self, seconds: float) -> None:
+        """So long did the work on the last item take."""
+        with self._lock:
+            if self._served is not None:
+                self._served.due += seconds
+
     def wake(self) -> None:
         """Let a waiting `get` return, once what lies before this is taken."""
-        self._queue.put(None)
+        with self._arrived:
+            self._woken = True
+            self._arrived.notify()
 
     def __len__(self) -> int:
-        return self._queue.qsize()
+        return self._waiting
 
     # --- overload ---------------------------------------------------------------------------------------
 
@@ -158,7 +215,7 @@ class Inbox(Generic[T]):
     def fill(self) -> float:
         """How full the queue is, or the share that is fullest: 1 and more is full."""
         with self._lock:
-            self._total.items = self._queue.qsize()
+            self._total.items = self._waiting
             return max(load.filling() for load in (self._total, *self._of_source.values()))
 
     def take_drops(self) -> Mapping[str, int]:
@@ -169,11 +226,40 @@ class Inbox(Generic[T]):
 
     # --- under the lock ---------------------------------------------------------------------------------
 
+    def _put(
+        self, name: str, item: T, load: _Load | None = None, size: int = 0, *, command: bool = False
+    ) -> None:
+        lane = self._lanes.get(name) or self._new_lane(name)
+        lane.items.append((item, load, size, command))
+        lane.commands += command
+        self._waiting += 1
+        if len(lane.items) == 1 and lane is not self._served:
+            self._queue(lane)
+            self._arrived.notify()
+
+    def _queue(self, lane: _Lane[T]) -> None:
+        """It waits for its turn, and has no claim to what it did not use before."""
+        lane.due = max(lane.due, self._virtual_s)
+        heappush(self._turns, (lane.due, next(self._count), lane))
+
+    def _end_turn(self) -> None:
+        lane, self._served = self._served, None
+        if lane is not None and lane.items:
+            self._queue(lane)
+
+    def _new_lane(self, name: str) -> _Lane[T]:
+        """There are never many more than SOURCES of which nothing waits."""
+        if len(self._lanes) >= SOURCES:
+            kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
+            self._lanes = kept
+        lane = self._lanes[name] = _Lane()
+        return lane
+
     def _made_known(self, source: str) -> _Load:
         """Of one of whom nothing waits; there are never more such than SOURCES."""
         if len(self._of_source) >= SOURCES:
             self._of_source = {name: load for name, load in self._of_source.items() if load.items}
-        load = self._of_source[source] = _Load(source, self._settings, self._settings.shares)
+        load = self._of_source[source] = _Load(source, self.settings, self.settings.shares)
         return load
 
     def _drop(self, source: str) -> None:
@@ -194,7 +280,7 @@ class Inbox(Generic[T]):
         """Note where the mark is passed, and where what was pressed is relieved."""
         source = load.source
         is_pressed = source in self.pressed
-        if is_pressed and load.filling() > self._settings.relieved_at:
+        if is_pressed and load.filling() > self.settings.relieved_at:
             return
         if not is_pressed and not load.is_overloaded():
             return

@@ -36,6 +36,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.inbox import Inbox
 from caesura_service.edge.network import QUERY_TIMEOUT_S
+from caesura_service.edge.rates import WorkBudget
 from caesura_service.session.ports import AskReplay, Publish
 
 logger = logging.getLogger(__name__)
@@ -56,10 +57,10 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival]) -> None:
+    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], work: WorkBudget) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
-        self._inbox = inbox
+        self._inbox, self._work = inbox, work
         self._under_way = 0
         self._waiting: dict[tuple[str, str], AskReplay] = {}
 
@@ -121,12 +122,15 @@ class Outgoing:
         if reply.ok is not None:
             asked.replies += 1
             arrival = Samples(content_of(reply.ok), asked.ask.station)
-            asked.dropped += not self._inbox.offer(arrival, asked.ask.station, len(arrival.content.payload))
+            station = asked.ask.station
+            size = len(arrival.content.payload)
+            has_room = not self._work.is_spent(station) and self._inbox.offer(arrival, station, size, station)
+            asked.dropped += not has_room
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.deliver(Ended(asked))
+        self._inbox.deliver(Ended(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:

@@ -4,8 +4,10 @@ Sizes and queues bound what a sender may hold; this bounds the work that it may 
 above what honest clients do, so that who meets them is broken or hostile. Samples: a robot of 1 kHz that
 sends each sample by itself sends 1000 messages a second; with every column there is they are 0.5 MB; a bridge
 as fast as flow control lets it sends a window of 64 every 20 ms, 3200 (measured: 1500). Replays, which the
-service asks for, do not count. Commands: a bridge that is held up asks 50 times a second. Questions: 1000
-readers who ask for everything twice a second.
+service asks for, do not count. Work: a robot of 1 kHz takes a fiftieth of the worker's time, an hour of a
+recording that is sent as fast as it goes twenty seconds of it, an edit of an hour a second or two; here
+replays and edits count. Commands: a bridge that is held up asks 50 times a second. Questions: 1000 readers
+who ask for everything twice a second.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from caesura_protocol.errors import ProtocolError
 
 SENDERS = 1024  # told apart; one more waits until one of them has been quiet for a full burst
 
@@ -30,6 +34,7 @@ SAMPLES = Rate(5000.0, 10_000.0)  # messages of a station
 VOLUME = Rate(16e6, 32e6)  # bytes of them
 COMMANDS = Rate(500.0, 1000.0)  # of a station
 QUESTIONS = Rate(2000.0, 4000.0)  # to the instance
+WORK = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
 COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
 
 
@@ -41,6 +46,7 @@ class RateSettings:
     volume: Rate = VOLUME
     commands: Rate = COMMANDS
     questions: Rate = QUESTIONS
+    work: Rate = WORK
 
 
 class _Bucket(NamedTuple):
@@ -97,3 +103,44 @@ class RateLimit:
             return False
         del self._buckets[oldest]
         return True
+
+
+class WorkBudget:
+    """The worker's time [s] that each station may still use; the worker spends, any thread asks.
+
+    What work costs is known afterwards: a station may owe, and waits until it owes nothing.
+    """
+
+    def __init__(
+        self, rate: Rate, *, stations: int = SENDERS, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.rate = rate
+        self._stations = stations
+        self._clock = clock
+        self._left: dict[str, _Bucket] = {}  # whoever spent last stands last
+        self._lock = threading.Lock()
+
+    def spend(self, station: str, seconds: float) -> None:
+        """So much has been used."""
+        with self._lock:
+            now = self._clock()
+            left_s = self._left_s(self._left.pop(station, None), now)
+            self._left[station] = _Bucket((left_s - seconds,), now)
+            if len(self._left) > self._stations:
+                del self._left[next(iter(self._left))]
+
+    def is_spent(self, station: str) -> bool:
+        """Has it used what it may, so that it has to wait?"""
+        bucket = self._left.get(station)
+        return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0
+
+    def refusal(self, station: str) -> ProtocolError:
+        """What a station is told that has to wait."""
+        per_s, at_once_s = self.rate
+        why = f"the station has used up its work: {at_once_s:g} s at once and {per_s:g} s a second; try again"
+        return ProtocolError("overloaded", why, value=station, limit=per_s)
+
+    def _left_s(self, bucket: _Bucket | None, now: float) -> float:
+        """[s] never more than the burst."""
+        per_s, at_once_s = self.rate
+        return at_once_s if bucket is None else min(at_once_s, bucket.tokens[0] + (now - bucket.at) * per_s)

@@ -1,5 +1,9 @@
 """The thread that does the work: takes what arrived, lets the registry decide, says what comes of it.
 
+The inbox says whose turn it is, by how long the work of each station took; here that is measured. What takes
+longer than a slice goes on when it is its station's turn again. What is to be done without anybody having
+sent something, as taking stations over, has lanes of its own.
+
 Whatever goes wrong with one arrival ends there: the sender of a command is answered, and the log has it, once
 in ten seconds for each station. Time enters the sessions only here.
 """
@@ -7,8 +11,10 @@ in ten seconds for each station. Time enters the sessions only here.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVarTuple
 
 import zenoh
@@ -19,6 +25,7 @@ from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Command as Wanted
 from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
+    NOBODY,
     Arrival,
     Command,
     Content,
@@ -26,12 +33,14 @@ from caesura_service.edge.arrivals import (
     Linked,
     Presence,
     Samples,
+    Unfinished,
     Watching,
+    sender_of,
     station_of,
 )
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
-from caesura_service.edge.rates import COMPLAINTS, RateLimit
+from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit, WorkBudget
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
@@ -45,14 +54,14 @@ from caesura_service.session.ports import (
     Refused,
     Taken,
 )
-from caesura_service.session.registry import Registry
+from caesura_service.session.registry import REVIVING, Registry
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")
 
 TICK_S = 0.1  # between two looks at what is still missing
 AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
-MESSAGES = (Samples, Ended, Command)  # what counts as one
+TAKING = "/taking"  # the lane in which stations are taken over; no station's name
 
 
 class Worker(Threaded):
@@ -64,14 +73,18 @@ class Worker(Threaded):
         steward: Steward,
         inbox: Inbox[Arrival],
         outgoing: Outgoing,
+        budget: WorkBudget,
         clock: Callable[[], float],
     ) -> None:
         self.messages = 0  # taken from the inbox so far
+        self._chores: set[str] = set()  # lanes of our own that have a turn coming
         self._news, self._pressed = 0, frozenset[str]()  # of the inbox, as far as sessions have told of it
         self._registry = registry
         self._steward = steward
         self._inbox = inbox
         self._outgoing = outgoing
+        self._budget = budget
+        self._told: set[str] = set()  # stations that know that they have used up their budget
         self._clock = clock
         self._complaints = RateLimit(COMPLAINTS)
         super().__init__("caesura-worker", inbox.wake)
@@ -79,24 +92,66 @@ class Worker(Threaded):
     def _run(self) -> None:
         due = self._clock() + TICK_S
         while not self._stopped.is_set():
-            patience_s = 0.0 if self._registry.is_busy else self._steward.patience_s()
-            self._take_some(AT_ONCE if patience_s else 1, min(TICK_S, patience_s))
+            self._look_for_chores()
+            self._take_some(AT_ONCE, min(TICK_S, self._steward.patience_s()))
             if self._inbox.news != self._news:
                 self._guarded(self._tell_of_overload)
-            self._guarded(self._let, self._steward.step)
-            self._guarded(self._let, self._registry.step)
             if (now := self._clock()) >= due:
                 due = now + TICK_S
                 self._guarded(self._let, self._registry.tick, now)
+        self._registry.slices.stop()
+
+    def _look_for_chores(self) -> None:
+        """What there is to do of our own takes its turn like what arrives."""
+        for lane, is_due in (
+            (TAKING, self._steward.patience_s() <= 0.0),
+            (REVIVING, self._registry.is_busy),
+        ):
+            if is_due and lane not in self._chores:
+                self._chores.add(lane)
+                self._inbox.deliver(Unfinished(lane), lane)
 
     def _take_some(self, most: int, patience_s: float) -> None:
-        """Wait for an arrival; take it, and what else is there."""
+        """Wait for an arrival; take it, and what else is there: so many without a look at all the rest."""
         for _ in range(most):
             if (arrival := self._inbox.get(patience_s)) is None:
                 return
-            self._guarded(self._take, arrival)
-            if not len(self._inbox):
+            began = time.perf_counter()
+            if (lane := self._do_a_slice(arrival)) is not None:
+                self._inbox.put_back(Unfinished(lane))
+            self._charge(arrival, time.perf_counter() - began)
+            if self._chores or not len(self._inbox):
                 return
+
+    def _charge(self, arrival: Arrival, took_s: float) -> None:
+        """What was done for a station counts for its turn, and for its budget."""
+        self._inbox.spent(took_s)
+        if isinstance(arrival, Samples | Ended | Command | Unfinished):
+            lane = _lane_of(arrival)
+            self._budget.spend(lane, took_s)
+            self._registry.spent(lane, took_s)
+
+    def _do_a_slice(self, arrival: Arrival) -> str | None:
+        """Begin with an arrival, or go on; the lane of what is left to do."""
+        slices = self._registry.slices
+        match arrival:
+            case Presence() | Linked() | Watching():
+                self._guarded(self._steward.receive, arrival)
+                return None
+            case Unfinished(lane) if lane == TAKING:
+                self._guarded(self._let, self._steward.step)
+                done = True
+            case Unfinished(lane) if lane == REVIVING and not slices.is_under_way(lane):
+                done = slices.begin(lane, partial(self._guarded, self._let, self._registry.step))
+            case Unfinished(lane):
+                done = slices.go_on(lane)
+            case _:
+                lane = _lane_of(arrival)
+                done = slices.begin(lane, partial(self._guarded, self._take, arrival))
+        if not done:
+            return lane
+        self._chores.discard(lane)
+        return None
 
     def _let(self, step: Callable[[*Given], Iterable[Output]], *given: *Given) -> None:
         self.say(step(*given))
@@ -107,8 +162,17 @@ class Worker(Threaded):
         before, self._pressed = self._pressed, self._inbox.pressed
         for source, messages in self._inbox.take_drops().items():
             self.say(self._registry.dropped(station_of(source), messages))
+            self._tell_of_budget(station_of(source))
         for source in before ^ self._pressed:
             self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
+
+    def _tell_of_budget(self, station: str) -> None:
+        """Where a station's messages are dropped because of its work, its session says so, once."""
+        if not self._budget.is_spent(station):
+            self._told.discard(station)
+        elif station not in self._told and len(self._told) < SENDERS:
+            self._told.add(station)
+            self.say(self._registry.refuse(station, self._budget.refusal(station)))
 
     def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
@@ -117,8 +181,8 @@ class Worker(Threaded):
             if self._complaints.allows(_cause(*given)):
                 logger.exception("an arrival was lost to an error of ours")
 
-    def _take(self, arrival: Arrival) -> None:
-        self.messages += isinstance(arrival, MESSAGES)
+    def _take(self, arrival: Samples | Ended | Command) -> None:
+        self.messages += 1
         match arrival:
             case Samples(content, station):
                 self._take_samples(content, station)
@@ -128,8 +192,6 @@ class Worker(Threaded):
             case Command():
                 with arrival.query:
                     self._take_command(arrival)
-            case Presence() | Linked() | Watching():
-                self._steward.receive(arrival)
 
     def _take_samples(self, content: Content, station: str | None) -> None:
         try:
@@ -202,6 +264,19 @@ def _answered(query: zenoh.Query) -> Iterator[None]:
 def _cause(*given: object) -> str:
     """Whose message was given; empty for what is no message."""
     return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
+
+
+def _lane_of(arrival: Samples | Ended | Command | Unfinished) -> str:
+    """The station whose turn it takes, as it was enqueued."""
+    match arrival:
+        case Unfinished(lane):
+            return lane
+        case Samples(_, station):
+            return station or NOBODY
+        case Ended(asked):
+            return asked.ask.station
+        case Command(content):
+            return sender_of(content.key).station or NOBODY
 
 
 def _batch(content: Content) -> SampleBatch | Heartbeat:

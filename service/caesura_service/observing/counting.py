@@ -35,6 +35,7 @@ class Counted:
     lost: int = 0  # batches
     dropped: int = 0  # batches
     replays: int = 0
+    work_s: float = 0.0  # of the thread that does the work
     heard: float | None = None
 
     def add(self, change: Change) -> None:
@@ -102,6 +103,11 @@ class Counting:
         self.turned = now
         self.durations.add(took_s)
         self._counted(station, known).heard = now
+
+    def spend(self, station: str, known: Container[str], seconds: float) -> None:
+        """Count what the work on what a station sent took."""
+        if station in known:
+            self._counted(station, known).work_s += seconds
 
     def take(self, step: Step, known: Container[str], now: float) -> None:
         """Count a step. known: the stations that the registry has."""

@@ -55,6 +55,11 @@ OF_STATION: tuple[tuple[str, str, Callable[[Counted], float]], ...] = (
         "Batches for which the queue had no room; they are asked for again.",
         lambda one: one.dropped,
     ),
+    (
+        "caesura_station_work_seconds",
+        "Time of the thread that does the work that went into what the station sent.",
+        lambda one: one.work_s,
+    ),
     ("caesura_replays", "Questions to the bridge for batches that were missing.", lambda one: one.replays),
 )
 

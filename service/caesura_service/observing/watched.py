@@ -64,6 +64,10 @@ class WatchedRegistry(Registry):
         """Time has passed."""
         return self._watched(None, None, partial(super().tick, now))
 
+    def spent(self, station: str, seconds: float) -> None:
+        """Count it for the station, if it is known."""
+        self.counting.spend(station, self.board.sessions, seconds)
+
     def _watched(
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:

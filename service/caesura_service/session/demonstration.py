@@ -73,20 +73,18 @@ class Demonstration:
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
-
-        def step() -> list[Output]:
-            news = _push(self._pipeline, samples)
-            looked, batches, before = self._latest
-            if not news:
-                self._latest = (looked, batches + 1, before + len(samples))
-                return []
-            tally = looked.tally
-            return self._look(tally._replace(batches=tally.batches + batches + 1))
-
         try:
-            return self._guarded(step)
+            news = _push(self._pipeline, samples)  # may give way: what is said meanwhile is not taken back
         except ProtocolError as error:
             return [Refused(error), *self.refuse(error), *self.gap(1)]
+        except Exception as error:
+            return self._fail(error)
+        looked, batches, before = self._latest
+        if not news:
+            self._latest = (looked, batches + 1, before + len(samples))
+            return []
+        tally = looked.tally._replace(batches=looked.tally.batches + batches + 1)
+        return self._guarded(lambda: self._look(tally))
 
     def gap(self, batches: int) -> list[Output]:
         """So many batches will never come; what is between the last sample and the next is not known."""

@@ -3,8 +3,8 @@
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a rest, or a motion that is neither the decay of a
 contact nor part of a carry. The program is then that of the segments up to it, and that of the segments from
-it on. A gap that touches what lies before it is known by then: it ends where a segment begins, and the quiet
-place is one.
+it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends there. A gap that touches what lies
+before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
 
 from __future__ import annotations
@@ -17,6 +17,11 @@ import numpy as np
 from caesura_protocol.messages import App, Gap
 from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Step, holds, task_program
 from caesura_service.session.kept import Kept, Shown
+from caesura_service.session.slices import give_way
+
+# Steps without a quiet place: far more than anybody teaches (the hour of tests/bench/hour.py has 18 at
+# most), and few enough that a view of what nobody taught costs no more after an hour of it.
+MOST_UNQUIET = 500
 
 
 @dataclass
@@ -41,16 +46,18 @@ class GrowingProgram:
         """
         rest = [grip for grip in grips if grip.t > self.since]
         self._seen_until = steps[-1].segment.t0 if steps else -np.inf
-        quiet = self._quiet(steps, settled - self.first, rest, grips)
-        if quiet:
+        begin, settled = 0, settled - self.first
+        while quiet := self._quiet(steps, begin, settled, rest, grips):
             place = steps[quiet]
             before = [grip for grip in rest if grip.t < place.segment.t0]
-            apps = self._program(steps[: quiet + 1], before, gaps, grips)
+            apps = self._program(steps[begin : quiet + 1], before, gaps, grips)
             self.built.extend(app for app in apps if not app.segments or app.segments[0] < place.index)
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
             self._seen.clear()
-        return Shown(self.built, self._program(steps[quiet:], rest, gaps, grips))
+            begin = quiet
+            give_way()
+        return Shown(self.built, self._program(steps[begin:], rest, gaps, grips))
 
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
@@ -67,17 +74,21 @@ class GrowingProgram:
         return moment
 
     def _quiet(
-        self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], known: Sequence[Grip]
+        self, steps: Sequence[Step], begin: int, settled: int, grips: Sequence[Grip], known: Sequence[Grip]
     ) -> int:
-        """The last quiet place among the steps that have settled; 0 where there is none."""
-        for i in range(settled - 1, 0, -1):
+        """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
+
+        Of MOST_UNQUIET steps the last one passes for quiet, wherever somebody looks from.
+        """
+        last = min(settled - 1, begin + MOST_UNQUIET)
+        for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
             moves = kind == "motion" and self._lasts(before) and before.segment.kind != "contact"
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and (kind == "steady" or (moves and not holds(step, known))) and not gripped:
                 return i
-        return 0
+        return last if last == begin + MOST_UNQUIET else 0
 
     def _lasts(self, step: Step) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""

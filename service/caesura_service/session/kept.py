@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from itertools import pairwise
 from typing import Generic, TypeVar, overload
 
@@ -15,6 +16,8 @@ from caesura_protocol.messages import Message
 from caesura_service.session.spool import Log
 
 M = TypeVar("M", bound=Message)
+
+AT_ONCE = 64  # messages that are read, or compared by their bytes, before it is known whether more need be
 
 
 class Kept(Generic[M]):
@@ -86,6 +89,14 @@ class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         yield self._kept.payloads(self._start, self._stop)
         yield from self._rest
 
+    def since(self, first: int) -> Shown[M]:
+        """All but so many more of the first; nothing is read for that."""
+        kept = self._stop - self._start
+        other = copy(self)
+        other._start += min(first, kept)
+        other._rest = self._rest[max(first - kept, 0) :]
+        return other
+
     def __repr__(self) -> str:
         return repr(tuple(self))
 
@@ -93,6 +104,11 @@ class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         kept = self._stop - self._start
         old = self._kept.read(self._start + start, self._start + min(stop, kept)) if start < kept else ()
         return old + self._rest[max(start - kept, 0) : max(stop - kept, 0)]
+
+
+def since(messages: Sequence[M], first: int) -> Sequence[M]:
+    """Those from the `first` on; what is packed stays so."""
+    return messages.since(first) if isinstance(messages, Shown) else messages[first:]
 
 
 def packed(model: type[M], messages: Iterable[M]) -> Shown[M]:
@@ -103,9 +119,14 @@ def packed(model: type[M], messages: Iterable[M]) -> Shown[M]:
 
 
 def alike(one: Sequence[M], other: Sequence[M]) -> int:
-    """So many of the first are the same ones, at least: both show them of the same that is kept."""
-    if not (isinstance(one, Shown) and isinstance(other, Shown)):
+    """So many of the first are the same ones, at least, as what is kept of them tells."""
+    if not (isinstance(one, Shown) and isinstance(other, Shown)) or one._start != other._start:
         return 0
-    if one._kept is not other._kept or one._start != other._start:
-        return 0
-    return min(one._stop, other._stop) - one._start
+    start, stop = one._start, min(one._stop, other._stop)
+    if one._kept is other._kept:
+        return stop - start
+    for first in range(start, stop, AT_ONCE):
+        last = min(first + AT_ONCE, stop)
+        if one._kept.payloads(first, last) != other._kept.payloads(first, last):
+            return first - start
+    return max(stop - start, 0)

@@ -35,6 +35,7 @@ from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, force_scale, holding
 from caesura_service.session.settled import Part
+from caesura_service.session.slices import give_way
 from caesura_service.session.view import Pipeline, View
 from caesura_service.signals import (
     Conditioned,
@@ -46,6 +47,7 @@ from caesura_service.signals import (
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
+SETTLE_EVERY = 150  # observations, where many are taken at once: what has settled by then is made and kept
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -180,6 +182,9 @@ class SegmentationPipeline:
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
             other._division.step(index)
+            if index % SETTLE_EVERY == 0:
+                other._look(other._happened())  # an hour of it, all at once at the end, would be one slice
+            give_way()
         other._view = other._look(other._happened())
         return other
 
@@ -209,12 +214,17 @@ class SegmentationPipeline:
             self._program = self._growing()
         if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
             self._begin(tared=False)
+        looked = self._looked
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._division.step(len(self._history) - 1)
+            index = len(self._history) - 1
+            self._division.step(index)
+            if index > looked.observations + SETTLE_EVERY and index % SETTLE_EVERY == 0:
+                self._view = self._look(self._happened())
+            give_way()
         happened = self._happened()
-        due = self._finished or self._division.online.count >= self._looked.observations + LOOK_EVERY
-        glances = happened == self._looked.happened and not due
+        due = self._finished or self._division.online.count >= looked.observations + LOOK_EVERY
+        glances = happened == looked.happened and not due
         self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
 
     def _happened(self) -> tuple[object, ...]:
@@ -298,6 +308,7 @@ class SegmentationPipeline:
 
     def _mark(self, before: Part, part: Part) -> Mark:
         """A changepoint, with what lies between its neighbours."""
+        give_way()
         between = range(before.start + 1, part.end)
         shown, gaps = part.changepoint, self._division.online.boundaries
         return Mark(

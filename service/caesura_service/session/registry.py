@@ -41,8 +41,11 @@ from caesura_service.session.ports import (
 )
 from caesura_service.session.reviving import Reviving
 from caesura_service.session.session import Session
+from caesura_service.session.slices import Slices
 from caesura_service.session.standing import Tally, status_of
 from caesura_service.session.takeover import Builder, Takeover, is_behind
+
+REVIVING = "/reviving"  # what `step` does, among the slices; the name of no station
 
 
 class Registry:
@@ -66,6 +69,7 @@ class Registry:
         self._builder = Builder(pipeline_factory, default_preset, journal, limits)
         self._takeover = Takeover(self._builder, self._journals, journal)
         self._reviving = Reviving(self._takeover, self._journals)
+        self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = self._look_at = float("-inf")  # [s]
@@ -95,6 +99,7 @@ class Registry:
         as after somebody else may have had the station.
         """
         try:
+            self._finish_work(station)
             known, held = self._journals.of(station), self._stations.get(station, {})
             wanted = self._to_hold(known)
             if renew or any(_lacks(held.get(name), known[name]) for name in wanted):
@@ -127,6 +132,7 @@ class Registry:
 
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
+        self._finish_work(station)
         self.custody.leave(station)
         self._reviving.leave(station)
         with suppress(JournalError):  # which the journal has said already
@@ -134,6 +140,11 @@ class Registry:
         if (left := self._stations.pop(station, None)) is not None:
             self._hushed.difference_update(left.values())
             self._show()
+
+    def _finish_work(self, station: str) -> None:
+        """What was begun is done before the station changes hands: half of it nobody could go on with."""
+        for name in (station, REVIVING):
+            self.slices.finish(name)
 
     def _to_hold(self, known: Mapping[str, Copies]) -> list[str]:
         """Which of a station's sessions are held here: those that are open, and the last closed ones."""
@@ -209,6 +220,9 @@ class Registry:
             self._tidy_at = now + self._limits.tidy_interval_s
             said += self._tidy(now)
         return said
+
+    def spent(self, station: str, seconds: float) -> None:
+        """So long did a slice of the work on what a station sent take. For those who count."""
 
     @property
     def is_busy(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from caesura_protocol.messages import Program
 from caesura_service.session.corrections import Corrections
-from caesura_service.session.kept import M, alike
+from caesura_service.session.kept import AT_ONCE, M, alike
 from caesura_service.session.ports import Owner, Publish
 from caesura_service.session.standing import (
     Standing,
@@ -149,9 +149,11 @@ def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
     if old is new:
         return None
     known = alike(old, new)
-    for index, (before, after) in enumerate(zip(old[known:], new[known:], strict=False), start=known):
-        if before is not after and before != after:
-            return index
+    for first in range(known, min(len(old), len(new)), AT_ONCE):
+        last = first + AT_ONCE
+        for index, (before, after) in enumerate(zip(old[first:last], new[first:last], strict=False), first):
+            if before is not after and before != after:
+                return index
     return None if len(old) == len(new) else min(len(old), len(new))
 
 

@@ -209,6 +209,7 @@ class Session:
     # --- messages ---------------------------------------------------------------------------------------
 
     def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
+        self._check_bridge(batch)
         state = self._demonstration.state
         if state == "closed" and batch.seq < self.next_seq:
             self._demonstration.duplicate()  # sent again, it trails behind the close
@@ -221,6 +222,7 @@ class Session:
         after(self.standing.state, "heartbeat")
         if not self.is_open:
             return []
+        self._check_bridge(heartbeat)
         self._check_epoch(heartbeat.epoch)
         return self._intake.hear_of(heartbeat.seq, now)
 
@@ -234,7 +236,10 @@ class Session:
                 why = f"the session is {self.standing.state}: give the new one another name"
                 raise ProtocolError("conflict", why, value=again.session) from refusal
             return [Answer(refusal)]  # told again, it trails behind the close: nobody did wrong
-        if again.model_copy(update={"epoch": self._opening.epoch}) != self._opening:
+        if again.epoch == self._opening.epoch:
+            self._check_bridge(again)
+        mine = {"epoch": self._opening.epoch, "bridge": self._opening.bridge}
+        if again.model_copy(update=mine) != self._opening:
             raise ProtocolError(
                 "conflict",
                 "the session is open as something else",
@@ -247,6 +252,7 @@ class Session:
         return [self._ack()]
 
     def _receive_close(self, close: Close, now: float) -> list[Output]:
+        self._check_bridge(close)
         after(self.standing.state, "close")
         reached = self.next_seq - 1
         if close.last_seq < reached or (not self.is_open and close.last_seq > reached):
@@ -265,6 +271,7 @@ class Session:
         self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
+        self._check_kept()  # once more: that may have taken long
         self._records.append(self._applied(edit, corrections), now)
         said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
         self._conclude()
@@ -301,6 +308,21 @@ class Session:
                 self._demonstration.repeat(edit, record.at)
 
     # --- steps ------------------------------------------------------------------------------------------
+
+    def _check_bridge(self, message: SampleBatch | Heartbeat | Open | Close) -> None:
+        """A session belongs to one bridge; one that does not name itself is taken for that."""
+        mine = self._opening.bridge
+        if message.bridge == mine or mine is None or message.bridge is None:
+            return
+        if isinstance(message, SampleBatch | Heartbeat) and message.epoch != self._opening.epoch:
+            return  # a predecessor's, or a successor's: its epoch says so
+        raise ProtocolError(
+            "conflict",
+            f"bridge {mine} publishes this session, {self.next_seq} batches so far: "
+            "a second one needs a session of its own, or a higher epoch to take this one over",
+            value=message.bridge,
+            expected=mine,
+        )
 
     def _check_epoch(self, epoch: int) -> None:
         current = self._opening.epoch

@@ -6,12 +6,15 @@ What the program still looks back at is kept as it is, what lies before that in 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, Segment
 from caesura_service.session.kept import Kept, Shown
+from caesura_service.session.slices import give_way
+
+_AT_ONCE = 100  # parts that are read before others have their turn
 
 
 class Part(NamedTuple):
@@ -49,9 +52,17 @@ class Settled:
         count = len(self._segments)
         if number >= count:
             return self._parts[number - count :]
-        spans = pairwise(self._starts[number:])
-        shown = zip(self._segments.read(number, count), self._changepoints.read(number, count), strict=True)
-        return [*(Part(*span, *one) for span, one in zip(spans, shown, strict=True)), *self._parts]
+        parts: list[Part] = []
+        for first in range(number, count, _AT_ONCE):
+            parts += self._read(first, min(first + _AT_ONCE, count))
+            give_way()
+        return parts + self._parts
+
+    def _read(self, start: int, stop: int) -> Iterator[Part]:
+        """Packed parts from start to stop, which is not included."""
+        spans = pairwise(self._starts[start : stop + 1])
+        shown = zip(self._segments.read(start, stop), self._changepoints.read(start, stop), strict=True)
+        return (Part(*span, *one) for span, one in zip(spans, shown, strict=True))
 
     def segments(self, rest: Sequence[Part]) -> Sequence[Segment]:
         """Of all parts; rest: those that have not settled."""

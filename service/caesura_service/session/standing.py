@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_service.session.kept import since
 from caesura_service.session.ports import Owner
 from caesura_service.session.state import State
 from caesura_service.session.view import View
@@ -125,14 +126,14 @@ def status_of(standing: Standing) -> SessionStatus:
 
 def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
     """The changepoints from the `first` on."""
-    shown = standing.view.changepoints[first:]
-    return Changepoints(**standing.header("changepoints"), first=first, changepoints=shown)
+    bare = Changepoints(**standing.header("changepoints"), first=first, changepoints=())
+    return bare.model_copy(update={"changepoints": since(standing.view.changepoints, first)})
 
 
 def segments_of(standing: Standing, first: int = 0) -> Segments:
     """The segments from the `first` on."""
-    shown = standing.view.segments[first:]
-    return Segments(**standing.header("segments"), first=first, segments=shown)
+    bare = Segments(**standing.header("segments"), first=first, segments=())
+    return bare.model_copy(update={"segments": since(standing.view.segments, first)})
 
 
 def posterior_of(standing: Standing) -> Posterior:

@@ -66,6 +66,55 @@ def test_a_waiting_reader_can_be_woken():
     assert inbox.get(60.0) is None
 
 
+def taken(inbox: Inbox[int], *, spent_s: dict[int, float]) -> list[int]:
+    """Everything, as it has its turn, if the work on an item takes so long."""
+    order = []
+    while (item := inbox.get(0.0)) is not None:
+        order.append(item)
+        inbox.spent(spent_s.get(item, 0.001))
+    return order
+
+
+def test_the_lane_that_has_used_least_is_next_and_within_one_nothing_overtakes():
+    inbox = inbox_of()
+    for item in (10, 11, 12):
+        inbox.offer(item, "dense")
+    for item in (20, 21, 22):
+        inbox.offer(item, "honest")
+    assert taken(inbox, spent_s={10: 0.1, 11: 0.1}) == [10, 20, 21, 22, 11, 12]
+
+
+def test_a_lane_that_was_idle_waits_for_no_work_that_was_done_before_and_has_no_claim_to_it():
+    inbox = inbox_of()
+    inbox.offer(10, "dense")
+    assert taken(inbox, spent_s={10: 5.0}) == [10]
+    inbox.offer(11, "dense")
+    inbox.get(0.0)
+    inbox.spent(5.0)
+    for item in (20, 21, 22):
+        inbox.offer(item, "late", lane="late")
+    inbox.offer(12, "dense")
+    assert taken(inbox, spent_s={20: 3.0, 21: 3.0}) == [20, 21, 12, 22]
+
+
+def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_its_next():
+    inbox = inbox_of()
+    inbox.offer(1, "a/samples", lane="a")
+    inbox.offer(2, "a", lane="a")
+    assert inbox.command(3, "a")
+    assert inbox.get(0.0) == 1
+    inbox.put_back(9)
+    assert (len(inbox), taken(inbox, spent_s={})) == (3, [9, 2, 3])
+
+
+def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_own_room():
+    inbox: Inbox[int] = Inbox(QueueSettings(10, commands=2))
+    assert [inbox.command(item, "a") for item in range(3)] == [True, True, False]
+    assert inbox.command(4, "b")
+    inbox.get(0.0)
+    assert inbox.command(5, "a")
+
+
 # --- overload -------------------------------------------------------------------------------------------
 
 

@@ -14,7 +14,7 @@ from caesura_protocol.keys import ROOT, session_key, station_key
 from caesura_protocol.messages import Program, SessionStatus
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.edge.rates import Rate, RateLimit, RateSettings
+from caesura_service.edge.rates import Rate, RateLimit, RateSettings, WorkBudget
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
 from harness.sessions import batches, heartbeat, opening
@@ -171,3 +171,27 @@ def test_a_heartbeat_counts_as_a_message(tight):
     for _ in range(25):
         tight.send(heartbeat(-1))
     assert tight.until_service(lambda status: status.dropped == 5).dropped == 5
+
+
+def test_work_is_paid_for_afterwards_and_comes_back_with_time():
+    now = [0.0]
+    budget = WorkBudget(Rate(0.5, 2.0), clock=lambda: now[0])
+    assert not budget.is_spent("a"), "nothing is known of it"
+    budget.spend("a", 1.0)
+    assert not budget.is_spent("a")
+    budget.spend("a", 3.0)
+    assert budget.is_spent("a")
+    assert not budget.is_spent("b")
+    now[0] = 4.1
+    assert not budget.is_spent("a")
+    now[0] = 1000.0
+    budget.spend("a", 1.9)
+    assert not budget.is_spent("a"), "never more than the burst, and no less"
+    assert "2 s at once and 0.5 s a second" in str(budget.refusal("a"))
+
+
+def test_so_many_stations_are_remembered_and_no_more():
+    budget = WorkBudget(Rate(0.5, 1.0), stations=2)
+    for station in ("a", "b", "c"):
+        budget.spend(station, 5.0)
+    assert [budget.is_spent(station) for station in "abc"] == [False, True, True]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.program import Grip, Moment, Step, task_program
-from caesura_service.session.growing import GrowingProgram
+from caesura_service.session.growing import MOST_UNQUIET, GrowingProgram
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
 LENGTHS = (0.1, 0.3, 0.4, 2.0)
@@ -75,6 +76,24 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
         assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+
+
+def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_often_it_is_looked_at():
+    rng = np.random.default_rng(2)
+    contact = {"kind": "contact", "contact": "contact", "motion": "steady"}
+    steps = [
+        replace(step, segment=step.segment.model_copy(update={**contact, "t0": 0.5 * i, "tn": 0.5 * (i + 1)}))
+        for i, step in enumerate(demonstration(rng, 2 * MOST_UNQUIET + 50))
+    ]
+    programs, left = [], []
+    for every in (7, 97, len(steps)):
+        growing = GrowingProgram(moment_at, 0.3)
+        for now in (*range(every, len(steps), every), len(steps)):
+            apps = growing.apps(steps[growing.first : now], now, [])
+        programs.append(list(apps))
+        left.append(growing.first)
+    assert programs[0] == programs[1] == programs[2]
+    assert left == [2 * MOST_UNQUIET] * 3
 
 
 def test_only_what_follows_the_last_quiet_place_is_built_again():

@@ -83,8 +83,10 @@ def test_two_differ_where_they_would_unpacked(packed: int, more: int, changed: i
     assert first_difference(before, after) == (None if changed == 6 else changed)
 
 
-def test_only_what_is_packed_together_is_known_to_be_alike():
+def test_only_what_is_packed_is_known_to_be_alike():
     every = [changepoint(float(i)) for i in range(4)]
-    assert alike(shown_of(every, 2), shown_of(every, 2)) == 0
+    assert alike(shown_of(every, 2), shown_of(every, 2)) == 2
+    assert alike(shown_of(every, 2), shown_of([every[1], *every[1:]], 2)) == 0
+    assert alike(shown_of(every, 0), shown_of(every, 2)) == 0
     assert shown_of(every, 2) == shown_of(every, 3)
     assert shown_of(every, 2) != shown_of(every[:3], 2)

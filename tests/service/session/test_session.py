@@ -285,6 +285,44 @@ def test_what_a_bridge_took_with_it_is_a_gap_though_nobody_knew_of_it():
     assert gap.reason == "evicted"
 
 
+FIRST, SECOND = "robot-1-17-aaaa", "robot-2-18-bbbb"
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        opening(bridge=SECOND),
+        batch(0, bridge=SECOND),
+        batch(1, bridge=SECOND),
+        heartbeat(5).model_copy(update={"bridge": SECOND}),
+        closing(0).model_copy(update={"bridge": SECOND}),
+    ],
+    ids=["open", "batch again", "batch", "heartbeat", "close"],
+)
+def test_a_second_bridge_is_refused_with_the_name_of_the_first_and_changes_nothing(message):
+    session, _ = open_session(bridge=FIRST)
+    session.receive(batch(0, bridge=FIRST), 0.0)
+    before = session.standing
+    with pytest.raises(
+        ProtocolError, match=f"conflict.*bridge {FIRST} publishes this session, 1 batches"
+    ) as no:
+        session.receive(message, 0.0)
+    assert (no.value.value, no.value.expected) == (SECOND, FIRST)
+    assert session.standing == before
+    session.receive(batch(1, bridge=FIRST), 0.0)
+    assert answer(session.receive(closing(1).model_copy(update={"bridge": FIRST}), 0.0)).state == "closed"
+
+
+def test_another_bridge_takes_a_session_over_by_a_higher_epoch_and_one_without_a_name_is_let_in():
+    session, _ = open_session(bridge=FIRST)
+    session.receive(batch(0), 0.0)
+    assert answer(session.receive(opening(bridge=SECOND, epoch=1), 0.0)).next_seq == 1
+    session.receive(batch(1, epoch=1, bridge=SECOND), 0.0)
+    with pytest.raises(ProtocolError, match=r"conflict.*newer epoch"):
+        session.receive(batch(2, bridge=FIRST), 0.0)
+    assert session.standing.tally.batches == 2
+
+
 @pytest.mark.parametrize("message", [batch(1, epoch=1), heartbeat(1, epoch=1), opening(epoch=1)])
 def test_an_older_epoch_is_a_conflict(message):
     session, _ = open_session(epoch=2)

@@ -1,0 +1,166 @@
+"""A station that does as much as it can, in a process of its own: `python -m harness.attacker HOW ENDPOINT`.
+
+`dense`: batches of 1000 samples that span a minute each, as fast as they go. `edits`: a session of an hour,
+and 200 edits of it a second, each with the revision that the one before it will have made. Prints `ready` as
+soon as its session is there; the attack lasts until it is killed.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+
+from caesura_protocol.codec import decode, decode_error, encode, pack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_replay_parameters, station_key
+from caesura_protocol.messages import (
+    MAX_BATCH_SAMPLES,
+    Ack,
+    Control,
+    Edit,
+    Insert,
+    Open,
+    SampleBatch,
+)
+from harness.demonstrations import taught
+from harness.peer import Peer
+from harness.processes import Process
+
+STATION, SESSION = "hostile", "attack"
+EVERY_S = 0.059  # from one sample to the next: a batch spans a minute
+HOUR_S = 3420.0
+EDITS_PER_S = 200.0
+PATIENCE_S = 60.0
+
+
+class Attacker(Process):
+    """The same, as a process to be started and killed."""
+
+    def __init__(self, how: str, endpoint: str) -> None:
+        super().__init__([sys.executable, "-m", "harness.attacker", how, endpoint])
+
+
+def dense(peer: Peer) -> None:
+    """Batches whose every sample is an observation and more."""
+    columns, rng = ("t", "px", "py", "pz"), np.random.default_rng(0)
+    t = EVERY_S * np.arange(MAX_BATCH_SAMPLES)
+    rows = np.column_stack([t, np.sin(t)[:, None] + 0.01 * rng.standard_normal((len(t), 3))])
+    made = pack_samples(rows, columns, session=SESSION, epoch=0, seq=0)
+
+    def batch(seq: int) -> SampleBatch:
+        return made.model_copy(update={"seq": seq, "t0": seq * EVERY_S * MAX_BATCH_SAMPLES})
+
+    opening = Open(session=SESSION, columns=columns, wrench_source="none", preset="constant_velocity")
+    until_accepted(lambda: peer.command(opening, STATION))
+    peer.network.declare_queryable(station_key(STATION, "replay"), lambda query: replay(query, batch))
+    print("ready", flush=True)
+    seq = 0
+    while True:
+        payload, encoding = encode(batch(seq))
+        peer.network.put(station_key(STATION, "samples"), payload, encoding=encoding)
+        seq += 1
+        time.sleep(0.001)
+
+
+def replay(query: zenoh.Query, batch: Callable[[int], SampleBatch]) -> None:
+    """Whatever the service asks for again."""
+    with query:
+        wanted = parse_replay_parameters(str(query.parameters))
+        for seq in range(wanted.first, min(wanted.last + 1, wanted.first + wanted.limit)):
+            payload, encoding = encode(batch(seq))
+            query.reply(station_key(STATION, "replay"), payload, encoding=encoding)
+
+
+def edits(peer: Peer) -> None:
+    """An hour is taught, in batches of a minute, and edited."""
+    whole = taught(9, HOUR_S)
+    columns = whole.columns
+    rows = whole.matrix()[:: round(EVERY_S * 200.0)]
+    opening = Open(session=SESSION, columns=columns, wrench_source="flange_sensor")
+    until_accepted(lambda: peer.command(opening, STATION))
+    parts = np.array_split(rows, -(-len(rows) // MAX_BATCH_SAMPLES))
+    for seq, part in enumerate(parts):
+        peer.send(pack_samples(part, columns, session=SESSION, epoch=0, seq=seq), STATION)
+    until_accepted(lambda: all_taken(peer.command(opening, STATION), len(parts)))
+    print("ready", flush=True)
+    storm = Storm(peer)
+    began, made = time.monotonic(), 0
+    while True:
+        storm.edit()
+        made += 1
+        time.sleep(max(0.0, began + made / EDITS_PER_S - time.monotonic()))
+
+
+def all_taken(ack: Ack, batches: int) -> None:
+    if ack.next_seq < batches:
+        raise ProtocolError("overloaded", "not there yet")
+
+
+def until_accepted(ask: Callable[[], object]) -> None:
+    """Ask until it is not refused."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            ask()
+        except (ProtocolError, ValueError):
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        else:
+            return
+
+
+class Storm:
+    """Edits that do not wait for an answer."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self._revision = 0  # that the next edit will find, if all before it are carried out
+        self._lock = threading.Lock()
+
+    def edit(self) -> None:
+        """One more."""
+        with self._lock:
+            revision, self._revision = self._revision, self._revision + 1
+        action = Insert(t=HOUR_S / 2 + 0.3 * (revision % 100))
+        command = Edit(session=SESSION, revision=revision, author="attacker", action=action)
+        payload, encoding = encode(Control(command=command))
+        self._peer.network.get(
+            station_key(STATION, "control"),
+            zenoh.handlers.Callback(self._take, indirect=False),
+            payload=payload,
+            encoding=encoding,
+            timeout=PATIENCE_S,
+        )
+
+    def _take(self, reply: zenoh.Reply) -> None:
+        """A refusal tells which revision there is."""
+        if reply.ok is not None:
+            decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Ack)
+            return
+        try:
+            refusal = decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
+        except ProtocolError:
+            return
+        with self._lock:
+            if refusal.code == "conflict" and isinstance(refusal.limit, int):
+                self._revision = refusal.limit
+            elif refusal.code == "overloaded":
+                self._revision -= 1
+
+
+WAYS = {"dense": dense, "edits": edits}
+
+
+def main() -> None:
+    how, endpoint = sys.argv[1:]
+    with Peer(endpoint) as peer:
+        WAYS[how](peer)
+
+
+if __name__ == "__main__":
+    main()

@@ -27,6 +27,7 @@ Cell = Annotated[
 def check(file: ProgramPath, scenario: Cell = None, as_json: Json = False) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
     # Pinocchio takes a second to load: only for who needs it.
+    from caesura_service.execution.checks import Taught  # noqa: PLC0415
     from caesura_service.execution.checks import check as look  # noqa: PLC0415
     from caesura_service.execution.limits import Cell as Place  # noqa: PLC0415
     from caesura_service.execution.world import World  # noqa: PLC0415
@@ -38,7 +39,7 @@ def check(file: ProgramPath, scenario: Cell = None, as_json: Json = False) -> No
             if scenario is None
             else World(_scenario(scenario), THESIS.load_kg).cell(program.safety)
         )
-        report = look(program.apps, cell, program.notes)
+        report = look(program.apps, cell, Taught(program.gaps, program.wrench))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:
@@ -84,9 +85,7 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        done = run(
-            program.apps, Place(_scenario(scenario), person, seed), program.safety, notes=program.notes
-        )
+        done = run(program.apps, Place(_scenario(scenario), person, seed), program.safety)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
         raise BadSource(f"{program.station}/{program.session} is refused:\n{lines}") from refused

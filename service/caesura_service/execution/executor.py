@@ -23,7 +23,7 @@ from caesura_clients.recording import Recording
 from caesura_protocol.messages import App, WrenchSource
 from caesura_service.execution.acts import Acting
 from caesura_service.execution.arm import Arm
-from caesura_service.execution.checks import check
+from caesura_service.execution.checks import Taught, check
 from caesura_service.execution.findings import RefusedError
 from caesura_service.execution.guard import Stopped
 from caesura_service.execution.world import World
@@ -60,12 +60,12 @@ def execute(
     place: Place,
     safety: Safety = DEFAULT,
     *,
-    notes: Sequence[str] = (),
+    taught: Taught | None = None,
     robot: Robot | None = None,
 ) -> Done:
     """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
     robot = robot or load_panda()
-    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), notes, robot)
+    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), taught, robot)
     if not report.passed:
         raise RefusedError(report)
     return run(apps, place, safety, robot)

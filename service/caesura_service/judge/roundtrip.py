@@ -14,11 +14,13 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 SCENARIOS = ("pick_and_place", "dispenser")
 TARGET_M, FORCE_SHARE = 0.01, 0.15
+FORCE_LIMIT_N = 10.0  # of the simulated cell
 REST_N = 1e-6
 
 
@@ -52,13 +54,14 @@ def travel(case: Case) -> Trip:
     from caesura_clients.bridge.teacher.teaching import Teaching, finish  # noqa: PLC0415
     from caesura_service.execution.executor import Place, execute  # noqa: PLC0415
     from caesura_service.execution.findings import RefusedError  # noqa: PLC0415
-    from caesura_service.recordings import segment_recording  # noqa: PLC0415
+    from caesura_service.recordings import Setting, segment_recording  # noqa: PLC0415
 
     teaching = Teaching(case.scenario, seed=case.seed)
-    taught = segment_recording(finish(teaching, list(teaching.chunks(1.0))).recording)
+    recording = finish(teaching, list(teaching.chunks(1.0))).recording
+    taught = segment_recording(recording, setting=Setting(force_limit_n=FORCE_LIMIT_N))
     place = Place(teaching.scenario, teaching.person, case.seed)
     try:
-        done = execute(taught.apps, place, notes=taught.notes)
+        done = execute(taught.apps, place, Safety(force_n=FORCE_LIMIT_N))
     except RefusedError as refused:
         return Trip(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps

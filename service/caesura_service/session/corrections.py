@@ -29,7 +29,6 @@ from caesura_protocol.messages import (
     Remove,
     Undo,
 )
-from caesura_service.program import FORCE_LIMIT_N
 
 Change = Insert | Remove | Move | Relabel | LimitForce
 
@@ -83,6 +82,7 @@ class Shown:
     spans: Sequence[Span]
     kinds: Sequence[str]
     apps: Sequence[App]
+    force_limit_n: float | None = None  # [N] of the cell
 
 
 @dataclass(frozen=True)
@@ -220,10 +220,11 @@ def _relabelled(t: float, kind: str, shown: Shown) -> Correction:
 
 def _limited(t: float, newton: float | None, shown: Shown) -> float:
     """[s] The middle of the app that is meant."""
+    most = shown.force_limit_n
+    if newton is not None and most is not None and newton > most:
+        why = "no app exerts more than the cell's force limit"
+        raise ProtocolError("malformed", why, value=newton, limit=most)
     _check_time(t, shown)
-    if newton is not None and newton > FORCE_LIMIT_N:
-        why = "the service lets no app exert more than its own limit"
-        raise ProtocolError("malformed", why, value=newton, limit=FORCE_LIMIT_N)
     exerting = [app for app in shown.apps if app.force is not None]
     near = sorted(exerting, key=lambda app: max(app.t0 - t, t - app.tn))
     if not near or not near[0].t0 <= t <= near[0].tn:

@@ -27,6 +27,7 @@ _SCALE, _COLUMNS = 23, 24
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS = (np.nan,) * 4, (np.nan,) * 7
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+POSES = 1200  # of a path, two minutes: of a longer one some are left out
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
@@ -106,6 +107,22 @@ class History:
         x, y, z = (0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])).tolist()
         return x, y, z
 
+    def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
+        """Times (n,) [s] and flange poses (n, 7) from the observation nearest to t0 to that nearest to tn.
+
+        Poses are (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        """
+        start, end = self._nearest(t0), self._nearest(tn)
+        looks = np.arange(start, end, -(-max(end - start, 1) // POSES))
+        if len(looks) < end - start:
+            rows = np.array([self._row(int(index)) for index in [*looks, end]])
+        else:
+            block = self._log.read(start * _ROW.size, (end + 1) * _ROW.size)
+            rows = np.frombuffer(block).reshape(-1, _COLUMNS)
+        turns = rows[:, _ORIENTATION]
+        known = not np.isnan(turns).any()
+        return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
+
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
         """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
         before, before2 = self._sums(start)
@@ -120,11 +137,14 @@ class History:
 
     def moment(self, t: float) -> Moment:
         """The pose at the observation nearest to a time [s]."""
+        return self.moment_at(self._nearest(t))
+
+    def _nearest(self, t: float) -> int:
+        """The observation nearest to a time [s]. Raises IndexError where there is none."""
         if not self._count:
             raise IndexError("no observation yet")
         after = min(max(self._first_from(t), 1), self._count - 1)
-        index = after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
-        return self.moment_at(index)
+        return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
 
     def _first_from(self, t: float) -> int:
         """The first observation that is not before a time [s]; mostly it is one of the last ones."""

@@ -2,9 +2,9 @@
 
 It leads through knots, in time order: where the robot is, the via points, the target. Between two knots every
 coordinate (position, and the four of the quaternion, which is normalised afterwards) is the polynomial of
-degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities of via points
-are those with which they were passed; what is not stated is estimated from three knots (`estimated_slopes`).
-So with two knots it is the straight line of minimum jerk, and the turn about one axis.
+degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities of via
+points are those with which they were passed; what is not stated is estimated from three knots
+(`estimated_slopes`). So with two knots it is the straight line of minimum jerk, and the turn about one axis.
 
 >>> curve = Curve.through([0.0, 1.0], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 >>> curve.at(0.5)[0].round(3).tolist()
@@ -28,7 +28,7 @@ STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Knots with times (k,) [s], values, velocities and accelerations (k, c); c is 3, or 7 with a quaternion."""
+    """Knots: times (k,) [s], values, velocities and accelerations (k, c); c is 3, or 7 with a quaternion."""
 
     t: Array
     values: Array
@@ -152,6 +152,14 @@ def curve_of(app: App) -> Curve:
     """The reproduced path of an app from where it was taught to start. As `knots_of`."""
     times, poses, passing = knots_of(app)
     return Curve.through(times, poses, passing=passing)
+
+
+def path_in_words(app: App) -> str:
+    """Its length, and the number of via points where it is not straight; empty without a path."""
+    if app.path is None:
+        return ""
+    length, via = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via)
+    return f"{length}, {via} via" if via else length
 
 
 def unit(values: Array) -> Array:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.bridge.batching import Batcher
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -25,17 +26,6 @@ from caesura_service.session.view import View
 from caesura_service.signals import WrenchCapabilities
 
 BATCH_SAMPLES = 20
-
-
-class Setting(NamedTuple):
-    """What a cell asks of its programs: limit of force [N], tolerances of paths [m], [rad]; None: unset."""
-
-    force_limit_n: float | None = None
-    path_tolerance_m: float | None = None
-    path_tolerance_rad: float | None = None
-
-
-UNSET = Setting()
 
 
 def opening_of(recording: Recording, preset: str | None = None, setting: Setting = UNSET) -> Open:

@@ -61,15 +61,15 @@ def _row(app: ProgramStep) -> dict[str, Any]:
     if not is_limited(app):
         row.pop("force_taught", None)
     if app.path is not None:
-        points = (app.path.start, *app.path.via)
+        points, began = (app.path.start, *app.path.via), app.path.start.t
         row["path"] = [
             (
-                round(one.t - app.path.start.t, 3),
+                round(one.t - began, 3),
                 *map(_rounded, (one.position, one.orientation, one.velocity)),
             )
             for one in points
         ]
-        row["arrives"] = round(app.path.tn - app.path.start.t, 3)
+        row["arrives"] = round(app.path.tn - began, 3)
     return row
 
 

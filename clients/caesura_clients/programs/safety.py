@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -45,6 +45,20 @@ class Safety(BaseModel):
 
 
 DEFAULT = Safety()
+
+
+class Setting(NamedTuple):
+    """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
+
+    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad].
+    """
+
+    force_limit_n: float | None = None
+    path_tolerance_m: float | None = None
+    path_tolerance_rad: float | None = None
+
+
+UNSET = Setting()
 
 
 def read_safety(path: Path) -> Safety:

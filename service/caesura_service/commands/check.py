@@ -11,7 +11,7 @@ import typer
 
 from caesura_clients.bridge.teacher.person import THESIS, draw_person
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
-from caesura_clients.cli.options import Json, reported
+from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.programs.document import ProgramFile, read_document
 
@@ -24,7 +24,13 @@ Cell = Annotated[
 ]
 
 
-def check(file: ProgramPath, scenario: Cell = None, as_json: Json = False) -> None:
+def check(
+    file: ProgramPath,
+    scenario: Cell = None,
+    cell_file: CellFile = None,
+    force_limit: ForceLimit = None,
+    as_json: Json = False,
+) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
     # Pinocchio takes a second to load: only for who needs it.
     from caesura_service.execution.checks import Taught  # noqa: PLC0415
@@ -34,11 +40,8 @@ def check(file: ProgramPath, scenario: Cell = None, as_json: Json = False) -> No
 
     with reported():
         program = read_document(file)
-        cell = (
-            Place(program.safety)
-            if scenario is None
-            else World(_scenario(scenario), THESIS.load_kg).cell(program.safety)
-        )
+        safety = safety_of(program, cell_file, force_limit)
+        cell = Place(safety) if scenario is None else World(_scenario(scenario), THESIS.load_kg).cell(safety)
         report = look(program.apps, cell, Taught(program.gaps, program.wrench))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))

@@ -92,7 +92,7 @@ class Acting:
             self.arm.tick(still)
 
     def go(self, app: App, *, until: Array | None = None) -> None:
-        """Follow an app's path; or until something is felt in a direction (3,), past its target if need be."""
+        """Follow an app's path; or until something is felt in a direction (3,), past its target if need."""
         self.let_go()
         start, seconds = self.setpoint, _seconds(app)
         search = self._search_speed(app, until)

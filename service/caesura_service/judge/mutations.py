@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_clients.programs.safety import Safety
+from caesura_clients.programs.safety import Safety, Setting
 from caesura_protocol.messages import App, AppKind
 from caesura_service.judge.roundtrip import FORCE_LIMIT_N, SCENARIOS
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
@@ -116,7 +116,7 @@ def _robot() -> Any:
 def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
     from caesura_clients.bridge.teacher.teaching import Teaching, finish  # noqa: PLC0415
     from caesura_service.execution.executor import Place  # noqa: PLC0415
-    from caesura_service.recordings import Setting, segment_recording  # noqa: PLC0415
+    from caesura_service.recordings import segment_recording  # noqa: PLC0415
 
     teaching = Teaching(scenario, seed=seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording

@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_clients.programs.safety import Safety
+from caesura_clients.programs.safety import Safety, Setting
 from caesura_protocol.messages import App
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
@@ -54,7 +54,7 @@ def travel(case: Case) -> Trip:
     from caesura_clients.bridge.teacher.teaching import Teaching, finish  # noqa: PLC0415
     from caesura_service.execution.executor import Place, execute  # noqa: PLC0415
     from caesura_service.execution.findings import RefusedError  # noqa: PLC0415
-    from caesura_service.recordings import Setting, segment_recording  # noqa: PLC0415
+    from caesura_service.recordings import segment_recording  # noqa: PLC0415
 
     teaching = Teaching(case.scenario, seed=case.seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording

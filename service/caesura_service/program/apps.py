@@ -12,9 +12,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, takewhile
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from caesura_service.program.steps import (
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 GRIP_APPS: dict[str, AppKind] = {
@@ -94,7 +96,9 @@ class _Group:
     force_limit_n: float | None
     paths: Paths | None
 
-    def moving(self, kind: AppKind, step: Step, end: _End | None = None, **changes: object) -> App:
+    def moving(
+        self, kind: AppKind, step: Step, end: _End | None = None, changes: Mapping[str, object] = UNCHANGED
+    ) -> App:
         """An app over a step with the path to its end, which may lie elsewhere."""
         t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
         path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
@@ -203,7 +207,7 @@ def _contacts(group: _Group) -> Iterable[App]:
 def _slides(group: _Group) -> Iterable[App]:
     """One app a stroke, with its own target."""
     for step in group.steps:
-        yield group.moving("apply_force", step, **_forces(step.force, group.force_limit_n))
+        yield group.moving("apply_force", step, changes=_forces(step.force, group.force_limit_n))
 
 
 def _carries(group: _Group) -> Iterable[App]:
@@ -218,7 +222,7 @@ def _carries(group: _Group) -> Iterable[App]:
     sets_down = group.following is not None and group.following.touches
     for step in group.steps:
         end = group.touch() if sets_down and step is group.steps[-1] else None
-        yield group.moving("transport" if step.segment.kind == "transport" else "hold", step, end, **load)
+        yield group.moving("transport" if step.segment.kind == "transport" else "hold", step, end, load)
 
 
 _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {

@@ -1,10 +1,11 @@
 """The demonstrated path of an app, reduced to via points.
 
-The demonstrated path is the curve of `caesura_protocol.paths` through every observation. Via points are chosen
-among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the reproduced path is
-further off than the tolerance, each leg gets the observation at which it is furthest off. A distance is the
-larger of position over its tolerance and angle over its own; both paths are followed in one direction, so
-going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A leg turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
+The demonstrated path is the curve of `caesura_protocol.paths` through every observation. Via points are
+chosen among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the reproduced
+path is further off than the tolerance, each leg gets the observation at which it is furthest off. A distance
+is the larger of position over its tolerance and angle over its own; both paths are followed in one direction,
+so going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A leg
+turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def reduced(
 
 
 def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float) -> tuple[float, list[int]]:
-    """How far [m] a curve leaves places (m, 3) that were shown; the middles of the legs where it is too far."""
+    """How far [m] a curve leaves places (m, 3) that were shown; the middle of each leg that is too far."""
     line = curve.sampled(PARTS)[:, :3]
     furthest, found = 0.0, []
     for number, (low, high) in enumerate(pairwise(knots)):

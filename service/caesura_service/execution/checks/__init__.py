@@ -1,8 +1,8 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Four looks, one module each: `values` at every app for itself, `order` at what holds before each app, `reach`
-at the arm: joints, inverse kinematics along the way, what stands in it, once the numbers are sane, `fidelity` at
-what was taught and is not reproduced.
+Four looks, one module each: `values` at every app for itself, `order` at what holds before each app; once the
+numbers are sane, `reach` at the arm (joints, inverse kinematics along the way, what stands in it), and
+`fidelity` at what was taught and is not reproduced.
 """
 
 from __future__ import annotations

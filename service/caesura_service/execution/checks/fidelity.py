@@ -65,7 +65,7 @@ def _path(app: App) -> Iterator[Reason]:
         )
     if path.deviation_rad > path.tolerance_rad * (1.0 + EVEN):
         yield (
-            f"deviates by up to {math.degrees(path.deviation_rad):.1f}° from the orientation that was taught, "
+            f"deviates by up to {math.degrees(path.deviation_rad):.1f}° from the orientations taught, "
             f"{math.degrees(path.tolerance_rad):.1f}° were asked for",
             path.deviation_rad,
             path.tolerance_rad,

@@ -46,13 +46,15 @@ class Place:
 class Done:
     """How a run went.
 
-    stopped: why it was stopped, None where it was not; at: the app during which, counted from 0.
+    stopped: why it was stopped, None where it was not; at: the app during which, counted from 0; spans: when
+    each app that was begun began and ended [s].
     """
 
     trace: Trace
     recording: Recording
     stopped: str | None
     at: int | None
+    spans: tuple[tuple[float, float], ...] = ()
 
 
 def execute(
@@ -78,11 +80,13 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         Arm(robot, World(place.scenario, place.person.load_kg), friction=place.person.joint_friction), safety
     )
     stopped, at = None, None
+    spans: list[tuple[float, float]] = []
     try:
         acting.stay(BEGIN_S)
         for index, (app, following) in enumerate(zip_longest(apps, apps[1:])):
-            at = index
+            at, began = index, acting.arm.t
             acting.run(app, following)
+            spans.append((began, acting.arm.t))
             acting.stay(_pause(app, following, safety))
         at = None
         acting.let_go()
@@ -91,7 +95,7 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         stopped = str(reason)
         acting.brake(BRAKE_S)
     trace = acting.arm.trace()
-    return Done(trace, _recorded(trace, place, robot), stopped, at)
+    return Done(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
 
 
 def _pause(app: App, following: App | None, safety: Safety) -> float:

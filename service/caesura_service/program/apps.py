@@ -147,14 +147,13 @@ class _Group:
         t = early[-1] if early else next(filter(pushes, times), times[0])
         return _End(t, _where(self.moment_at(t)))
 
-    def pressed(self, hardest: Step) -> dict[str, object]:
+    def pressed(self, hardest: Step) -> _End | None:
         """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
         times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
         least = _along(hardest.base, force) + STILL_PRESSED * length(force)
-        moments = map(self.moment_at, reversed(times))
-        held = (m for m in moments if m.force is not None and _along(m.force, force) >= least)
-        moment = next(held, None)
-        return {} if moment is None else _where(moment)
+        held = (t for t in reversed(times) if _along(self.moment_at(t).force, force) >= least)
+        t = next(held, None)
+        return None if t is None else _End(t, _where(self.moment_at(t)))
 
 
 @dataclass(frozen=True)
@@ -189,19 +188,24 @@ def _turns(group: _Group) -> Iterable[App]:
 def _contacts(group: _Group) -> Iterable[App]:
     """What the gripper does during the contact, or else the force."""
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
+    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
+    hardest = max(held, key=lambda step: length(step.force))
     mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
     for grip in mine:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
-        yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        gripping = _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
     if first.segment.kind == "sliding" and pushed_in(first.segment) > ARRIVES_M and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
-    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
-    hardest = max(held, key=lambda step: length(step.force))
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
-        forces = _forces(hardest.force, group.force_limit_n)
-        yield group.app("apply_force", group.steps, **forces, **group.pressed(hardest))
+        changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
+        if end is not None:
+            changes |= end.where
+            if group.paths is not None and group.paths.turning(t0, end.t):
+                changes["path"] = group.paths.between(t0, end.t)
+        yield group.app("apply_force", group.steps, **changes)
 
 
 def _slides(group: _Group) -> Iterable[App]:

@@ -27,6 +27,7 @@ _SCALE, _COLUMNS = 23, 24
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS = (np.nan,) * 4, (np.nan,) * 7
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+SAME_S = 1e-3  # two times this close are the same
 POSES = 1200  # of a path, two minutes: of a longer one some are left out
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
@@ -108,11 +109,14 @@ class History:
         return x, y, z
 
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
-        """Times (n,) [s] and flange poses (n, 7) from the observation nearest to t0 to that nearest to tn.
+        """Times (n,) [s] and flange poses (n, 7) from the last observation up to t0 to the last up to tn.
 
-        Poses are (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        So what begins where another ends has that end as its start; behind a gap it starts there. Poses are
+        (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
         """
-        start, end = self._nearest(t0), self._nearest(tn)
+        start, end = (max(self._first_from(t + SAME_S) - 1, 0) for t in (t0, tn))
+        if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
+            start += 1
         looks = np.arange(start, end, -(-max(end - start, 1) // POSES))
         if len(looks) < end - start:
             rows = np.array([self._row(int(index)) for index in [*looks, end]])

@@ -11,6 +11,7 @@ from caesura_protocol.paths import Curve, knots_of
 PEAK = 1.875  # speed of a minimum-jerk movement at its middle, over its mean
 ASTRAY_M = 0.01  # from where a path was taught to start
 LEAST_S = 1e-3
+FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
 
 
 def course(
@@ -40,7 +41,34 @@ def course(
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
-    return Curve.through(times, values, passing=passing, arriving=arriving)
+    if len(times) == 2:
+        return Curve.through(times, values, arriving=arriving)
+    return _paced(Curve.through(times, values, passing=passing), arriving)
+
+
+def _paced(curve: Curve, arriving: Array | None) -> Curve:
+    """The same path in the same time, with one rise and fall of the speed along it: minimum jerk.
+
+    The way along it counts a turn as `TURNED_M` a radian.
+    """
+    poses = curve.sampled(FINE)
+    step = np.diff(poses, axis=0)
+    turned = TURNED_M * 2.0 * np.linalg.norm(step[:, 3:], axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1) + turned)])
+    if along[-1] < 1e-6:
+        return curve
+    seconds, end = float(curve.t[-1]), 0.0 if arriving is None else float(np.linalg.norm(arriving))
+    law = Curve.through([0.0, seconds], [[0.0] * 3, [along[-1], 0.0, 0.0]], arriving=(end, 0.0, 0.0))
+    ticks = np.linspace(0.0, seconds, 501)
+    reached = np.maximum.accumulate([law.at(t)[0][0] for t in ticks])
+    count = int(np.clip(along[-1] / PACE_M, 8, 400))
+    places = np.linspace(0.0, along[-1], count + 1)
+    times = np.interp(places, reached, ticks)
+    knots = np.column_stack([np.interp(places, along, column) for column in poses.T])
+    tangents = np.gradient(knots[:, :3], places, axis=0)
+    speeds = np.array([law.at(t)[1][0] for t in times])
+    times[0], times[-1] = 0.0, seconds
+    return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
 
 
 def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:

@@ -182,10 +182,8 @@ class Acting:
 
     def _search_speed(self, app: App, until: Array | None) -> float:
         """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
-        last = app.path.via[-1] if app.path is not None and app.path.via else None
-        way = np.array(target_of(self, app)[0]) - (self.setpoint.position if last is None else last.position)
-        seconds = _seconds(app) if last is None or app.path is None else app.path.tn - last.t
-        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / max(seconds, DT)
+        way = target_of(self, app)[0] - self.setpoint.position
+        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / _seconds(app)
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
 
     def _weigh(self, felt: Felt) -> None:

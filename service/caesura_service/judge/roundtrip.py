@@ -1,9 +1,9 @@
 """Does a program do what was taught? Teach, segment, check, run, segment again, and compare the two programs.
 
 It holds when the apps are the same in the same order, every target lies within 1 cm of its own, every press
-has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that was
-run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured: from
-every place of the demonstration to the nearest of the run, and back.
+has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
+was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
+from every place of the demonstration to the nearest of the run, and back.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ SCENARIOS = ("pick_and_place", "dispenser")
 TARGET_M, FORCE_SHARE = 0.01, 0.15
 PATH_M, PATH_RAD = 0.005, math.radians(2.0)
 EVERY = 10  # ticks of 1 ms, of which one is compared
+AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
 FORCE_LIMIT_N = 10.0  # of the simulated cell
 REST_N = 1e-6
 
@@ -84,7 +85,7 @@ def travel(case: Case) -> Trip:
         return Trip(case, _kinds(taught.apps), _kinds(again), (), (), why)
     trip = compared(case, taught.apps, again)
     off = [
-        apart(_poses(recording, app.path.start.t, app.path.tn), _poses(done.recording, *span))
+        apart(_way(recording, app.path.start.t, app.path.tn), _way(done.recording, *span))
         for app, span in zip(taught.apps, done.spans, strict=True)
         if app.path is not None
     ]
@@ -92,22 +93,30 @@ def travel(case: Case) -> Trip:
     return replace(trip, path_m=path_m, path_rad=path_rad, why=trip.why or _astray(path_m, path_rad))
 
 
-def apart(one: Array, other: Array) -> tuple[float, float]:
-    """Largest distance [m] and angle [rad] from the poses (n, 7) of one way to the other, and back."""
-    quaternions = np.concatenate([one[:, 3:], other[:, 3:]])
-    align_signs(quaternions)
+def apart(one: Way, other: Way) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] from the poses of each way to the other."""
     scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
-    turned = np.split(quaternions, [len(one)])
-    sides = [np.column_stack([way[:, :3], q]) for way, q in zip((one, other), turned, strict=True)]
     furthest_m = furthest_rad = 0.0
-    for here, there in (sides, sides[::-1]):
-        nearest = there[cKDTree(there * scale).query(here[::EVERY] * scale)[1]]
-        off = here[::EVERY] - nearest
+    for here, there in ((one.inside, other.around), (other.inside, one.around)):
+        poses = np.concatenate([there, here[::EVERY]])
+        align_signs(poses[:, 3:])
+        line, seen = np.split(poses, [len(there)])
+        off = seen - line[cKDTree(line * scale).query(seen * scale)[1]]
         furthest_m = max(furthest_m, float(np.linalg.norm(off[:, :3], axis=1).max()))
-        furthest_rad = max(
-            furthest_rad, float(4.0 * np.arcsin(0.5 * np.linalg.norm(off[:, 3:], axis=1)).max())
-        )
+        half_chord = 0.5 * float(np.linalg.norm(off[:, 3:], axis=1).max())
+        furthest_rad = max(furthest_rad, 4.0 * math.asin(min(half_chord, 1.0)))
     return furthest_m, furthest_rad
+
+
+class Way(NamedTuple):
+    """Flange poses (n, 7) of an app, and those (m, 7) from `AROUND_S` before to `AROUND_S` after it."""
+
+    inside: Array
+    around: Array
+
+
+def _way(recording: Recording, t0: float, tn: float) -> Way:
+    return Way(_poses(recording, t0, tn), _poses(recording, t0 - AROUND_S, tn + AROUND_S))
 
 
 def _poses(recording: Recording, t0: float, tn: float) -> Array:

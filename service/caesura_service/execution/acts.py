@@ -18,7 +18,7 @@ from caesura_protocol.messages import App, AppKind
 from caesura_protocol.paths import Curve
 from caesura_service.execution.arm import Arm, Felt, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
-from caesura_service.execution.motion import course, rotation_of
+from caesura_service.execution.motion import course, rotation_of, turning_of
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
@@ -65,7 +65,9 @@ class Acting:
             self.press(min(STANDING_N, self.safety.most_force_n), seconds)
             return
         for _ in range(round(seconds / DT)):
-            self.tick(replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3)))
+            self.tick(
+                replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
+            )
 
     def send_fingers(self, width_m: float) -> None:
         """Move the fingers to a width [m], or to what is between them, and let everything settle."""
@@ -124,7 +126,7 @@ class Acting:
         aside = np.zeros(3) if aside is None else aside
         rise = min(RISE_S, 0.4 * seconds)
         place, begun, began_n = self.setpoint.position, self.felt.position, self._pressed_n
-        still = replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3))
+        still = replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
         for k in range(1, round(seconds / DT) + 1):
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
@@ -176,9 +178,12 @@ class Acting:
     def _on(self, path: Curve, t: float) -> Setpoint:
         """Where a path is at a time [s]; without orientation it keeps the one that it has."""
         value, velocity, acceleration = path.at(t)
-        x, y, z, w = value[3:] if len(value) == 7 else (0.0, 0.0, 0.0, 0.0)
-        rotation = rotation_of((x, y, z, w)) if len(value) == 7 else self.setpoint.rotation
-        return Setpoint(value[:3], rotation, velocity[:3], acceleration[:3])
+        setpoint = Setpoint(value[:3], self.setpoint.rotation, velocity[:3], acceleration[:3])
+        if len(value) == 7:
+            x, y, z, w = value[3:].tolist()
+            setpoint.rotation = rotation_of((x, y, z, w))
+            setpoint.turning = turning_of(value[3:], velocity[3:])
+        return setpoint
 
     def _search_speed(self, app: App, until: Array | None) -> float:
         """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""

@@ -83,6 +83,13 @@ def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:
     )
 
 
+def turning_of(quaternion: Array, change: Array) -> Array:
+    """Angular velocity (3,) [rad/s] in the base frame of a quaternion (4,) that changes by (4,) a second."""
+    axis, w = quaternion[:3], quaternion[3]
+    turning: Array = 2.0 * (w * change[:3] - change[3] * axis + np.cross(axis, change[:3]))
+    return turning / float(quaternion @ quaternion)
+
+
 def quaternion_of(rotation: Array) -> Array:
     """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
     m, trace = rotation, float(np.trace(rotation))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from tests.harness.programs import DOWN, app
 
 from caesura_protocol.messages import AppPath, ViaPoint
-from caesura_service.execution.motion import course, quaternion_of, rotation_of
+from caesura_service.execution.motion import course, quaternion_of, rotation_of, turning_of
 
 CORNER = (0.3, -0.4, 0.3)
 
@@ -18,6 +18,13 @@ def test_rotations_agree_with_scipys() -> None:
         rotation = Rotation.random(rng=np.random.default_rng(seed))
         assert_allclose(rotation_of(tuple(rotation.as_quat())), rotation.as_matrix(), atol=1e-12)
         assert_allclose(rotation_of(tuple(quaternion_of(rotation.as_matrix()))), rotation.as_matrix())
+
+
+def test_the_angular_velocity_is_that_of_the_rotation() -> None:
+    first, turning, step = Rotation.from_quat(DOWN), np.array([0.3, -0.2, 0.5]), 1e-6
+    after = Rotation.from_rotvec(step * turning) * first
+    change = (after.as_quat() - first.as_quat()) / step
+    assert_allclose(turning_of(first.as_quat(), change), turning, atol=1e-5)
 
 
 def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time_of_the_app() -> None:
@@ -30,9 +37,23 @@ def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time
     )  # fmt: skip
     moving = app("cartesian_motion", 2.05, 4.05, (0.4, -0.4, 0.3), path=path)
     near = course(moving, np.array([0.304, -0.5, 0.3]), rotation_of(DOWN), 4.0)
-    assert near.t.tolist() == [0.0, 2.0, 4.0]
-    assert_allclose(near.at(2.0)[0][:3], CORNER)
+    assert near.t[-1] == 4.0
     assert_allclose(near.at(0.0)[0][:3], (0.304, -0.5, 0.3))
+    assert_allclose(near.at(4.0)[0][:3], (0.4, -0.4, 0.3), atol=1e-12)
+    assert np.linalg.norm(near.sampled(50)[:, :3] - CORNER, axis=1).min() < 1e-3
     far = course(moving, np.array([0.3, -0.6, 0.3]), rotation_of(DOWN), 4.0)
-    assert_allclose(far.values[1, :3], start.position)
-    assert_allclose(far.t[-1], 4.0)
+    assert np.linalg.norm(far.sampled(50)[:, :3] - start.position, axis=1).min() < 1e-3
+    assert far.t[-1] == 4.0
+
+
+def test_on_a_path_the_speed_rises_and_falls_once() -> None:
+    half = ViaPoint(t=3.0, position=(0.3, -0.45, 0.3), orientation=DOWN, velocity=(0.0, 0.01, 0.0))
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=(0.3, -0.5, 0.3), orientation=DOWN), via=(half,), tn=4.0, length_m=0.1,
+        deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.4, 0.3), path=path)
+    curve = course(moving, np.array(path.start.position), rotation_of(DOWN), 2.0)
+    speeds = np.array([np.linalg.norm(curve.at(t)[1][:3]) for t in np.linspace(0.0, 2.0, 41)])
+    assert (np.diff(speeds)[:18] > 0.0).all()
+    assert (np.diff(speeds)[-18:] < 0.0).all()

@@ -25,7 +25,7 @@ LABEL_SIZE = (3.0, 0.8)  # width and height of a label over that distance
 DRAWN = 12  # places of a leg of a reproduced path
 MOST_PARTS = 2  # of a label
 CAPTION = (
-    "Numbers: the segments that begin at a changepoint. Thin line, dots: the program's path and its via points. "
+    "Numbers: the segments that begin at a changepoint. Thin line, dots: the program's path, its via points. "
     "Base frame, flange; equal scale on all axes."
 )
 

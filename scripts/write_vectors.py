@@ -21,6 +21,7 @@ from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.messages import (
     Ack,
     App,
+    AppPath,
     Changepoint,
     Changepoints,
     Close,
@@ -48,6 +49,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
     Undo,
+    ViaPoint,
     WrenchReport,
 )
 
@@ -130,6 +132,22 @@ def examples() -> dict[str, Message]:
         hypotheses=37,
         capped=0,
     )
+    via = ViaPoint(
+        t=1.75,
+        position=(0.5625, -0.125, 0.25),
+        orientation=(1.0, 0.0, 0.0, 0.0),
+        velocity=(0.0625, 0.0, 0.125),
+    )
+    path = AppPath(
+        start=ViaPoint(t=0.0, position=(0.5, -0.25, 0.125), orientation=(1.0, 0.0, 0.0, 0.0)),
+        via=(via,),
+        tn=3.5,
+        length_m=0.375,
+        deviation_m=0.0009765625,
+        deviation_rad=0.0078125,
+        tolerance_m=0.001953125,
+        tolerance_rad=0.015625,
+    )
     app = App(
         kind="transport",
         t0=0.0,
@@ -144,12 +162,20 @@ def examples() -> dict[str, Message]:
         gripper_width=None,
         confidence=0.875,
         segments=(0,),
+        path=path,
     )
     changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
     segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,))
     posterior = Posterior(**OF_RESULT, seq=125, starts=(3.5, 12.0), probabilities=(0.75, 0.25))
     program = Program(
-        **OF_RESULT, version=3, complete=False, apps=(app,), notes=("loads below 0.1 kg are not weighed",)
+        **OF_RESULT,
+        version=3,
+        complete=False,
+        apps=(app,),
+        notes=("loads below 0.1 kg are not weighed",),
+        gaps=(gap,),
+        wrench=wrench,
+        force_limit_n=10.0,
     )
     opening = Open(
         session=SESSION,
@@ -187,6 +213,8 @@ def examples() -> dict[str, Message]:
         wrench,
         refusal,
         status,
+        via,
+        path,
         app,
         program,
         Snapshot(

@@ -98,7 +98,7 @@ class Caesura:
         author: str,
         revision: int | None = None,
     ) -> Ack:
-        """Limit the force [N] of the app in whose time t [s] lies; None: the service's own limit."""
+        """Limit the force [N] of the app in whose time t [s] lies; None: only the cell's limit."""
         return self._edit(station, session, LimitForce(t=t, newton=newton), author, revision)
 
     def undo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:

@@ -23,6 +23,7 @@ MAX_BATCH_SPAN_S = 60.0  # first to last sample of a batch
 MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a sequence number
 MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
+MAX_VIA_POINTS = 64  # of the path of an app
 
 LengthUnit = Literal["m", "cm", "mm"]
 ForceFrame = Literal["base", "flange"]
@@ -57,6 +58,8 @@ Count = Annotated[int, Field(ge=0, lt=1 << 53)]
 Seconds = Annotated[float, Field(allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
+Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
 UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=f"^[^{UNPRINTABLE}]+$")]
 T = TypeVar("T")
@@ -126,6 +129,9 @@ class Open(Message):
     length_unit: LengthUnit = "m"
     preset: Name | None = None  # None: the service's own choice
     bridge: Name | None = None  # names this bridge; another one needs a higher epoch to take the session over
+    force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
+    path_tolerance_m: Tolerance | None = None  # of the apps' paths; None: the service's own choice
+    path_tolerance_rad: Tolerance | None = None
 
 
 class Close(Message):
@@ -172,7 +178,7 @@ class LimitForce(Message):
 
     do: Literal["limit_force"] = "limit_force"
     t: Seconds  # [s]
-    newton: Newtons | None  # None: only the service's own limit
+    newton: Newtons | None  # None: only the cell's limit
 
 
 class Undo(Message):
@@ -355,6 +361,32 @@ class SessionStatus(Result):
     length_unit: LengthUnit = "m"  # of the samples' positions; results are in metres
 
 
+class ViaPoint(Message):
+    """A pose of the flange on the way, base frame."""
+
+    t: Seconds  # [s]
+    position: Vector  # [m]
+    orientation: Quaternion | None  # x y z w
+    velocity: Vector | None = None  # [m/s] with which it was passed; None at the start
+
+
+class AppPath(Message):
+    """The way from the start of an app to its target, as it was taught.
+
+    The reproduced path leads through its start, the via points and the app's target; `caesura_protocol.paths`
+    has the curve between them. Without a via point it is the straight line.
+    """
+
+    start: ViaPoint  # where the demonstration was; the robot may begin elsewhere
+    via: Annotated[tuple[ViaPoint, ...], Field(max_length=MAX_VIA_POINTS)] = ()
+    tn: Seconds  # [s] at the target
+    length_m: float  # of the demonstrated path
+    deviation_m: float  # largest distance from the demonstrated path to the reproduced one
+    deviation_rad: float  # largest angle between the two, 0 where no orientation is known
+    tolerance_m: float  # that was asked for
+    tolerance_rad: float
+
+
 class App(Message):
     """One step of a task program."""
 
@@ -371,6 +403,7 @@ class App(Message):
     gripper_width: float | None  # [m]
     confidence: Probability
     segments: Listed[Count]  # indices of the segments that it came from
+    path: AppPath | None = None  # None: an app that does not move, or whose movement goes on
 
 
 class Program(Message):
@@ -388,6 +421,9 @@ class Program(Message):
     revision: Count = 0  # how many edits the session has had; undo and redo count
     author: str | None = None  # of the last edit
     edited: float | None = None  # [s] time of day (UTC) of the last edit
+    gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
+    wrench: WrenchReport | None = None  # what the force in it is worth
+    force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
 
 
 class Snapshot(Message):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.bridge.batching import Batcher
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -27,7 +28,7 @@ from caesura_service.signals import WrenchCapabilities
 BATCH_SAMPLES = 20
 
 
-def opening_of(recording: Recording, preset: str | None = None) -> Open:
+def opening_of(recording: Recording, preset: str | None = None, setting: Setting = UNSET) -> Open:
     """What a bridge would say of the recording."""
     return Open(
         session="file",
@@ -37,6 +38,7 @@ def opening_of(recording: Recording, preset: str | None = None) -> Open:
         force_frame=recording.force_frame,
         length_unit=recording.length_unit,
         preset=preset,
+        **setting._asdict(),
     )
 
 
@@ -53,13 +55,19 @@ def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
         yield samples_of(batch, recording.columns, Limits())
 
 
-def views(recording: Recording, preset: str = "default", *, threshold: float | None = None) -> Iterator[View]:
+def views(
+    recording: Recording,
+    preset: str = "default",
+    *,
+    threshold: float | None = None,
+    setting: Setting = UNSET,
+) -> Iterator[View]:
     """What is known after every batch of a recording, and last of all after its end.
 
     threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values
     that cannot be segmented.
     """
-    pipeline = make_pipeline(opening_of(recording, preset), preset, threshold=threshold)
+    pipeline = make_pipeline(opening_of(recording, preset, setting), preset, threshold=threshold)
     taken = 0
     for samples in batches(recording):
         try:
@@ -107,10 +115,11 @@ def segment_recording(
     preset: str = "default",
     *,
     threshold: float | None = None,
+    setting: Setting = UNSET,
     progress: Callable[[int], None] = lambda samples: None,
 ) -> View:
     """Segment a whole recording; progress is told how many samples have been taken. As `views`."""
-    for view in views(recording, preset, threshold=threshold):
+    for view in views(recording, preset, threshold=threshold, setting=setting):
         progress(view.samples)
     return view
 
@@ -121,6 +130,8 @@ def as_json(view: View) -> dict[str, Any]:
         "segments": [segment.model_dump(mode="json") for segment in view.segments],
         "changepoints": [changepoint.model_dump(mode="json") for changepoint in view.changepoints],
         "program": [app.model_dump(mode="json") for app in view.apps],
+        "force_limit_n": view.force_limit_n,
+        "notes": list(view.notes),
         "gaps": [gap.model_dump(mode="json") for gap in view.gaps],
         "wrench": view.wrench.model_dump(mode="json"),
         "delay_s": view.delay_s,

@@ -39,7 +39,7 @@ def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> 
         done = caesura("program", "--file", program, "--format", name, "-o", out)
         assert done.exit_code == 0, done.output
     assert "Move To Contact" in outs["table"].read_text("utf-8")
-    assert json.loads(outs["json"].read_text("utf-8"))["version"] == 1
+    assert json.loads(outs["json"].read_text("utf-8"))["version"] == 2
     assert "MAX_SPEED_M_PER_S" in outs["franky"].read_text("utf-8")
     assert Xml.parse(outs["bt"]).getroot().get("BTCPP_format") == "4"
     assert "Apply Force" in caesura("program", "--file", program).output
@@ -52,10 +52,10 @@ def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Pa
     program.write_text(json.dumps(content), encoding="utf-8")
     done = caesura("check", program)
     assert done.exit_code == 1
-    assert "error: app 1 (apply_force): force 40 N, expected 1 to 10 N" in done.output
+    assert "error: app 1 (apply_force): force 40 N, expected 1 to 28.5 N" in done.output
     assert "cannot be run" in done.output
     (finding,) = json.loads(caesura("check", program, "--json").output)
-    assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 10.0)
+    assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 28.5)
 
 
 def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:

@@ -22,7 +22,15 @@ def test_every_kind_of_app_has_a_title():
 
 
 def test_what_an_app_does_not_have_is_not_shown():
-    bare = app(target=None, force=None, force_taught=None, load_kg=None, load_sd_kg=None, gripper_width=None)
+    bare = app(
+        target=None,
+        force=None,
+        force_taught=None,
+        load_kg=None,
+        load_sd_kg=None,
+        gripper_width=None,
+        path=None,
+    )
     assert lines(bare) == {}
 
 
@@ -34,7 +42,8 @@ def test_targets_forces_and_loads_have_their_units():
     assert lines(one) == {
         "target": "(0.300, -0.100, 0.250) m",
         "force": "(0.0, 0.0, -9.0) N",
-        "taught": "(0.0, 0.0, -12.0) N",
+        "path": "0.375 m, 1 via points, within 1.0 mm",
+        "taught": "(0.0, 0.0, -12.0) N: 9.0 N of 12.0 N taught",
         "load": "250 ± 10 g",
         "gripper": "40 mm",
     }

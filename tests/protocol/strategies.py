@@ -43,7 +43,13 @@ def _bounded(annotation: Any, bounds: dict[str, Any]) -> st.SearchStrategy[Any]:
     origin, arguments = get_origin(annotation), get_args(annotation)
     strategies: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
         int: lambda: st.integers(bounds.get("ge", 0), bounds.get("le", bounds.get("lt", 2**53) - 1)),
-        float: lambda: st.floats(bounds.get("ge"), bounds.get("le"), allow_nan=False, allow_infinity=False),
+        float: lambda: st.floats(
+            bounds.get("ge", bounds.get("gt")),
+            bounds.get("le"),
+            exclude_min="gt" in bounds,
+            allow_nan=False,
+            allow_infinity=False,
+        ),
         str: lambda: NAMES if "pattern" in bounds else st.text(max_size=20),
         Literal: lambda: st.sampled_from(arguments),
         Union: lambda: st.one_of([of(argument) for argument in arguments]),

@@ -41,6 +41,7 @@ from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
+from caesura_clients.programs.safety import Setting
 from caesura_clients.recording import OPTIONS, contradiction, is_option
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
@@ -89,7 +90,7 @@ class Bridge:
         self.settings = settings or BridgeSettings()
         self.acknowledged = 0  # batches that the service is known to have
         self._source = source
-        self._open = _opening(source, self.session, epoch, preset)
+        self._open = _opening(source, self.session, epoch, preset, self.settings.setting)
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
@@ -328,7 +329,7 @@ def new_bridge_name() -> str:
     return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
 
 
-def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Open:
+def _opening(source: Source, session: str, epoch: int, preset: str | None, setting: Setting) -> Open:
     # A source that was written for an earlier version does not state whether a hand is on the robot.
     hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
     for name, known in OPTIONS.items():
@@ -347,4 +348,5 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None) -> Op
         length_unit=source.length_unit,
         preset=preset,
         bridge=new_bridge_name(),
+        **setting._asdict(),
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from caesura_clients.programs.safety import UNSET, Setting
+
 
 @dataclass(frozen=True)
 class BridgeSettings:
@@ -20,3 +22,4 @@ class BridgeSettings:
     reopen_s: float = 15.0  # between openings that nothing asks for, should a service's coming go unnoticed
     stall_s: float = 0.5  # without progress, missing batches are sent again
     close_timeout_s: float = 10.0
+    setting: Setting = UNSET  # what the station's cell asks of its programs

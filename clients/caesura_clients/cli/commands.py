@@ -21,14 +21,18 @@ from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
 from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
+    AngleTolerance,
     Config,
     Connect,
+    ForceLimit,
     HandOnRobot,
+    PathTolerance,
     Station,
     WrenchSource,
     connected,
     named,
     reported,
+    setting_of,
 )
 from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
@@ -80,6 +84,9 @@ def bridge(
     scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
+    force_limit: ForceLimit = None,
+    path_tolerance: PathTolerance = None,
+    angle_tolerance: AngleTolerance = None,
     epoch: Annotated[
         int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
     ] = 0,
@@ -112,7 +119,9 @@ def bridge(
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     with reported():
         named(station)
-        settings = BridgeSettings(batch_samples=batch)
+        settings = BridgeSettings(
+            batch_samples=batch, setting=setting_of(force_limit, path_tolerance, angle_tolerance)
+        )
         with (
             _opened_source(source, options) as samples,
             connected(endpoint, config, patient=True) as caesura,

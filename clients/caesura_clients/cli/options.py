@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,8 @@ import typer
 from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
 from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.programs.document import ProgramFile
+from caesura_clients.programs.safety import Safety, Setting, read_safety
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
@@ -41,8 +44,37 @@ WrenchSource = Annotated[
 HandOnRobot = Annotated[
     str | None, typer.Option(help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}.")
 ]
+ForceLimit = Annotated[
+    float | None,
+    typer.Option(min=0.1, help="The cell's limit [N]: no app exerts more. Without it, as it was taught."),
+]
+PathTolerance = Annotated[
+    float | None, typer.Option(min=0.1, help="Of the apps' paths [mm]; by default the service's, 2.")
+]
+AngleTolerance = Annotated[
+    float | None, typer.Option(min=0.1, help="Of the orientations on them [°]; by default the service's, 1.")
+]
+CellFile = Annotated[
+    Path | None,
+    typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
+
+
+def setting_of(force_n: float | None, path_mm: float | None, angle_deg: float | None) -> Setting:
+    """What the options ask of programs."""
+    return Setting(
+        force_n,
+        None if path_mm is None else path_mm / 1000.0,
+        None if angle_deg is None else math.radians(angle_deg),
+    )
+
+
+def safety_of(program: ProgramFile, cell: Path | None, force_n: float | None) -> Safety:
+    """The limits for a program: those of the cell's file, or the program's own. Raises CaesuraError."""
+    safety = program.safety if cell is None else read_safety(cell)
+    return safety if force_n is None else safety.model_copy(update={"force_n": force_n})
 
 
 def connected(endpoint: str | None, config: Path | None, *, patient: bool = False) -> Caesura:

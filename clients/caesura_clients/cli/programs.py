@@ -9,10 +9,27 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
+from caesura_clients.cli.options import (
+    CellFile,
+    Config,
+    Connect,
+    ForceLimit,
+    Json,
+    Station,
+    connected,
+    only_station,
+    reported,
+    safety_of,
+)
 from caesura_clients.cli.show import apps_table, program_view
 from caesura_clients.errors import CaesuraError
-from caesura_clients.programs.document import BadProgramError, ProgramFile, document, read_document
+from caesura_clients.programs.document import (
+    BadProgramError,
+    ProgramFile,
+    document,
+    in_cell,
+    read_document,
+)
 from caesura_clients.programs.formats import WRITERS
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
@@ -37,6 +54,8 @@ def program(
         typer.Option("--format", help="What to write; franky: a script, bt: BehaviorTree.CPP."),
     ] = ProgramFormat.TABLE,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
+    cell: CellFile = None,
+    force_limit: ForceLimit = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -47,16 +66,22 @@ def program(
     """
     with reported():
         if file is not None:
-            write_program(read_document(file), output_format, out)
+            write_program(_in_cell(read_document(file), cell, force_limit), output_format, out)
             return
         with connected(endpoint, config) as caesura:
             found = caesura.program(only_station(caesura, station))
         if as_json:
             typer.echo(found.model_dump_json(indent=2))
-        elif output_format is ProgramFormat.TABLE and out is None:
+        elif output_format is ProgramFormat.TABLE and out is None and cell is None and force_limit is None:
             Console().print(program_view(found))
         else:
-            write_program(document(found), output_format, out)
+            write_program(_in_cell(document(found), cell, force_limit), output_format, out)
+
+
+def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None) -> ProgramFile:
+    if cell is None and force_limit is None:
+        return program
+    return in_cell(program, safety_of(program, cell, force_limit))
 
 
 def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path | None) -> None:

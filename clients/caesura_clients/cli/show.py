@@ -13,7 +13,9 @@ from rich.text import Text
 
 from caesura_clients.query import SessionInfo
 from caesura_clients.recording import Recording, did_you_mean
+from caesura_protocol.limiting import force_in_words
 from caesura_protocol.messages import App, Program, Refusal, Segment, SessionStatus, Vector
+from caesura_protocol.paths import path_in_words
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
@@ -102,13 +104,14 @@ def program_view(program: Program) -> RenderableType:
 def apps_table(apps: Sequence[App], title: str) -> Table:
     """One app a row."""
     table = Table(
-        "#", "app", "target \\[mm]", "force, load", "time \\[s]", "confidence", title=title, **PLAIN
+        "#", "app", "target \\[mm]", "path", "force, load", "time \\[s]", "confidence", title=title, **PLAIN
     )
     for index, app in enumerate(apps):
         table.add_row(
             str(index),
             app.kind.replace("_", " ").title(),
             "" if app.target is None else " ".join(f"{1000 * x:4.0f}" for x in app.target),
+            path_in_words(app),
             _effort_of_app(app),
             f"{app.t0:5.2f}–{app.tn:.2f}",
             f"{app.confidence:.2f}",
@@ -152,6 +155,6 @@ def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> s
 def _effort_of_app(app: App) -> str:
     if app.gripper_width is not None and app.force is None:
         return f"{1000 * app.gripper_width:.0f} mm"
-    if app.force is None and app.load_kg is None:
-        return ""
-    return _effort(app.force or (0.0, 0.0, 0.0), app.load_kg, app.load_sd_kg)
+    if app.load_kg is None:
+        return force_in_words(app)
+    return _effort((0.0, 0.0, 0.0), app.load_kg, app.load_sd_kg)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
 
 NEWEST = 100  # apps that are drawn
@@ -43,20 +44,16 @@ def card(number: int, app: App) -> dict[str, Any]:
         "tn": round(app.tn, 2),
         "confidence": round(app.confidence, 2),
         "segments": list(app.segments),
-        "limited": limited(app),
+        "limited": is_limited(app),
         "lines": [[name, value] for name, value in _lines(app) if value],
     }
 
 
-def limited(app: App) -> bool:
-    """Does an operator's limit hold the force below what was taught?"""
-    return app.force is not None and app.force_taught is not None and app.force != app.force_taught
-
-
 def _lines(app: App) -> list[tuple[str, str]]:
-    taught = vector(app.force_taught, "N", 1) if limited(app) else ""
+    taught = f"{vector(app.force_taught, 'N', 1)}: {force_in_words(app)}" if is_limited(app) else ""
     return [
         ("target", vector(app.target, "m", 3)),
+        ("path", path(app)),
         ("force", vector(app.force, "N", 1)),
         ("taught", taught),
         ("load", load(app)),
@@ -73,6 +70,14 @@ def vector(values: Vector | None, unit: str, digits: int) -> str:
     if values is None:
         return ""
     return f"({', '.join(f'{round(v, digits) + 0.0:.{digits}f}' for v in values)}) {unit}"
+
+
+def path(app: App) -> str:
+    """How long the way was, by how many via points it leads, and how far it is off at most."""
+    if app.path is None:
+        return ""
+    via, off = len(app.path.via), f"within {1000 * app.path.deviation_m:.1f} mm"
+    return f"{app.path.length_m:.3f} m, {f'{via} via points, {off}' if via else f'straight {off}'}"
 
 
 def load(app: App) -> str:

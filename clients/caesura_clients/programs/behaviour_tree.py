@@ -6,13 +6,15 @@ does is the business of the node registered under its name (https://www.behavior
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
 from caesura_clients.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.messages import AppKind
+from caesura_protocol.limiting import is_limited
+from caesura_protocol.messages import AppKind, AppPath
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
@@ -38,12 +40,23 @@ MOST = Port("max_force", DOUBLE, "force at which to stop [N]")
 CONTACT = Port("contact_force", DOUBLE, "force from which a contact is one [N]")
 SEARCH = Port("search", DOUBLE, "how far past the target a contact is looked for [m]")
 
-PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, SPEED, MOST)
+VIA = Port(
+    "via",
+    DOUBLES,
+    "via points from the start of the path on, each t;x;y;z;qx;qy;qz;qw;vx;vy;vz: [s] since the start, pose, "
+    "velocity [m/s]; nan for what is not known",
+)
+ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the path [s]")
+LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
+TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
+
+PATH = (VIA, ARRIVES, LENGTH)
+PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, SPEED, MOST)
 PORTS: Mapping[AppKind, tuple[Port, ...]] = MappingProxyType(
     {
         "cartesian_motion": PLACE,
         "move_to_contact": (*PLACE, CONTACT, SEARCH),
-        "apply_force": (FORCE, TARGET, ORIENTATION, JOINTS, SECONDS, MOST),
+        "apply_force": (FORCE, TAUGHT, TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, MOST),
         "grasp": (WIDTH,),
         "gripper_move": (WIDTH,),
         "transport": (*PLACE, LOAD),
@@ -88,6 +101,10 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         JOINTS.name: app.joints,
         SECONDS.name: app.tn - app.t0,
         FORCE.name: app.force,
+        TAUGHT.name: app.force_taught if is_limited(app) else None,
+        VIA.name: None if app.path is None else _via(app.path),
+        ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
+        LENGTH.name: None if app.path is None else app.path.length_m,
         WIDTH.name: app.gripper_width,
         LOAD.name: app.load_kg,
         SPEED.name: safety.speed_m_per_s,
@@ -97,6 +114,21 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
     }
     ports = [(port.name, values[port.name]) for port in PORTS[app.kind]]
     return {name: _text(value) for name, value in ports if value is not None}
+
+
+def _via(path: AppPath) -> list[float]:
+    """All numbers of its start and via points, one after the other."""
+    unknown = (math.nan,) * 4
+    return [
+        number
+        for one in (path.start, *path.via)
+        for number in (
+            one.t - path.start.t,
+            *one.position,
+            *(one.orientation or unknown),
+            *(one.velocity or unknown[:3]),
+        )
+    ]
 
 
 def _text(value: Sequence[float] | float) -> str:

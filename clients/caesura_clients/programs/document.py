@@ -11,16 +11,17 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.safety import DEFAULT, Safety
-from caesura_protocol.messages import App, AppKind, Name, Program
+from caesura_protocol.limiting import with_force_limit
+from caesura_protocol.messages import MAX_GAPS, App, AppKind, Gap, Name, Program, WrenchReport
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
-VERSION: Literal[1] = 1
+VERSION: Literal[2] = 2
 Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
 
 UNITS: Mapping[str, str] = MappingProxyType(
@@ -28,6 +29,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "target": "m, flange in the base frame",
         "orientation": "quaternion x y z w, flange in the base frame",
         "joints": "rad",
+        "path": "as target and orientation; its times are those of the demonstration",
         "force": "N that the robot exerts, base frame",
         "load": "kg",
         "gripper_width": "m between the fingers",
@@ -58,12 +60,12 @@ class ProgramStep(App):
 
 
 class ProgramFile(BaseModel):
-    """The document. Readers of version 1 ignore fields that they do not know."""
+    """The document. Readers ignore fields that they do not know; version 1 has neither paths nor gaps."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     format: Literal["caesura.program"] = FORMAT
-    version: Literal[1] = VERSION
+    version: Literal[1, 2] = VERSION
     units: dict[str, str] = Field(default_factory=lambda: dict(UNITS))
     station: Name
     session: Name
@@ -75,6 +77,8 @@ class ProgramFile(BaseModel):
     safety: Safety = DEFAULT
     apps: tuple[ProgramStep, ...]
     notes: tuple[str, ...] = ()
+    gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
+    wrench: WrenchReport | None = None
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
@@ -82,7 +86,9 @@ class ProgramFile(BaseModel):
 
 
 def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
-    """A program from the wire as a document."""
+    """A program from the wire as a document; the cell's force limit is that of the program, if it has one."""
+    if program.force_limit_n is not None:
+        safety = safety.model_copy(update={"force_n": program.force_limit_n})
     return ProgramFile(
         station=program.station,
         session=program.session,
@@ -94,6 +100,8 @@ def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
         safety=safety,
         apps=tuple(_step(app) for app in program.apps),
         notes=program.notes,
+        gaps=program.gaps,
+        wrench=program.wrench,
     )
 
 
@@ -103,6 +111,13 @@ def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT)
     t = max((app.tn for app in apps), default=0.0)
     steps = tuple(_step(app) for app in apps)
     return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=steps)
+
+
+def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
+    """The program in another cell: no app exerts more than its limit."""
+    most = safety.force_n
+    steps = program.apps if most is None else tuple(with_force_limit(app, most) for app in program.apps)
+    return program.model_copy(update={"safety": safety, "apps": steps})
 
 
 def read_document(path: Path) -> ProgramFile:
@@ -124,7 +139,10 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         return ProgramFile.model_validate(content)
     if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
         apps = [App.model_validate(app) for app in content["program"]]
-        return document_of_apps(tuple(apps), name)
+        safety = Safety(force_n=content.get("force_limit_n"))
+        taught = {key: content[key] for key in ("notes", "gaps", "wrench") if key in content}
+        written = document_of_apps(tuple(apps), name, safety)
+        return ProgramFile.model_validate(written.model_dump() | taught)
     return document(Program.model_validate(content))
 
 

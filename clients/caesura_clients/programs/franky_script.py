@@ -12,14 +12,15 @@ from typing import Any
 
 from caesura_clients.programs.document import ProgramFile, ProgramStep
 from caesura_clients.programs.safety import Safety
+from caesura_protocol.limiting import is_limited
 
-FIELDS = ("target", "orientation", "joints", "force", "load_kg", "gripper_width")
+FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
 MARK_LIMITS, MARK_APPS, MARK_NAME = "# <LIMITS>", "# <APPS>", "<NAME>"
 CONSTANTS = {
     "MAX_SPEED_M_PER_S": ("speed_m_per_s", "of the flange, never faster"),
     "CONTACT_SPEED_M_PER_S": ("contact_speed_m_per_s", "where a contact is looked for"),
-    "MAX_FORCE_N": ("force_n", "that an app may ask for"),
+    "MAX_FORCE_N": ("most_force_n", "that an app may ask for"),
     "STOP_FORCE_N": ("felt_force_n", "of anything: the robot stops"),
     "CONTACT_FORCE_N": ("contact_n", "from which a contact is one"),
     "SEARCH_M": ("search_m", "past its target that a contact is looked for"),
@@ -56,7 +57,23 @@ def _row(app: ProgramStep) -> dict[str, Any]:
     for name in FIELDS:
         value = getattr(app, name)
         if value is not None:
-            row[name] = (
-                tuple(round(x, DIGITS) for x in value) if isinstance(value, tuple) else round(value, DIGITS)
+            row[name] = _rounded(value)
+    if not is_limited(app):
+        row.pop("force_taught", None)
+    if app.path is not None:
+        points, began = (app.path.start, *app.path.via), app.path.start.t
+        row["path"] = [
+            (
+                round(one.t - began, 3),
+                *map(_rounded, (one.position, one.orientation, one.velocity)),
             )
+            for one in points
+        ]
+        row["arrives"] = round(app.path.tn - began, 3)
     return row
+
+
+def _rounded(value: tuple[float, ...] | float | None) -> Any:
+    if isinstance(value, tuple):
+        return tuple(round(x, DIGITS) for x in value)
+    return None if value is None else round(value, DIGITS)

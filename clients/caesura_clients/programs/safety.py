@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pathlib import Path
+from typing import Annotated, NamedTuple
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from caesura_clients.errors import CaesuraError
 from caesura_protocol.messages import Vector
+
+STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is stopped
 
 
 class Safety(BaseModel):
@@ -15,7 +21,9 @@ class Safety(BaseModel):
     speed_m_per_s: float = 0.6  # never faster
     contact_speed_m_per_s: float = 0.05  # where a contact is looked for
     turn_rad_per_s: float = 1.5
-    force_n: float = 10.0  # that a program may ask for
+    force_n: Annotated[float, Field(gt=0.0)] | None = (
+        None  # the cell's limit of what a program may ask for; None: it has none
+    )
     felt_force_n: float = 30.0  # of anything, before the robot stops
     contact_n: float = 4.0  # from which a contact is one
     search_m: float = 0.04  # past its target that a contact is looked for
@@ -29,5 +37,37 @@ class Safety(BaseModel):
     pause_s: float = 10.0  # between two apps; a longer one is shortened
     least_confidence: float = 0.5  # below it an app is named
 
+    @property
+    def most_force_n(self) -> float:
+        """[N] that a program may ask for: the cell's limit, and less than what stops the robot."""
+        stops = STOP_SHARE * self.felt_force_n
+        return stops if self.force_n is None else min(self.force_n, stops)
+
 
 DEFAULT = Safety()
+
+
+class Setting(NamedTuple):
+    """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
+
+    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad].
+    """
+
+    force_limit_n: float | None = None
+    path_tolerance_m: float | None = None
+    path_tolerance_rad: float | None = None
+
+
+UNSET = Setting()
+
+
+def read_safety(path: Path) -> Safety:
+    """The limits of a cell: a JSON object with those that are not the default. Raises CaesuraError."""
+    try:
+        return Safety.model_validate_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CaesuraError(f"cannot read {path}: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise CaesuraError(f"{path}: {place}: {first['msg']}, got {first['input']!r:.80}") from error

@@ -11,7 +11,7 @@ import typer
 
 from caesura_clients.bridge.teacher.person import THESIS, draw_person
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
-from caesura_clients.cli.options import Json, reported
+from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.programs.document import ProgramFile, read_document
 
@@ -24,21 +24,25 @@ Cell = Annotated[
 ]
 
 
-def check(file: ProgramPath, scenario: Cell = None, as_json: Json = False) -> None:
+def check(
+    file: ProgramPath,
+    scenario: Cell = None,
+    cell_file: CellFile = None,
+    force_limit: ForceLimit = None,
+    as_json: Json = False,
+) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
     # Pinocchio takes a second to load: only for who needs it.
+    from caesura_service.execution.checks import Taught  # noqa: PLC0415
     from caesura_service.execution.checks import check as look  # noqa: PLC0415
     from caesura_service.execution.limits import Cell as Place  # noqa: PLC0415
     from caesura_service.execution.world import World  # noqa: PLC0415
 
     with reported():
         program = read_document(file)
-        cell = (
-            Place(program.safety)
-            if scenario is None
-            else World(_scenario(scenario), THESIS.load_kg).cell(program.safety)
-        )
-        report = look(program.apps, cell, program.notes)
+        safety = safety_of(program, cell_file, force_limit)
+        cell = Place(safety) if scenario is None else World(_scenario(scenario), THESIS.load_kg).cell(safety)
+        report = look(program.apps, cell, Taught(program.gaps, program.wrench))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:
@@ -84,9 +88,7 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        done = run(
-            program.apps, Place(_scenario(scenario), person, seed), program.safety, notes=program.notes
-        )
+        done = run(program.apps, Place(_scenario(scenario), person, seed), program.safety)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
         raise BadSource(f"{program.station}/{program.session} is refused:\n{lines}") from refused

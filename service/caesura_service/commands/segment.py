@@ -11,9 +11,18 @@ import typer
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
+from caesura_clients.cli.options import (
+    AngleTolerance,
+    ForceLimit,
+    HandOnRobot,
+    PathTolerance,
+    WrenchSource,
+    reported,
+    setting_of,
+)
 from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
@@ -37,6 +46,9 @@ def segment(
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
+    force_limit: ForceLimit = None,
+    path_tolerance: PathTolerance = None,
+    angle_tolerance: AngleTolerance = None,
     mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
@@ -50,13 +62,17 @@ def segment(
             length_unit=length_unit,
             mapping=mapping,
         )
-        view = segmented(recording, preset, threshold)
+        view = segmented(
+            recording, preset, threshold, setting_of(force_limit, path_tolerance, angle_tolerance)
+        )
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))
 
 
-def segmented(recording: Recording, preset: str, threshold: float | None = None) -> View:
+def segmented(
+    recording: Recording, preset: str, threshold: float | None = None, setting: Setting = UNSET
+) -> View:
     """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
@@ -65,6 +81,7 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
                 recording,
                 preset,
                 threshold=threshold,
+                setting=setting,
                 progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:

@@ -15,15 +15,17 @@ from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind
+from caesura_protocol.paths import Curve
 from caesura_service.execution.arm import Arm, Felt, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
-from caesura_service.execution.motion import Glide, Turn, rotation_of
+from caesura_service.execution.motion import course, rotation_of, turning_of
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
 RISE_S, LET_GO_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 8.0, 8.0
 YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
+STANDING_N = 10.0  # with which it stays on what it stands on
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
@@ -60,10 +62,12 @@ class Acting:
     def stay(self, seconds: float) -> None:
         """Hold the place, or what is stood on, for some seconds."""
         if self.along is not None:
-            self.press(self.safety.force_n, seconds)
+            self.press(min(STANDING_N, self.safety.most_force_n), seconds)
             return
         for _ in range(round(seconds / DT)):
-            self.tick(replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3)))
+            self.tick(
+                replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
+            )
 
     def send_fingers(self, width_m: float) -> None:
         """Move the fingers to a width [m], or to what is between them, and let everything settle."""
@@ -89,18 +93,17 @@ class Acting:
             still.position = still.position + 0.1 * (self.felt.position - still.position)
             self.arm.tick(still)
 
-    def go(self, target: Array, rotation: Array, seconds: float, *, until: Array | None = None) -> None:
-        """Move to a place; or until something is felt in a direction (3,), past the place if need be."""
+    def go(self, app: App, *, until: Array | None = None) -> None:
+        """Follow an app's path; or until something is felt in a direction (3,), past its target if need."""
         self.let_go()
-        start = self.setpoint.position
-        search = self._search_speed(target - start, seconds, until)
-        arriving = np.zeros(3) if until is None else search * until
-        glide = Glide(start, target, seconds, arriving)
-        turn = Turn(self.setpoint.rotation, rotation, seconds)
+        start, seconds = self.setpoint, _seconds(app)
+        search = self._search_speed(app, until)
+        arriving = None if until is None else search * until
+        path = course(app, start.position, start.rotation, seconds, arriving)
         search_s = 0.0 if until is None else self.safety.search_m / search
         weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
         for k in range(1, round((seconds + search_s) / DT) + 1):
-            felt = self.tick(Setpoint(*_first(glide.at(k * DT), turn.at(k * DT))))
+            felt = self.tick(self._on(path, k * DT))
             if k == weighed:
                 self._weigh(felt)
             if until is not None and k > weighed and -float(until @ felt.force) > self.safety.contact_n:
@@ -111,23 +114,26 @@ class Acting:
             raise Stopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
     def press(
-        self, force_n: float, seconds: float, aside: Array | None = None, slide_to: Array | None = None
+        self, force_n: float, seconds: float, aside: Array | None = None, path: Curve | None = None
     ) -> None:
-        """Press along the direction of the contact for some seconds; aside: (3,) [N] across it."""
+        """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
+
+        path: to slide along meanwhile; what of it leads along the contact is left to the force.
+        """
         along = self.along
         if along is None:
             raise Stopped(NOTHING_TO_PRESS)
         aside = np.zeros(3) if aside is None else aside
         rise = min(RISE_S, 0.4 * seconds)
         place, begun, began_n = self.setpoint.position, self.felt.position, self._pressed_n
-        glide = Glide(place, place if slide_to is None else slide_to, seconds, np.zeros(3))
+        still = replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
         for k in range(1, round(seconds / DT) + 1):
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
-            position, velocity, acceleration = glide.at(k * DT)
+            setpoint = still if path is None else self._on(path, k * DT)
+            deep = along * (along @ (setpoint.position - place))
             push = along * (want + self._correction_n) + share * aside
-            setpoint = Setpoint(position, self.setpoint.rotation, velocity, acceleration, push, along)
-            felt = self.tick(setpoint)
+            felt = self.tick(replace(setpoint, position=setpoint.position - deep, push=push, along=along))
             self._pressed_n = want
             wrong = want + float(along @ felt.force)
             self._correction_n = float(
@@ -148,10 +154,10 @@ class Acting:
         start = self.setpoint.position
         leaving = along * max(float(along @ self.felt.twist[:3]), 0.0)
         arriving = SINK_M_PER_S * along
-        glide = Glide(start, start + depth_m * along, seconds, arriving, leaving)
+        ends = [start, start + depth_m * along]
+        path = Curve.through([0.0, seconds], ends, leaving=leaving, arriving=arriving)
         for k in range(1, round((seconds + BEYOND_M / SINK_M_PER_S) / DT) + 1):
-            position, velocity, acceleration = glide.at(k * DT)
-            felt = self.tick(Setpoint(position, self.setpoint.rotation, velocity, acceleration))
+            felt = self.tick(self._on(path, k * DT))
             if -float(along @ felt.force) >= force_n:
                 break
         self._stand_on(along)
@@ -169,9 +175,20 @@ class Acting:
         self.along, self._pressed_n, self._correction_n = None, 0.0, 0.0
         self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
 
-    def _search_speed(self, way: Array, seconds: float, until: Array | None) -> float:
+    def _on(self, path: Curve, t: float) -> Setpoint:
+        """Where a path is at a time [s]; without orientation it keeps the one that it has."""
+        value, velocity, acceleration = path.at(t)
+        setpoint = Setpoint(value[:3], self.setpoint.rotation, velocity[:3], acceleration[:3])
+        if len(value) == 7:
+            x, y, z, w = value[3:].tolist()
+            setpoint.rotation = rotation_of((x, y, z, w))
+            setpoint.turning = turning_of(value[3:], velocity[3:])
+        return setpoint
+
+    def _search_speed(self, app: App, until: Array | None) -> float:
         """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
-        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / seconds
+        way = target_of(self, app)[0] - self.setpoint.position
+        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / _seconds(app)
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
 
     def _weigh(self, felt: Felt) -> None:
@@ -196,11 +213,6 @@ class Acting:
         self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
 
 
-def _first(moved: tuple[Array, Array, Array], rotation: Array) -> tuple[Array, Array, Array, Array]:
-    position, velocity, acceleration = moved
-    return position, rotation, velocity, acceleration
-
-
 def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
     """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
     position = acting.setpoint.position if app.target is None else np.array(app.target)
@@ -222,14 +234,14 @@ def _seconds(app: App) -> float:
 
 
 def _move(acting: Acting, app: App, following: App | None) -> None:
-    acting.go(*target_of(acting, app), _seconds(app))
+    acting.go(app)
 
 
 def _touch(acting: Acting, app: App, following: App | None) -> None:
-    target, rotation = target_of(acting, app)
+    _, rotation = target_of(acting, app)
     force = following.force if following is not None and following.kind == "apply_force" else None
     until = press_direction(rotation, None if force is None else np.array(force))
-    acting.go(target, rotation, _seconds(app), until=until)
+    acting.go(app, until=until)
 
 
 def _carry(acting: Acting, app: App, following: App | None) -> None:
@@ -255,12 +267,10 @@ def _apply(acting: Acting, app: App, following: App | None) -> None:
         sinking = min(max(SINK_S, depth / SINKING_M_PER_S), 0.5 * seconds)
         acting.sink(depth, straight, sinking)
         seconds -= sinking
-    acting.press(
-        straight,
-        seconds,
-        None if slides else aside,
-        acting.setpoint.position + across if slides else None,
-    )
+    path = None
+    if slides or app.path is not None:
+        path = course(app, acting.setpoint.position, acting.setpoint.rotation, seconds)
+    acting.press(straight, seconds, None if slides else aside, path)
 
 
 def _grasp(acting: Acting, app: App, following: App | None) -> None:

@@ -43,7 +43,8 @@ class Setpoint:
     """What the controller is asked for; base frame.
 
     position, velocity, acceleration: (3,) of the flange; rotation: (3, 3); push: (3,) [N] of its own;
-    along: (3,) the direction in which force is controlled instead of place, zeros for none.
+    along: (3,) the direction in which force is controlled instead of place, zeros for none; turning: (3,)
+    [rad/s].
     """
 
     position: Array
@@ -52,6 +53,7 @@ class Setpoint:
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
     push: Array = field(default_factory=lambda: np.zeros(3))
     along: Array = field(default_factory=lambda: np.zeros(3))
+    turning: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -135,4 +137,6 @@ class Arm:
         force[2] += GRAVITY * self.load_kg
         turn = want.rotation @ rotation.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        return np.concatenate([force, TURN_STIFFNESS_NM * error - TURN_DAMPING_NMS * twist[3:]])
+        return np.concatenate(
+            [force, TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (want.turning - twist[3:])]
+        )

@@ -23,7 +23,7 @@ from caesura_clients.recording import Recording
 from caesura_protocol.messages import App, WrenchSource
 from caesura_service.execution.acts import Acting
 from caesura_service.execution.arm import Arm
-from caesura_service.execution.checks import check
+from caesura_service.execution.checks import Taught, check
 from caesura_service.execution.findings import RefusedError
 from caesura_service.execution.guard import Stopped
 from caesura_service.execution.world import World
@@ -46,13 +46,15 @@ class Place:
 class Done:
     """How a run went.
 
-    stopped: why it was stopped, None where it was not; at: the app during which, counted from 0.
+    stopped: why it was stopped, None where it was not; at: the app during which, counted from 0; spans: when
+    each app that was begun began and ended [s].
     """
 
     trace: Trace
     recording: Recording
     stopped: str | None
     at: int | None
+    spans: tuple[tuple[float, float], ...] = ()
 
 
 def execute(
@@ -60,12 +62,12 @@ def execute(
     place: Place,
     safety: Safety = DEFAULT,
     *,
-    notes: Sequence[str] = (),
+    taught: Taught | None = None,
     robot: Robot | None = None,
 ) -> Done:
     """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
     robot = robot or load_panda()
-    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), notes, robot)
+    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), taught, robot)
     if not report.passed:
         raise RefusedError(report)
     return run(apps, place, safety, robot)
@@ -78,11 +80,13 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         Arm(robot, World(place.scenario, place.person.load_kg), friction=place.person.joint_friction), safety
     )
     stopped, at = None, None
+    spans: list[tuple[float, float]] = []
     try:
         acting.stay(BEGIN_S)
         for index, (app, following) in enumerate(zip_longest(apps, apps[1:])):
-            at = index
+            at, began = index, acting.arm.t
             acting.run(app, following)
+            spans.append((began, acting.arm.t))
             acting.stay(_pause(app, following, safety))
         at = None
         acting.let_go()
@@ -91,7 +95,7 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         stopped = str(reason)
         acting.brake(BRAKE_S)
     trace = acting.arm.trace()
-    return Done(trace, _recorded(trace, place, robot), stopped, at)
+    return Done(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
 
 
 def _pause(app: App, following: App | None, safety: Safety) -> float:

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
-from caesura_clients.programs.safety import Safety
+from caesura_clients.programs.safety import STOP_SHARE, Safety
 from caesura_service.execution.arm import Arm, Felt
 
-SHARE = 0.95  # of a speed or force, from which on it stops
 EDGE_M = 0.002  # before the edge of the workspace
 JOINT_MARGIN_RAD = 0.02
 BRAKING_S = 0.08
@@ -30,7 +29,7 @@ class Guard:
         self._low = np.array(safety.workspace_low) + EDGE_M
         self._high = np.array(safety.workspace_high) - EDGE_M
         self._lower, self._upper = arm.lower + JOINT_MARGIN_RAD, arm.upper - JOINT_MARGIN_RAD
-        self._joint_speeds = SHARE * arm.joint_speeds
+        self._joint_speeds = STOP_SHARE * arm.joint_speeds
 
     def look(self, felt: Felt) -> None:
         """Raises Stopped where a limit is reached."""
@@ -42,7 +41,7 @@ class Guard:
         self._between("joint speed", felt.v, -self._joint_speeds, self._joint_speeds, "rad/s")
 
     def _scalar(self, what: str, value: float, limit: float, unit: str) -> None:
-        if value > SHARE * limit:
+        if value > STOP_SHARE * limit:
             raise Stopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
 
     def _between(self, what: str, values: Array, low: Array, high: Array, unit: str) -> None:

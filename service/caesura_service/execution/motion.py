@@ -1,66 +1,74 @@
-"""How a setpoint moves: quintic in time, which is the minimum-jerk movement where both ends are at rest."""
+"""How a setpoint moves: along the reproduced path of an app (`caesura_protocol.paths`)."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
+from caesura_protocol.messages import App
+from caesura_protocol.paths import Curve, knots_of
 
 PEAK = 1.875  # speed of a minimum-jerk movement at its middle, over its mean
+ASTRAY_M = 0.01  # from where a path was taught to start
+LEAST_S = 1e-3
+FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
 
 
-@dataclass(frozen=True)
-class Glide:
-    """A movement from `start` to `end` (3,) [m] in some seconds, with velocities (3,) [m/s] at both ends."""
+def course(
+    app: App, position: Array, rotation: Array, seconds: float, arriving: Array | None = None
+) -> Curve:
+    """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.
 
-    start: Array
-    end: Array
-    seconds: float
-    arriving: Array
-    leaving: Array = field(default_factory=lambda: np.zeros(3))
-
-    def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration (3,) at a time [s] after its start; past its end it goes on."""
-        seconds = self.seconds
-        if t >= seconds:
-            return self.end + (t - seconds) * self.arriving, self.arriving, np.zeros(3)
-        s, way = t / seconds, self.end - self.start
-        first, last = seconds * self.leaving, seconds * self.arriving
-        a = 10.0 * way - 4.0 * last - 6.0 * first
-        b = -15.0 * way + 7.0 * last + 8.0 * first
-        c = 6.0 * way - 3.0 * last - 3.0 * first
-        position = self.start + s * first + s**3 * (a + s * (b + s * c))
-        velocity = (first + s**2 * (3.0 * a + s * (4.0 * b + s * 5.0 * c))) / seconds
-        acceleration = s * (6.0 * a + s * (12.0 * b + s * 20.0 * c)) / seconds**2
-        return position, velocity, acceleration
-
-
-@dataclass(frozen=True)
-class Turn:
-    """A rotation about one axis from one orientation to another, (3, 3), at rest at both ends."""
-
-    start: Array
-    end: Array
-    seconds: float
-
-    def at(self, t: float) -> Array:
-        """Rotation (3, 3) at a time [s]."""
-        s = min(max(t / self.seconds, 0.0), 1.0)
-        share = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        turn: Array = _exp(share * rotation_vector(self.end @ self.start.T)) @ self.start
-        return turn
+    arriving: (3,) [m/s] at its target. A robot that is more than `ASTRAY_M` away from where the path was
+    taught to start goes there first; else it goes to the first via point. Without a path, straight.
+    """
+    path, target = app.path, position if app.target is None else np.array(app.target)
+    if path is None or app.target is None:
+        turns = app.orientation is not None
+        end = [*target, *(app.orientation or ())] if turns else target
+        times, values = np.array([0.0, seconds]), np.array([end, end], dtype=np.float64)
+        passing = np.full((2, 3), np.nan)
+    else:
+        times, values, passing = knots_of(app)
+        away = float(np.linalg.norm(values[0, :3] - position))
+        if away > ASTRAY_M:
+            pace = max(path.length_m, ASTRAY_M) / max(path.tn - path.start.t, LEAST_S)
+            times, values = np.append(times[0] - away / pace, times), np.vstack([values[:1], values])
+            passing = np.vstack([passing[:1], passing])
+        slower = seconds / (times[-1] - times[0])
+        times, passing = (times - times[0]) * slower, passing / slower
+    values[0, :3] = position
+    if values.shape[1] == 7:
+        values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+        values[0, 3:] = quaternion_of(rotation)
+    if len(times) == 2:
+        return Curve.through(times, values, arriving=arriving)
+    return _paced(Curve.through(times, values, passing=passing), arriving)
 
 
-def rotation_vector(rotation: Array) -> Array:
-    """Axis times angle (3,) [rad] of a rotation (3, 3), for angles below a half turn."""
-    axis = 0.5 * np.array(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
-    sine, cosine = float(np.linalg.norm(axis)), 0.5 * (float(np.trace(rotation)) - 1.0)
-    vector: Array = axis * (np.arctan2(sine, cosine) / sine) if sine > 1e-9 else axis
-    return vector
+def _paced(curve: Curve, arriving: Array | None) -> Curve:
+    """The same path in the same time, with one rise and fall of the speed along it: minimum jerk.
+
+    The way along it counts a turn as `TURNED_M` a radian.
+    """
+    poses = curve.sampled(FINE)
+    step = np.diff(poses, axis=0)
+    turned = TURNED_M * 2.0 * np.linalg.norm(step[:, 3:], axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1) + turned)])
+    if along[-1] < 1e-6:
+        return curve
+    seconds, end = float(curve.t[-1]), 0.0 if arriving is None else float(np.linalg.norm(arriving))
+    law = Curve.through([0.0, seconds], [[0.0] * 3, [along[-1], 0.0, 0.0]], arriving=(end, 0.0, 0.0))
+    ticks = np.linspace(0.0, seconds, 501)
+    reached = np.maximum.accumulate([law.at(t)[0][0] for t in ticks])
+    count = int(np.clip(along[-1] / PACE_M, 8, 400))
+    places = np.linspace(0.0, along[-1], count + 1)
+    times = np.interp(places, reached, ticks)
+    knots = np.column_stack([np.interp(places, along, column) for column in poses.T])
+    tangents = np.gradient(knots[:, :3], places, axis=0)
+    speeds = np.array([law.at(t)[1][0] for t in times])
+    times[0], times[-1] = 0.0, seconds
+    return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
 
 
 def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:
@@ -75,12 +83,25 @@ def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:
     )
 
 
-def _exp(vector: Array) -> Array:
-    """Rotation (3, 3) of an axis times an angle (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    return rotation
+def turning_of(quaternion: Array, change: Array) -> Array:
+    """Angular velocity (3,) [rad/s] in the base frame of a quaternion (4,) that changes by (4,) a second."""
+    axis, w = quaternion[:3], quaternion[3]
+    turning: Array = 2.0 * (w * change[:3] - change[3] * axis + np.cross(axis, change[:3]))
+    return turning / float(quaternion @ quaternion)
+
+
+def quaternion_of(rotation: Array) -> Array:
+    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
+    m, trace = rotation, float(np.trace(rotation))
+    squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
+    products = np.array(
+        [
+            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    row = products[int(np.argmax(squares))]
+    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
+    return unit

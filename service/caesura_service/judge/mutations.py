@@ -17,13 +17,14 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_clients.programs.safety import DEFAULT, Safety
+from caesura_clients.programs.safety import Safety, Setting
 from caesura_protocol.messages import App, AppKind
-from caesura_service.judge.roundtrip import SCENARIOS
+from caesura_service.judge.roundtrip import FORCE_LIMIT_N, SCENARIOS
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 TAUGHT_SEEDS = (500, 502)
 MOST_OPERATORS = 3
+CELL = Safety(force_n=FORCE_LIMIT_N)
 NUMBERS = ("t0", "tn", "load_kg", "gripper_width", "confidence")
 VECTORS = ("target", "orientation", "joints", "force")
 KINDS: tuple[AppKind, ...] = (
@@ -62,12 +63,12 @@ def meet_fate(number: int) -> Fate:
     apps, place = _taught(SCENARIOS[number % 2], TAUGHT_SEEDS[number // 2 % 2])
     operators, mutated = mutate(apps, rng)
     try:
-        done = execute(mutated, place)
+        done = execute(mutated, place, CELL)
     except RefusedError as refused:
         return Fate(number, operators, "refused", str(refused.report.errors[0]))
     except Exception as error:  # whatever it is, a spoilt program must not bring it about
         return Fate(number, operators, "violation", f"crashed: {error!r}")
-    if broken := violations(done.trace, DEFAULT):
+    if broken := violations(done.trace, CELL):
         return Fate(number, operators, "violation", broken[0])
     if done.stopped is not None:
         return Fate(number, operators, "stopped", done.stopped)
@@ -118,7 +119,8 @@ def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
     from caesura_service.recordings import segment_recording  # noqa: PLC0415
 
     teaching = Teaching(scenario, seed=seed)
-    apps = segment_recording(finish(teaching, list(teaching.chunks(1.0))).recording).apps
+    recording = finish(teaching, list(teaching.chunks(1.0))).recording
+    apps = segment_recording(recording, setting=Setting(force_limit_n=FORCE_LIMIT_N)).apps
     return tuple(apps), Place(teaching.scenario, teaching.person, seed)
 
 

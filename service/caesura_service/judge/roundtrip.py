@@ -1,24 +1,38 @@
 """Does a program do what was taught? Teach, segment, check, run, segment again, and compare the two programs.
 
-It holds when the apps are the same in the same order, every target lies within 1 cm of its own, and every
-press has a force within 15 % of the one that the program asks for, as measured and segmented.
+It holds when the apps are the same in the same order, every target lies within 1 cm of its own, every press
+has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
+was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
+from every place of the demonstration to the nearest of the run, and back.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.text import Text
+from scipy.spatial import cKDTree
 
+from caesura_clients.programs.safety import Safety, Setting
+from caesura_clients.recording import Recording
 from caesura_protocol.messages import App
+from caesura_protocol.paths import align_signs
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
+
+Array = NDArray[np.float64]
 
 SCENARIOS = ("pick_and_place", "dispenser")
 TARGET_M, FORCE_SHARE = 0.01, 0.15
+PATH_M, PATH_RAD = 0.005, math.radians(2.0)
+EVERY = 10  # ticks of 1 ms, of which one is compared
+AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
+FORCE_LIMIT_N = 10.0  # of the simulated cell
 REST_N = 1e-6
 
 
@@ -35,7 +49,8 @@ class Trip:
     """How one round trip went.
 
     taught, executed: kinds of the apps; target_m: app by app, where the apps are the same; force: errors of
-    presses, relative; why: why it does not hold, None where it does.
+    presses, relative; path_m, path_rad: largest distance and angle between the demonstrated path and the one
+    that was run, app by app that moves; why: why it does not hold, None where it does.
     """
 
     case: Case
@@ -44,6 +59,8 @@ class Trip:
     target_m: tuple[float, ...]
     force: tuple[float, ...]
     why: str | None
+    path_m: tuple[float, ...] = ()
+    path_rad: tuple[float, ...] = ()
 
 
 def travel(case: Case) -> Trip:
@@ -55,17 +72,65 @@ def travel(case: Case) -> Trip:
     from caesura_service.recordings import segment_recording  # noqa: PLC0415
 
     teaching = Teaching(case.scenario, seed=case.seed)
-    taught = segment_recording(finish(teaching, list(teaching.chunks(1.0))).recording)
+    recording = finish(teaching, list(teaching.chunks(1.0))).recording
+    taught = segment_recording(recording, setting=Setting(force_limit_n=FORCE_LIMIT_N))
     place = Place(teaching.scenario, teaching.person, case.seed)
     try:
-        done = execute(taught.apps, place, notes=taught.notes)
+        done = execute(taught.apps, place, Safety(force_n=FORCE_LIMIT_N))
     except RefusedError as refused:
         return Trip(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
     if done.stopped is not None:
         why = f"stopped in app {done.at}: {done.stopped}"
         return Trip(case, _kinds(taught.apps), _kinds(again), (), (), why)
-    return compared(case, taught.apps, again)
+    trip = compared(case, taught.apps, again)
+    off = [
+        apart(_way(recording, app.path.start.t, app.path.tn), _way(done.recording, *span))
+        for app, span in zip(taught.apps, done.spans, strict=True)
+        if app.path is not None
+    ]
+    path_m, path_rad = tuple(one[0] for one in off), tuple(one[1] for one in off)
+    return replace(trip, path_m=path_m, path_rad=path_rad, why=trip.why or _astray(path_m, path_rad))
+
+
+def apart(one: Way, other: Way) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] from the poses of each way to the other."""
+    scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
+    furthest_m = furthest_rad = 0.0
+    for here, there in ((one.inside, other.around), (other.inside, one.around)):
+        poses = np.concatenate([there, here[::EVERY]])
+        align_signs(poses[:, 3:])
+        line, seen = np.split(poses, [len(there)])
+        off = seen - line[cKDTree(line * scale).query(seen * scale)[1]]
+        furthest_m = max(furthest_m, float(np.linalg.norm(off[:, :3], axis=1).max()))
+        half_chord = 0.5 * float(np.linalg.norm(off[:, 3:], axis=1).max())
+        furthest_rad = max(furthest_rad, 4.0 * math.asin(min(half_chord, 1.0)))
+    return furthest_m, furthest_rad
+
+
+class Way(NamedTuple):
+    """Flange poses (n, 7) of an app, and those (m, 7) from `AROUND_S` before to `AROUND_S` after it."""
+
+    inside: Array
+    around: Array
+
+
+def _way(recording: Recording, t0: float, tn: float) -> Way:
+    return Way(_poses(recording, t0, tn), _poses(recording, t0 - AROUND_S, tn + AROUND_S))
+
+
+def _poses(recording: Recording, t0: float, tn: float) -> Array:
+    """Flange poses (n, 7) between two times [s], as they were measured."""
+    inside = slice(*np.searchsorted(recording.t, (t0, tn)).tolist())
+    return np.hstack([recording.signals["pos"][inside], recording.signals["quat"][inside]])
+
+
+def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
+    if max(path_m, default=0.0) > PATH_M:
+        return f"a path is {1000 * max(path_m):.1f} mm off"
+    if max(path_rad, default=0.0) > PATH_RAD:
+        return f"a path is turned by {math.degrees(max(path_rad)):.1f}°"
+    return None
 
 
 def compared(case: Case, taught: Sequence[App], executed: Sequence[App]) -> Trip:
@@ -131,12 +196,25 @@ def title(seeds: Sequence[int]) -> str:
     """What was measured."""
     return (
         f"round trip: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
-        f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %"
+        f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
+        f"paths within {1000 * PATH_M:.0f} mm and {math.degrees(PATH_RAD):.0f}°"
     )
 
 
 def _grids(summary: Mapping[str, Sequence[Trip]]) -> list[Grid]:
-    headings = ("scenario", "holds", "same apps", "target [mm]", "worst", "force [%]", "worst")
+    headings = (
+        "scenario",
+        "holds",
+        "same apps",
+        "target [mm]",
+        "worst",
+        "force [%]",
+        "worst",
+        "path [mm]",
+        "worst",
+        "turn [°]",
+        "worst",
+    )
     held = Grid("what holds", headings, tuple(_row(name, trips) for name, trips in summary.items()))
     failed = tuple(
         (t.case.scenario, str(t.case.seed), t.why) for trips in summary.values() for t in trips if t.why
@@ -153,6 +231,8 @@ def _row(name: str, trips: Sequence[Trip]) -> tuple[str, ...]:
         str(same),
         *_spread([1000 * error for trip in trips for error in trip.target_m]),
         *_spread([100 * abs(error) for trip in trips for error in trip.force]),
+        *_spread([1000 * off for trip in trips for off in trip.path_m]),
+        *_spread([math.degrees(off) for trip in trips for off in trip.path_rad]),
     )
 
 

@@ -1,20 +1,21 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
-from caesura_service.program.apps import FORCE_LIMIT_N, GRIP_SLACK_S, task_program
+from caesura_service.program.apps import GRIP_SLACK_S, task_program
 from caesura_service.program.gaps import Gaps, observed_share
-from caesura_service.program.limiting import with_force_limit
+from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths
 from caesura_service.program.steps import Grip, Moment, MomentAt, Step, holds
 
 __all__ = [
-    "FORCE_LIMIT_N",
     "GRIP_SLACK_S",
+    "TOLERANCE_M",
+    "TOLERANCE_RAD",
     "Gaps",
     "Grip",
     "Moment",
     "MomentAt",
+    "Paths",
     "Step",
     "holds",
     "observed_share",
     "task_program",
-    "with_force_limit",
 ]

@@ -4,20 +4,24 @@
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
   during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
-- Rests are left out, and what `steps` leaves out. A gripper event outside any contact is an app of its own.
+- Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
+  outside any contact is an app of its own.
+- What moves has the path from where it began to its target (`paths`).
 - What was not observed makes an app less sure (`gaps`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, takewhile
+from types import MappingProxyType
 
 import numpy as np
 
 from caesura_protocol.messages import App, AppKind, Gap, Segment, Vector
 from caesura_service.program.gaps import observed_share
+from caesura_service.program.paths import Paths
 from caesura_service.program.steps import (
     ARRIVES_M,
     PUSHES_BACK_N,
@@ -32,9 +36,9 @@ from caesura_service.program.steps import (
     pushed_in,
 )
 
-FORCE_LIMIT_N = 10.0
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 GRIP_APPS: dict[str, AppKind] = {
@@ -51,14 +55,16 @@ def task_program(
     moment_at: MomentAt,
     *,
     least_s: float = 0.3,
-    force_limit_n: float = FORCE_LIMIT_N,
+    force_limit_n: float | None = None,
+    paths: Paths | None = None,
     gaps: Sequence[Gap] = (),
     known: Sequence[Grip] | None = None,
 ) -> tuple[App, ...]:
     """The apps of a demonstration, in time order.
 
     least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
-    force_limit_n [N]; gaps: in time order; known: every grip, where `grips` are those of these steps alone.
+    force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
+    time order; known: every grip, where `grips` are those of these steps alone.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
@@ -68,7 +74,7 @@ def task_program(
         following = groups[number + 1][0] if number + 1 < len(groups) else None
         build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
-            apps += build(_Group(group, following, rest, moment_at, force_limit_n))
+            apps += build(_Group(group, following, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
 
@@ -87,7 +93,16 @@ class _Group:
     following: Step | None
     grips: list[Grip]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
-    force_limit_n: float
+    force_limit_n: float | None
+    paths: Paths | None
+
+    def moving(
+        self, kind: AppKind, step: Step, end: _End | None = None, changes: Mapping[str, object] = UNCHANGED
+    ) -> App:
+        """An app over a step with the path to its end, which may lie elsewhere."""
+        t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
+        path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
+        return self.app(kind, [step], path=path, **({} if end is None else end.where), **changes)
 
     def app(self, kind: AppKind, steps: Sequence[Step], **changes: object) -> App:
         """An app over some of the steps that ends where they end."""
@@ -110,14 +125,14 @@ class _Group:
         }
         return App.model_validate(fields | changes)
 
-    def touch(self) -> dict[str, object]:
+    def touch(self) -> _End | None:
         """Where the contact that follows was made."""
         approach, following = self.steps[-1].segment, self.following
         if following is None:
-            return {}
+            return None
         return self.touched(following, observed(approach.t0, approach.tn))
 
-    def touched(self, contact: Step, approach: Sequence[float] = ()) -> dict[str, object]:
+    def touched(self, contact: Step, approach: Sequence[float] = ()) -> _End:
         """Where what pushes back in a contact did so first, which may be at the end of the approach [s].
 
         Where nothing pushes back, at its first observation.
@@ -129,16 +144,24 @@ class _Group:
 
         times = observed(contact.segment.t0, contact.segment.tn)
         early = list(takewhile(pushes, reversed(approach)))
-        return _where(self.moment_at(early[-1] if early else next(filter(pushes, times), times[0])))
+        t = early[-1] if early else next(filter(pushes, times), times[0])
+        return _End(t, _where(self.moment_at(t)))
 
-    def pressed(self, hardest: Step) -> dict[str, object]:
+    def pressed(self, hardest: Step) -> _End | None:
         """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
         times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
         least = _along(hardest.base, force) + STILL_PRESSED * length(force)
-        moments = map(self.moment_at, reversed(times))
-        held = (m for m in moments if m.force is not None and _along(m.force, force) >= least)
-        moment = next(held, None)
-        return {} if moment is None else _where(moment)
+        held = (t for t in reversed(times) if _along(self.moment_at(t).force, force) >= least)
+        t = next(held, None)
+        return None if t is None else _End(t, _where(self.moment_at(t)))
+
+
+@dataclass(frozen=True)
+class _End:
+    """When [s] and where an app ends that does not end with its segment."""
+
+    t: float
+    where: dict[str, object]
 
 
 def _motions(group: _Group) -> Iterable[App]:
@@ -146,33 +169,49 @@ def _motions(group: _Group) -> Iterable[App]:
     touches = group.following is not None and group.following.touches
     for step in group.steps:
         if touches and step is group.steps[-1]:
-            yield group.app("move_to_contact", [step], **group.touch())
+            yield group.moving("move_to_contact", step, group.touch())
         else:
-            yield group.app("cartesian_motion", [step])
+            yield group.moving("cartesian_motion", step)
+
+
+def _turns(group: _Group) -> Iterable[App]:
+    """A rest is left out, but for a turn in it."""
+    for step in group.steps:
+        turning = group.paths and group.paths.turning(step.segment.t0, step.segment.tn)
+        if group.paths and turning:
+            t0, tn = turning
+            where = _where(group.moment_at(tn))
+            path = group.paths.between(t0, tn)
+            yield group.app("cartesian_motion", [step], t0=t0, tn=tn, path=path, **where)
 
 
 def _contacts(group: _Group) -> Iterable[App]:
     """What the gripper does during the contact, or else the force."""
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
+    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
+    hardest = max(held, key=lambda step: length(step.force))
     mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
     for grip in mine:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
-        yield _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        gripping = _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
     if first.segment.kind == "sliding" and pushed_in(first.segment) > ARRIVES_M and not mine:
-        yield group.app("move_to_contact", [first], **group.touched(first))
-    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
-    hardest = max(held, key=lambda step: length(step.force))
+        yield group.moving("move_to_contact", first, group.touched(first))
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
-        forces = _forces(hardest.force, group.force_limit_n)
-        yield group.app("apply_force", group.steps, **forces, **group.pressed(hardest))
+        changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
+        if end is not None:
+            changes |= end.where
+            if group.paths is not None and group.paths.turning(t0, end.t):
+                changes["path"] = group.paths.between(t0, end.t)
+        yield group.app("apply_force", group.steps, **changes)
 
 
 def _slides(group: _Group) -> Iterable[App]:
     """One app a stroke, with its own target."""
     for step in group.steps:
-        yield group.app("apply_force", [step], **_forces(step.force, group.force_limit_n))
+        yield group.moving("apply_force", step, changes=_forces(step.force, group.force_limit_n))
 
 
 def _carries(group: _Group) -> Iterable[App]:
@@ -186,12 +225,13 @@ def _carries(group: _Group) -> Iterable[App]:
         }
     sets_down = group.following is not None and group.following.touches
     for step in group.steps:
-        where = group.touch() if sets_down and step is group.steps[-1] else {}
-        yield group.app("transport" if step.segment.kind == "transport" else "hold", [step], **load, **where)
+        end = group.touch() if sets_down and step is group.steps[-1] else None
+        yield group.moving("transport" if step.segment.kind == "transport" else "hold", step, end, load)
 
 
 _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
     "motion": _motions,
+    "steady": _turns,
     "contact": _contacts,
     "sliding": _slides,
     "transport": _carries,
@@ -244,8 +284,8 @@ def _grip_app(
     )
 
 
-def _forces(on_robot: Vector, limit_n: float) -> dict[str, object]:
-    """What the robot exerts: the opposite of what acts on it, scaled to the limit."""
+def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:
+    """What the robot exerts: the opposite of what acts on it, scaled to the limit where there is one."""
     taught = -np.asarray(on_robot)
-    scale = min(1.0, limit_n / max(length(taught), 1e-12))
+    scale = 1.0 if limit_n is None else min(1.0, limit_n / max(length(taught), 1e-12))
     return {"force": tuple((scale * taught).tolist()), "force_taught": tuple(taught.tolist())}

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from caesura_protocol.limiting import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
+from caesura_protocol.paths import path_in_words
 from caesura_service.session.view import View
 
 
@@ -53,7 +55,9 @@ APP_COLUMNS = (
     Column("from", "s"),
     Column("to", "s"),
     *TARGET,
+    Column("path", "mm", words=True),
     *FORCE,
+    Column("size", "N", words=True),
     Column("load", "kg"),
     Column("opening", "mm"),
     Column("confidence"),
@@ -66,7 +70,8 @@ SEGMENT_NOTE = (
 )
 NOTHING = ("", "", "")
 APP_NOTE = (
-    "Base frame. x y z: where to. Fx Fy Fz: what the robot exerts, after the limit. Opening: of the fingers."
+    "Base frame. x y z: where to. Path: its length, and how many via points it has. Fx Fy Fz: what the "
+    "robot exerts, after the limit. Opening: of the fingers."
 )
 
 
@@ -117,7 +122,9 @@ def _app(index: int, app: App) -> tuple[str, ...]:
         f"{app.t0:.2f}",
         f"{app.tn:.2f}",
         *(NOTHING if app.target is None else _millimetres(app.target)),
+        path_in_words(app).replace(" mm", ""),
         *(NOTHING if app.force is None else _newtons(app.force)),
+        force_in_words(app).replace(" N", ""),
         _load(app.load_kg, app.load_sd_kg),
         "" if app.gripper_width is None else f"{1000.0 * app.gripper_width:.0f}",
         f"{app.confidence:.2f}",

@@ -70,6 +70,7 @@ def view_of(snapshot: Snapshot) -> View:
         hypotheses=status.hypotheses,
         capped=status.capped,
         length_unit=status.length_unit,
+        force_limit_n=snapshot.program.force_limit_n,
     )
 
 

@@ -31,7 +31,6 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_service.journal import Edit, Resolution
-from caesura_service.program import FORCE_LIMIT_N
 
 Change = Insert | Remove | Move | Relabel | LimitForce
 
@@ -108,6 +107,7 @@ class Shown:
     spans: Sequence[Span]
     kinds: Sequence[str]
     apps: Sequence[App]
+    force_limit_n: float | None = None  # [N] of the cell
 
 
 @dataclass(frozen=True)
@@ -264,10 +264,11 @@ def _check_kind(kind: str, kinds: Sequence[str]) -> None:
 
 def _limited(t: float, newton: float | None, shown: Shown) -> float:
     """[s] The middle of the app that is meant."""
+    most = shown.force_limit_n
+    if newton is not None and most is not None and newton > most:
+        why = "no app exerts more than the cell's force limit"
+        raise ProtocolError("malformed", why, value=newton, limit=most)
     _check_time(t, shown)
-    if newton is not None and newton > FORCE_LIMIT_N:
-        why = "the service lets no app exert more than its own limit"
-        raise ProtocolError("malformed", why, value=newton, limit=FORCE_LIMIT_N)
     exerting = [app for app in shown.apps if app.force is not None]
     near = sorted(exerting, key=lambda app: max(app.t0 - t, t - app.tn))
     if not near or not near[0].t0 <= t <= near[0].tn:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
-from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Step, holds, task_program
+from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Paths, Step, holds, task_program
 from caesura_service.session.kept import Kept, Shown
 from caesura_service.session.slices import give_way
 
@@ -30,6 +30,8 @@ class GrowingProgram:
 
     moment_at: MomentAt
     least_s: float
+    paths: Paths | None = None
+    force_limit_n: float | None = None  # [N] of the cell
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
     built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
@@ -62,7 +64,16 @@ class GrowingProgram:
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
     ) -> tuple[App, ...]:
-        return task_program(steps, grips, self._moment, least_s=self.least_s, gaps=gaps, known=known)
+        return task_program(
+            steps,
+            grips,
+            self._moment,
+            least_s=self.least_s,
+            force_limit_n=self.force_limit_n,
+            paths=self.paths,
+            gaps=gaps,
+            known=known,
+        )
 
     def _moment(self, t: float) -> Moment:
         """The same ones are asked for at every look."""

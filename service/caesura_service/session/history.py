@@ -27,6 +27,8 @@ _SCALE, _ROTATION, _COLUMNS = 23, slice(24, 27), 27
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * 7, (0.0,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+SAME_S = 1e-3  # two times this close are the same
+POSES = 1200  # of a path, two minutes: of a longer one some are left out
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
@@ -114,6 +116,25 @@ class History:
         x, y, z = (0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])).tolist()
         return x, y, z
 
+    def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
+        """Times (n,) [s] and flange poses (n, 7) from the last observation up to t0 to the last up to tn.
+
+        So what begins where another ends has that end as its start; behind a gap it starts there. Poses are
+        (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        """
+        start, end = (max(self._first_from(t + SAME_S) - 1, 0) for t in (t0, tn))
+        if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
+            start += 1
+        looks = np.arange(start, end, -(-max(end - start, 1) // POSES))
+        if len(looks) < end - start:
+            rows = np.array([self._row(int(index)) for index in [*looks, end]])
+        else:
+            block = self._log.read(start * _ROW.size, (end + 1) * _ROW.size)
+            rows = np.frombuffer(block).reshape(-1, _COLUMNS)
+        turns = rows[:, _ORIENTATION]
+        known = not np.isnan(turns).any()
+        return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
+
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
         """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
         before, before2 = self._sums(start)
@@ -128,11 +149,14 @@ class History:
 
     def moment(self, t: float) -> Moment:
         """The pose at the observation nearest to a time [s]."""
+        return self.moment_at(self._nearest(t))
+
+    def _nearest(self, t: float) -> int:
+        """The observation nearest to a time [s]. Raises IndexError where there is none."""
         if not self._count:
             raise IndexError("no observation yet")
         after = min(max(self._first_from(t), 1), self._count - 1)
-        index = after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
-        return self.moment_at(index)
+        return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
 
     def _first_from(self, t: float) -> int:
         """The first observation that is not before a time [s]; mostly it is one of the last ones."""

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.limiting import with_force_limit
 from caesura_protocol.messages import App, Gap, Open, WrenchReport
 from caesura_service.changepoint.models import UNTURNED, Observed
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold import check_level
-from caesura_service.program import Gaps, Grip, Step, with_force_limit
+from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, Step
 from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
     Change,
@@ -196,7 +197,15 @@ class SegmentationPipeline:
             self._lost = False
 
     def _growing(self) -> GrowingProgram:
-        return GrowingProgram(self._history.moment, self._preset.least_segment_s)
+        opening = self._opening
+        paths = Paths(
+            self._history.poses,
+            opening.path_tolerance_m or TOLERANCE_M,
+            opening.path_tolerance_rad or TOLERANCE_RAD,
+        )
+        return GrowingProgram(
+            self._history.moment, self._preset.least_segment_s, paths, opening.force_limit_n
+        )
 
     def _begin(self, *, tared: bool) -> None:
         orientation = self._conditioner.layout.has_orientation
@@ -265,6 +274,7 @@ class SegmentationPipeline:
             ),
             delay_s=self._conditioner.delay_s,
             length_unit=self._opening.length_unit,
+            force_limit_n=self._opening.force_limit_n,
         )
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
@@ -276,6 +286,9 @@ class SegmentationPipeline:
             Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts)
         ]
+        if self._program.paths is not None:  # the last segment goes on, and so does its path
+            growing = bool(steps) and not self._finished
+            self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
         apps = self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
         return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
 
@@ -304,6 +317,7 @@ class SegmentationPipeline:
             spans=spans,
             kinds=self.kinds,
             apps=self._view.apps,
+            force_limit_n=self._opening.force_limit_n,
         )
 
     def _mark(self, before: Part, part: Part) -> Mark:

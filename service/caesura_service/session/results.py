@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from caesura_protocol.messages import Program
+from caesura_protocol.messages import MAX_GAPS, Program
 from caesura_service.session.corrections import Corrections
 from caesura_service.session.kept import AT_ONCE, M, alike
 from caesura_service.session.ports import Owner, Publish
@@ -45,6 +45,7 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: View)
         complete=False,
         apps=(),
         notes=view.notes,
+        **_of_the_demonstration(view),
     )
     silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
     return Standing(
@@ -136,8 +137,13 @@ def settled(standing: Standing, view: View) -> Standing:
 
 def _next_program(standing: Standing, **changes: Any) -> Standing:
     heading, view = standing.heading, standing.view
-    changes |= {"version": heading.version + 1, "t": time_of(view)}
+    changes |= {"version": heading.version + 1, "t": time_of(view)} | _of_the_demonstration(view)
     return standing._replace(heading=heading.model_copy(update=changes), apps=view.apps)
+
+
+def _of_the_demonstration(view: View) -> dict[str, Any]:
+    """What a check compares the program with, beside its apps."""
+    return {"gaps": view.gaps[-MAX_GAPS:], "wrench": view.wrench, "force_limit_n": view.force_limit_n}
 
 
 def _posterior(view: View) -> tuple[object, ...]:

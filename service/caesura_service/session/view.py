@@ -35,6 +35,7 @@ class View(NamedTuple):
     hypotheses: int
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
+    force_limit_n: float | None = None  # [N] of the cell
 
 
 class Pipeline(Protocol):

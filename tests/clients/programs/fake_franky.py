@@ -90,6 +90,33 @@ class CartesianMotion(_Motion):
         self.target, self.ee_frame = target, ee_frame
 
 
+class Twist:
+    def __init__(self, linear_velocity: Any = None, angular_velocity: Any = None) -> None:
+        self.linear = np.array(linear_velocity, dtype=float).reshape(3)
+
+
+class CartesianState:
+    def __init__(self, pose: Affine, velocity: Twist) -> None:
+        self.pose, self.velocity = pose, velocity
+
+
+class Duration:
+    def __init__(self, milliseconds: int) -> None:
+        assert isinstance(milliseconds, int)
+        self.milliseconds = milliseconds
+
+
+class CartesianWaypoint:
+    def __init__(self, target: CartesianState, *, minimum_time: Duration | None = None) -> None:
+        self.target, self.minimum_time = target, minimum_time
+
+
+class CartesianWaypointMotion(_Motion):
+    def __init__(self, waypoints: list[CartesianWaypoint], ee_frame: Affine | None = None) -> None:
+        super().__init__()
+        self.waypoints, self.ee_frame = waypoints, ee_frame
+
+
 class CartesianReference:
     def __init__(self, target: Affine) -> None:
         self.target = target

@@ -23,7 +23,7 @@ from caesura_protocol.messages import Program
 from harness.programs import as_file, pick_and_place, press
 
 ROOT = Path(__file__).resolve().parents[3]
-SCHEMA = ROOT / "clients/caesura_clients/programs/schema/program.v1.json"
+SCHEMA = ROOT / "clients/caesura_clients/programs/schema/program.v2.json"
 
 
 def taught() -> Program:
@@ -50,7 +50,7 @@ def changed(file: ProgramFile, path: Path, **app: Any) -> Path:
 def test_a_file_says_what_it_is_where_it_comes_from_and_in_which_units() -> None:
     content = json.loads(document(taught()).as_json())
     assert content["format"] == "caesura.program"
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert (content["station"], content["session"], content["instance"]) == ("cell-1", "monday", "service")
     assert content["revision"] == 7
     assert content["units"] == dict(UNITS)
@@ -96,7 +96,7 @@ def test_an_app_that_is_none_is_named_with_its_value(
         read_document(changed(as_file(press()), tmp_path / "p.json", **wrong))
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"format": "caesura.program", "version": 2}', "{}"])
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"format": "caesura.program", "version": 3}', "{}"])
 def test_what_is_no_program_is_refused_with_its_name(text: str, tmp_path: Path) -> None:
     path = tmp_path / "no.json"
     path.write_text(text, encoding="utf-8")

@@ -15,7 +15,8 @@ from caesura_clients.programs import franky_script as writer
 from caesura_clients.programs.document import ProgramFile
 from caesura_clients.programs.franky_script import franky_script
 from caesura_clients.programs.safety import Safety
-from harness.programs import as_file, pick_and_place, press
+from caesura_protocol.messages import App, AppPath, ViaPoint
+from harness.programs import DOWN, as_file, pick_and_place, press
 
 from . import fake_franky
 
@@ -72,6 +73,51 @@ def test_no_movement_is_faster_than_the_limit_however_short_it_was_taught() -> N
     limits = [a["value"] for name, a in run(as_file(tuple(hurried))) if name == "limit"]
     assert max(limits) == Safety().speed_m_per_s
     assert limits[0] == 0.1  # from wherever the robot is
+
+
+def curved(speed: float = 0.1) -> tuple[App, ...]:
+    """A press after a way around a corner."""
+    touch, *rest = press()
+    place, flat = (-0.03, -0.56, 0.3), (speed, 0.0, 0.0)
+    path = AppPath(
+        start=ViaPoint(t=0.8, position=(-0.03, -0.6, 0.33), orientation=DOWN),
+        via=(
+            ViaPoint(t=1.8, position=place, orientation=DOWN, velocity=flat),
+            ViaPoint(t=2.5, position=(-0.02, -0.52, 0.195), orientation=DOWN, velocity=flat),
+        ),
+        tn=2.6, length_m=0.2, deviation_m=0.001, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    return touch.model_copy(update={"path": path}), *rest
+
+
+def test_a_path_is_followed_by_its_via_points_with_their_velocities_and_times() -> None:
+    calls = motions(run(as_file(curved())))
+    assert calls[0].target.translation.tolist() == [-0.03, -0.6, 0.33]  # to its start, slowly
+    first, last = calls[1].waypoints  # what lies within the stand-off before a contact is left out
+    assert first.target.pose.translation.tolist() == [-0.03, -0.56, 0.3]
+    assert first.target.velocity.linear.tolist() == [0.1, 0.0, 0.0]
+    assert (first.minimum_time.milliseconds, last.minimum_time.milliseconds) == (1000, 800)
+    assert last.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert len(calls[1].reactions) == 1
+
+
+def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> None:
+    (first, _) = motions(run(as_file(curved(speed=0.96))))[1].waypoints
+    assert first.target.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
+    assert first.minimum_time.milliseconds == 2000
+
+
+def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
+    apps = list(curved())
+    path = AppPath(
+        start=ViaPoint(t=2.6, position=(0.0, 0.0, 0.2), orientation=DOWN), tn=4.2,
+        length_m=0.1, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    apps[1] = apps[1].model_copy(update={"path": path, "target": (0.1, 0.0, 0.19)})
+    calls = motions(run(as_file(tuple(apps))))
+    pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    begin = fake_franky.RobotPose.end_effector_pose.translation
+    assert pressed.references[-1].target.translation[0] - begin[0] == pytest.approx(0.1, abs=1e-3)
 
 
 def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> None:

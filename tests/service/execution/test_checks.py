@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,9 @@ import pytest
 
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.errors import CaesuraError
-from caesura_clients.programs.safety import DEFAULT
-from caesura_protocol.messages import App
-from caesura_service.execution.checks import check
+from caesura_clients.programs.safety import Safety
+from caesura_protocol.messages import App, Gap
+from caesura_service.execution.checks import Taught, check
 from caesura_service.execution.findings import Report
 from caesura_service.execution.limits import Cell
 from caesura_service.execution.world import World
@@ -113,9 +114,13 @@ def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Ro
     assert "app 0 (apply_force): presses without a contact" in str(
         check(press()[1:], here, robot=robot).errors[0]
     )
-    strong = check(changed(press(), 1, force=(0.0, 0.0, -12.0)), here, robot=robot)
-    assert only(strong) == "error: app 1 (apply_force): force 12 N, expected 1 to 10 N"
-    assert (strong.errors[0].value, strong.errors[0].limit) == (12.0, DEFAULT.force_n)
+    strong, limited = changed(press(), 1, force=(0.0, 0.0, -12.0)), Safety(force_n=10.0)
+    assert check(strong, here, robot=robot).findings == ()  # no limit is set
+    refused = check(strong, replace(here, safety=limited), robot=robot)
+    assert only(refused) == "error: app 1 (apply_force): force 12 N, expected 1 to 10 N"
+    assert (refused.errors[0].value, refused.errors[0].limit) == (12.0, limited.force_n)
+    stronger = check(changed(press(), 1, force=(0.0, 0.0, -29.0)), here, robot=robot)
+    assert only(stronger) == "error: app 1 (apply_force): force 29 N, expected 1 to 28.5 N"
     assert "pulls on what it touches" in only(
         check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
     )
@@ -137,10 +142,10 @@ def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robo
 
 
 def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> None:
-    notes = ("Not observed: 3.00–3.20 s (samples were lost). What was taught then is missing.",)
-    report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), notes, robot)
+    taught = Taught((Gap(t0=3.0, tn=3.2, reason="evicted"),))
+    report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), taught, robot)
     assert report.passed
-    said = [str(one) for one in report.warnings]
+    said = [str(one) for one in report.warnings if one.index is not None]
     assert (
         said[0] == "warning: app 1 (apply_force): was not observed from 3.00 to 3.20 s: look at what it does"
     )

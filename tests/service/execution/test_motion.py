@@ -1,50 +1,59 @@
-"""How a setpoint moves: ends, speeds and rotations."""
+"""How a setpoint moves: rotations, and the path of an app from where the robot is."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tests.harness.programs import DOWN, app
 
-from caesura_service.execution.motion import PEAK, Glide, Turn, rotation_of, rotation_vector
+from caesura_protocol.messages import AppPath, ViaPoint
+from caesura_service.execution.motion import course, quaternion_of, rotation_of, turning_of
 
-START, END = np.array([0.1, -0.5, 0.3]), np.array([0.3, -0.4, 0.1])
-
-
-def test_a_movement_begins_and_ends_where_and_how_fast_it_should() -> None:
-    leaving, arriving = np.array([0.02, 0.0, -0.01]), np.array([0.0, 0.01, -0.05])
-    glide = Glide(START, END, 1.4, arriving, leaving)
-    for t, place, speed in ((0.0, START, leaving), (1.4, END, arriving)):
-        position, velocity, acceleration = glide.at(t)
-        assert_allclose(position, place, atol=1e-12)
-        assert_allclose(velocity, speed, atol=1e-12)
-        assert_allclose(acceleration, 0.0, atol=1e-12)
-    assert_allclose(glide.at(1.9)[0], END + 0.5 * arriving)
-
-
-def test_velocity_and_acceleration_are_the_derivatives_of_the_place() -> None:
-    glide, step = Glide(START, END, 1.4, np.array([0.0, 0.01, -0.05]), np.array([0.02, 0.0, 0.0])), 1e-5
-    for t in np.linspace(0.1, 1.3, 7):
-        before, _, _ = glide.at(t - step)
-        here, velocity, acceleration = glide.at(t)
-        after, _, _ = glide.at(t + step)
-        assert_allclose((after - before) / (2 * step), velocity, atol=1e-8)
-        assert_allclose((after - 2 * here + before) / step**2, acceleration, atol=1e-4)
-
-
-def test_from_rest_to_rest_the_peak_is_known() -> None:
-    glide = Glide(START, END, 2.0, np.zeros(3))
-    speeds = [np.linalg.norm(glide.at(t)[1]) for t in np.linspace(0.0, 2.0, 401)]
-    assert_allclose(max(speeds), PEAK * np.linalg.norm(END - START) / 2.0, rtol=1e-6)
+CORNER = (0.3, -0.4, 0.3)
 
 
 def test_rotations_agree_with_scipys() -> None:
     for seed in range(10):
-        first, last = Rotation.random(2, rng=np.random.default_rng(seed))
-        assert_allclose(rotation_of(tuple(first.as_quat())), first.as_matrix(), atol=1e-12)
-        vector = rotation_vector((last * first.inv()).as_matrix())
-        assert_allclose(vector, (last * first.inv()).as_rotvec(), atol=1e-6)
-        turn = Turn(first.as_matrix(), last.as_matrix(), 1.0)
-        assert_allclose(turn.at(1.0), last.as_matrix(), atol=1e-9)
-        half = Rotation.from_rotvec(0.5 * vector) * first
-        assert_allclose(turn.at(0.5), half.as_matrix(), atol=1e-9)
+        rotation = Rotation.random(rng=np.random.default_rng(seed))
+        assert_allclose(rotation_of(tuple(rotation.as_quat())), rotation.as_matrix(), atol=1e-12)
+        assert_allclose(rotation_of(tuple(quaternion_of(rotation.as_matrix()))), rotation.as_matrix())
+
+
+def test_the_angular_velocity_is_that_of_the_rotation() -> None:
+    first, turning, step = Rotation.from_quat(DOWN), np.array([0.3, -0.2, 0.5]), 1e-6
+    after = Rotation.from_rotvec(step * turning) * first
+    change = (after.as_quat() - first.as_quat()) / step
+    assert_allclose(turning_of(first.as_quat(), change), turning, atol=1e-5)
+
+
+def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time_of_the_app() -> None:
+    start, via = (
+        ViaPoint(t=t, position=p, orientation=DOWN) for t, p in ((2.0, (0.3, -0.5, 0.3)), (3.0, CORNER))
+    )
+    path = AppPath(
+        start=start, via=(via,), tn=4.0, length_m=0.2, deviation_m=0.0, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 2.05, 4.05, (0.4, -0.4, 0.3), path=path)
+    near = course(moving, np.array([0.304, -0.5, 0.3]), rotation_of(DOWN), 4.0)
+    assert near.t[-1] == 4.0
+    assert_allclose(near.at(0.0)[0][:3], (0.304, -0.5, 0.3))
+    assert_allclose(near.at(4.0)[0][:3], (0.4, -0.4, 0.3), atol=1e-12)
+    assert np.linalg.norm(near.sampled(50)[:, :3] - CORNER, axis=1).min() < 1e-3
+    far = course(moving, np.array([0.3, -0.6, 0.3]), rotation_of(DOWN), 4.0)
+    assert np.linalg.norm(far.sampled(50)[:, :3] - start.position, axis=1).min() < 1e-3
+    assert far.t[-1] == 4.0
+
+
+def test_on_a_path_the_speed_rises_and_falls_once() -> None:
+    half = ViaPoint(t=3.0, position=(0.3, -0.45, 0.3), orientation=DOWN, velocity=(0.0, 0.01, 0.0))
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=(0.3, -0.5, 0.3), orientation=DOWN), via=(half,), tn=4.0, length_m=0.1,
+        deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.4, 0.3), path=path)
+    curve = course(moving, np.array(path.start.position), rotation_of(DOWN), 2.0)
+    speeds = np.array([np.linalg.norm(curve.at(t)[1][:3]) for t in np.linspace(0.0, 2.0, 41)])
+    assert (np.diff(speeds)[:18] > 0.0).all()
+    assert (np.diff(speeds)[-18:] < 0.0).all()

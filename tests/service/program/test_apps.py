@@ -87,11 +87,16 @@ def test_the_load_of_a_carry_is_the_average_weighted_by_time():
 
 
 def test_a_force_is_what_the_robot_exerts_scaled_to_the_limit():
-    (app,) = program(segment("contact", 0.0, 1.0, force_end=(3.0, 0.0, 20.0)))
+    (app,) = program(segment("contact", 0.0, 1.0, force_end=(3.0, 0.0, 20.0)), force_limit_n=10.0)
     assert app.kind == "apply_force"
     assert app.force_taught == (-3.0, 0.0, -20.0)
     assert np.linalg.norm(app.force) == pytest.approx(10.0)
     np.testing.assert_allclose(np.cross(app.force, app.force_taught), 0.0, atol=1e-12)
+
+
+def test_without_a_limit_a_force_is_as_it_was_taught():
+    (app,) = program(segment("contact", 0.0, 1.0, force_end=(0.0, 0.0, 20.7)))
+    assert app.force == app.force_taught == (0.0, 0.0, -20.7)
 
 
 def test_a_force_below_the_limit_stays_as_it_was_taught():

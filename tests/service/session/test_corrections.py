@@ -220,9 +220,11 @@ def test_a_kind_that_the_session_does_not_know_is_refused_with_those_that_it_doe
     )
 
 
-def test_a_force_limit_without_a_force_or_above_the_services_own_is_refused(shown: Pipeline):
+def test_a_force_limit_without_a_force_or_above_the_cells_is_refused(shown: Pipeline):
     assert refusal(shown, LimitForce(t=3.0, newton=1.0)).code == "conflict"
-    error = refusal(shown, LimitForce(t=3.0, newton=10.5))
+    opening, _ = taught()
+    limited = make_pipeline(opening.model_copy(update={"force_limit_n": 10.0}), "default")
+    error = refusal(limited, LimitForce(t=0.0, newton=10.5))
     assert (error.code, error.value, error.limit) == ("malformed", 10.5, 10.0)
 
 

@@ -16,7 +16,7 @@ from caesura_clients.recording import Recording, RecordingError, load_recording
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
-from caesura_service.program import Step, task_program
+from caesura_service.program import Paths, Step, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
 from caesura_service.session.division import Division
 from caesura_service.session.pipeline import (
@@ -241,7 +241,11 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     view = pipeline.view
     sure = [1.0, *(one.probability for one in view.changepoints), 1.0]
     steps = [Step(i, one, one.probability * min(sure[i], sure[i + 1])) for i, one in enumerate(view.segments)]
-    return task_program(steps, pipeline._grips, pipeline._history.moment, least_s=0.3, gaps=view.gaps)
+    paths = Paths(pipeline._history.poses)
+    if view.segments and not pipeline._finished:
+        paths.settled_until = view.segments[-1].t0
+    history = pipeline._history
+    return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
 @settings(max_examples=8, deadline=None, derandomize=True)

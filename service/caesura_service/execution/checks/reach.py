@@ -10,16 +10,18 @@ import numpy as np
 from caesura_clients.bridge.teacher.guiding import POSTURE
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_protocol.messages import App, Vector
+from caesura_protocol.paths import Curve
 from caesura_service.execution.checks.order import CARRIES, CONTACT_APPS
 from caesura_service.execution.findings import Finding
 from caesura_service.execution.limits import Cell
-from caesura_service.execution.motion import PEAK, rotation_of, rotation_vector
+from caesura_service.execution.motion import PEAK, course, quaternion_of, rotation_of
 from caesura_service.robot import Robot
 
 REACH_M, REACH_RAD = 1e-3, 1e-2
 STEP_M = 0.02  # of a way that is looked at
 JOINT_MARGIN_RAD = 0.05  # from a joint's end, so that no guard has to stop the robot there
 EDGE_M = 0.01  # from the edge of the workspace
+BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
 LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
@@ -60,6 +62,8 @@ class _Looking:
         self._cell, self._safety, self._robot = cell, cell.safety, robot
         self._low = robot.lower_limits + JOINT_MARGIN_RAD
         self._high = robot.upper_limits - JOINT_MARGIN_RAD
+        self._low_place = np.array(cell.safety.workspace_low) + EDGE_M - BEGINS_M
+        self._high_place = np.array(cell.safety.workspace_high) - EDGE_M + BEGINS_M
 
     def at(self, index: int, app: App, following: App | None, here: _Here) -> tuple[list[Finding], _Here]:
         """What is wrong with an app, and where the arm is after it."""
@@ -75,8 +79,8 @@ class _Looking:
         if reasons:
             after = replace(after, place=None)  # nobody knows where it would be
         elif app.target is not None and app.kind in MOVES and here.place is not None:
-            way = np.subtract(app.target, here.place)
-            reasons += [*self._speed(app, way, here), *self._way(app, way, here, joints, ends=ends)]
+            path = _path(app, here)
+            reasons += [*self._speed(path), *self._way(path, here, joints, ends=ends)]
         if app.kind == "apply_force":
             reasons += self._press(app, here)
         found = [Finding("error", index, app.kind, reason) for reason in reasons]
@@ -124,31 +128,32 @@ class _Looking:
             f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
         )
 
-    def _speed(self, app: App, way: Array, here: _Here) -> Iterator[str]:
-        seconds, limit = app.tn - app.t0, SPEED_SHARE * self._safety.speed_m_per_s
-        speed = PEAK * float(np.linalg.norm(way)) / seconds
+    def _speed(self, path: Curve) -> Iterator[str]:
+        seconds, limit = float(path.t[-1]), SPEED_SHARE * self._safety.speed_m_per_s
+        speed, turn = path.peaks()
         if speed > limit:
             yield f"would reach {speed:.2f} m/s in its {seconds:.2f} s, at most {limit:.2f} m/s are allowed"
-        if app.orientation is not None and here.rotation is not None:
-            angle = float(np.linalg.norm(rotation_vector(rotation_of(app.orientation) @ here.rotation.T)))
-            if PEAK * angle / seconds > self._safety.turn_rad_per_s:
-                yield (
-                    f"would turn with {PEAK * angle / seconds:.2f} rad/s, "
-                    f"at most {self._safety.turn_rad_per_s:g} rad/s are allowed"
-                )
+        if turn > self._safety.turn_rad_per_s:
+            yield (
+                f"would turn with {turn:.2f} rad/s, at most {self._safety.turn_rad_per_s:g} rad/s are allowed"
+            )
 
-    def _way(self, app: App, way: Array, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
-        """Along the straight line to the target: is it within reach, and free?"""
-        start = np.array(here.place)
-        steps = max(2, int(np.ceil(np.linalg.norm(way) / STEP_M)) + 1)
-        q = joints
-        for share in np.linspace(1.0, 0.0, steps):
-            point = start + share * way
+    def _way(self, path: Curve, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
+        """Along the path to the target: is it within reach, and free?"""
+        longest = float(np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1).max())
+        points = path.sampled(max(1, int(np.ceil(longest / STEP_M))))
+        start, q = points[0, :3], joints
+        for pose in points[::-1]:
+            point = pose[:3]
             if reason := self._blocked(point, start, here, ends=ends):
                 yield reason
                 return
+            if (point < self._low_place).any() or (point > self._high_place).any():
+                yield f"its way leads through {_mm(point)}, which is outside of the workspace"
+                return
             if q is not None:
-                q, left, turn = self._robot.nearest_joints(point, _quaternion(app, here), q)
+                turned = pose[3:] if len(pose) == 7 else _quaternion(None, here)
+                q, left, turn = self._robot.nearest_joints(point, turned, q)
                 if left > REACH_M or turn > REACH_RAD or not self._inside(q):
                     yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
                     return
@@ -177,7 +182,8 @@ class _Looking:
             most = 1000 * self._safety.search_m
             yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
         aside = float(np.linalg.norm(way - along * deep))
-        speed, limit = PEAK * aside / (app.tn - app.t0), SPEED_SHARE * self._safety.speed_m_per_s
+        limit = SPEED_SHARE * self._safety.speed_m_per_s
+        speed = PEAK * aside / (app.tn - app.t0) if app.path is None else _path(app, here).peaks()[0]
         if speed > limit:
             yield f"would slide with {speed:.2f} m/s, at most {limit:.2f} m/s are allowed"
 
@@ -194,28 +200,21 @@ def _after(app: App, here: _Here, *, touching: bool) -> _Here:
     )
 
 
-def _quaternion(app: App, here: _Here) -> Array:
-    if app.orientation is not None:
+def _path(app: App, here: _Here) -> Curve:
+    """The reproduced path from where the arm is; without a known rotation, from where it was taught."""
+    assert here.place is not None, "is asked for where the place is known"
+    rotation = here.rotation
+    if rotation is None:
+        taught = app.path.start.orientation if app.path is not None else None
+        rotation = rotation_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
+    return course(app, here.place, rotation, app.tn - app.t0)
+
+
+def _quaternion(app: App | None, here: _Here) -> Array:
+    if app is not None and app.orientation is not None:
         given = np.array(app.orientation)
         return np.asarray(given / np.linalg.norm(given), dtype=np.float64)
-    return np.array((1.0, 0.0, 0.0, 0.0)) if here.rotation is None else _of_rotation(here.rotation)
-
-
-def _of_rotation(rotation: Array) -> Array:
-    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
-    m, trace = rotation, float(np.trace(rotation))
-    squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
-    products = np.array(
-        [
-            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
-            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
-            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
-        ]
-    )
-    row = products[int(np.argmax(squares))]
-    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
-    return unit
+    return np.array((1.0, 0.0, 0.0, 0.0)) if here.rotation is None else quaternion_of(here.rotation)
 
 
 def _mm(point: object) -> str:

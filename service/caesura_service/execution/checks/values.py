@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -42,7 +41,6 @@ LEAST_PRESS_N = 1.0
 UNIT_TOLERANCE = 0.05  # of a quaternion's length
 WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
 FORCE_TOLERANCE_N = 1e-6
-GAP = re.compile(r"(\d+\.\d+)–(\d+\.\d+) s")
 
 
 def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
@@ -56,19 +54,6 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
             reason = f"begins at {app.t0:.2f} s, before the app before it at {before.t0:.2f} s"
             found.append(Finding("error", index, app.kind, reason, app.t0, before.t0))
     return found
-
-
-def note_findings(apps: Sequence[App], notes: Sequence[str]) -> list[Finding]:
-    """A warning for every app with a gap in it that a note names."""
-    gaps = [(float(a), float(b)) for note in notes for a, b in GAP.findall(note)]
-    return [
-        Finding(
-            "warning", index, app.kind, f"was not observed from {a:.2f} to {b:.2f} s: look at what it does"
-        )
-        for index, app in enumerate(apps)
-        for a, b in gaps
-        if a < app.tn and app.t0 < b
-    ]
 
 
 def _not_numbers(index: int, app: App) -> Iterator[Finding]:
@@ -137,5 +122,5 @@ def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:
     if app.force is not None:
         least_n = LEAST_PRESS_N if app.kind == "apply_force" else 0.0
         newtons = float(np.linalg.norm(app.force))
-        if abs(newtons - safety.force_n) > FORCE_TOLERANCE_N:
-            yield _Range("force", newtons, least_n, safety.force_n, "N")
+        if abs(newtons - safety.most_force_n) > FORCE_TOLERANCE_N:
+            yield _Range("force", newtons, least_n, safety.most_force_n, "N")

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from caesura_protocol.paths import curve_of, knots_of
 from caesura_service.report.content import Content
 from caesura_service.report.figures import style
 from caesura_service.report.tables import ranges
@@ -21,8 +22,12 @@ Array = NDArray[np.float64]
 LEAST_SPAN_MM = 40.0  # what is smaller than this is not blown up to fill the page
 LABEL_DISTANCE = 0.09  # of the span: points closer together share a label
 LABEL_SIZE = (3.0, 0.8)  # width and height of a label over that distance
+DRAWN = 12  # places of a leg of a reproduced path
 MOST_PARTS = 2  # of a label
-CAPTION = "Numbers: the segments that begin at a changepoint. Base frame, flange; equal scale on all axes."
+CAPTION = (
+    "Numbers: the segments that begin at a changepoint. Thin line, dots: the program's path, its via points. "
+    "Base frame, flange; equal scale on all axes."
+)
 
 
 def path_page(content: Content) -> Figure:
@@ -95,9 +100,19 @@ def _limits(path: Array) -> list[tuple[float, float]]:
     return [(float(c - half), float(c + half)) for c in 0.5 * (low + high)]
 
 
+def _reproduced_mm(content: Content) -> list[tuple[Array, Array]]:
+    """The reproduced path (n, 3) of every app that has one, and its via points (v, 3)."""
+    apps = [app for app in content.view.apps if app.path is not None and app.target is not None]
+    ways = [(curve_of(app).sampled(DRAWN)[:, :3], knots_of(app)[1][1:-1, :3]) for app in apps]
+    return [(1000.0 * way, 1000.0 * via) for way, via in ways]
+
+
 def _plane(content: Content, axes: Axes, a: int, b: int) -> None:
     for kind, piece in _pieces(content):
         axes.plot(piece[:, a], piece[:, b], color=style.COLOUR_OF_KIND[kind], linewidth=2.4, zorder=1)
+    for way, via in _reproduced_mm(content):
+        axes.plot(way[:, a], way[:, b], color=style.INK, linewidth=0.7, zorder=2)
+        axes.plot(via[:, a], via[:, b], ".", color=style.INK, markersize=3.5, zorder=3)
     points = _changepoints_mm(content)[:, (a, b)]
     axes.plot(*points.T, color=style.RED, linestyle=":", linewidth=1.1, zorder=1)
     axes.plot(*points[1:-1].T, "x", color=style.RED, markersize=6, markeredgewidth=1.6, zorder=4)

@@ -1,0 +1,185 @@
+"""The reproduced path: the curve on which a robot follows an app's path.
+
+It leads through knots, in time order: where the robot is, the via points, the target. Between two knots every
+coordinate (position, and the four of the quaternion, which is normalised afterwards) is the polynomial of
+degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities of via
+points are those with which they were passed; what is not stated is estimated from three knots
+(`estimated_slopes`). So with two knots it is the straight line of minimum jerk, and the turn about one axis.
+
+>>> curve = Curve.through([0.0, 1.0], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+>>> curve.at(0.5)[0].round(3).tolist()
+[0.05, 0.0, 0.0]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from caesura_protocol.messages import App, ViaPoint
+
+Array = NDArray[np.float64]
+
+STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Knots: times (k,) [s], values, velocities and accelerations (k, c); c is 3, or 7 with a quaternion."""
+
+    t: Array
+    values: Array
+    velocities: Array
+    accelerations: Array
+
+    @classmethod
+    def through(
+        cls,
+        t: ArrayLike,
+        values: ArrayLike,
+        *,
+        passing: ArrayLike | None = None,
+        leaving: ArrayLike | None = None,
+        arriving: ArrayLike | None = None,
+    ) -> Curve:
+        """The curve through knots at rising times.
+
+        passing: (k, 3) [m/s] at the knots, nan where it is to be estimated; at the ends it is not used.
+        leaving, arriving: (3,) [m/s] at the first and the last one, where it does not rest there. Quaternions
+        take the sign nearer to the one before.
+        """
+        times, knots = np.asarray(t, dtype=np.float64), np.array(values, dtype=np.float64)
+        if knots.shape[1] == 7:
+            align_signs(knots[:, 3:])
+        velocities = estimated_slopes(times, knots)
+        if passing is not None:
+            stated = np.asarray(passing, dtype=np.float64)[1:-1]
+            velocities[1:-1, :3] = np.where(np.isnan(stated), velocities[1:-1, :3], stated)
+        if leaving is not None:
+            velocities[0, :3] = leaving
+        if arriving is not None:
+            velocities[-1, :3] = arriving
+        return cls(times, knots, velocities, estimated_slopes(times, velocities))
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(k − 1, 6, c): of the powers of a share of each leg, the lowest first."""
+        seconds = np.diff(self.t)[:, None]
+        first, way = self.values[:-1], np.diff(self.values, axis=0)
+        left, arrived = seconds * self.velocities[:-1], seconds * self.velocities[1:]
+        begun, ended = seconds**2 * self.accelerations[:-1], seconds**2 * self.accelerations[1:]
+        rows = (
+            first,
+            left,
+            0.5 * begun,
+            10.0 * way - 6.0 * left - 4.0 * arrived - 1.5 * begun + 0.5 * ended,
+            -15.0 * way + 8.0 * left + 7.0 * arrived + 1.5 * begun - ended,
+            6.0 * way - 3.0 * left - 3.0 * arrived - 0.5 * begun + 0.5 * ended,
+        )
+        return np.stack(rows, axis=1)
+
+    def at(self, t: float) -> tuple[Array, Array, Array]:
+        """Value, velocity and acceleration (c,) at a time; past the end it goes on as it arrived."""
+        if t >= self.t[-1]:
+            last = self.velocities[-1]
+            return self.values[-1] + (t - self.t[-1]) * last, last, np.zeros_like(last)
+        leg = max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)
+        seconds = float(self.t[leg + 1] - self.t[leg])
+        s = max(t - float(self.t[leg]), 0.0) / seconds
+        value, velocity, acceleration = _powers(np.array(s)) @ self.coefficients[leg]
+        return value, velocity / seconds, acceleration / seconds**2
+
+    def sampled(self, parts: int) -> Array:
+        """(parts · legs + 1, c) along the curve, each leg in even times; quaternions have unit length."""
+        shares = np.arange(parts) / parts
+        inner = (_powers(shares)[:, 0] @ self.coefficients).reshape(-1, self.values.shape[1])
+        return unit(np.concatenate([inner, self.values[-1:]]))
+
+    def peaks(self, parts: int = 17) -> tuple[float, float]:
+        """Largest speed [m/s] and rate of turn [rad/s] on the way; the latter is 0 without orientation."""
+        powers = _powers((np.arange(parts) + 0.5) / parts)
+        velocities = (powers[:, 1] @ self.coefficients) / np.diff(self.t)[:, None, None]
+        speed = float(np.linalg.norm(velocities[..., :3], axis=-1).max())
+        if self.values.shape[1] == 3:
+            return speed, 0.0
+        quaternions = (powers[:, 0] @ self.coefficients)[..., 3:]
+        sizes = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+        along, rate = quaternions / sizes, velocities[..., 3:] / sizes
+        across = rate - along * np.vecdot(along, rate)[..., None]
+        return speed, float(2.0 * np.linalg.norm(across, axis=-1).max())
+
+
+def estimated_slopes(t: Array, values: Array) -> Array:
+    """Slopes (k, c) at knots: 0 at both ends, else the derivative of the parabola through three knots.
+
+    The first three columns' is at most `STEEPEST` times the mean slope on the less steep side, and so is that
+    of the others: what stops on its way does not overshoot.
+    """
+    slopes = np.zeros_like(values)
+    if len(t) < 3:
+        return slopes
+    seconds = np.diff(t)[:, None]
+    means = np.diff(values, axis=0) / seconds
+    inner = (seconds[1:] * means[:-1] + seconds[:-1] * means[1:]) / (seconds[1:] + seconds[:-1])
+    for part in (slice(0, 3), slice(3, None)):
+        sizes = np.sqrt(np.vecdot(means[:, part], means[:, part]))
+        most = STEEPEST * np.minimum(sizes[:-1], sizes[1:])
+        size = np.sqrt(np.vecdot(inner[:, part], inner[:, part]))
+        inner[:, part] *= np.minimum(1.0, most / np.maximum(size, 1e-12))[:, None]
+    slopes[1:-1] = inner
+    return slopes
+
+
+def knots_of(app: App) -> tuple[Array, Array, Array]:
+    """Times (k,) [s], poses (k, 3 or 7) and velocities (k, 3) [m/s] of an app's path, start to target.
+
+    A velocity is nan where none is stated. Raises ValueError for an app without path or target.
+    """
+    if app.path is None or app.target is None:
+        raise ValueError(f"{app.kind} at {app.t0:.2f} s has no path, expected one with a target")
+    end = ViaPoint(t=app.path.tn, position=app.target, orientation=app.orientation)
+    points = (app.path.start, *app.path.via, end)
+    turns = all(point.orientation is not None for point in points)
+    poses = [(*point.position, *((point.orientation or ()) if turns else ())) for point in points]
+    passing = np.array([point.velocity or (np.nan,) * 3 for point in points])
+    return np.array([point.t for point in points]), np.array(poses, dtype=np.float64), passing
+
+
+def curve_of(app: App) -> Curve:
+    """The reproduced path of an app from where it was taught to start. As `knots_of`."""
+    times, poses, passing = knots_of(app)
+    return Curve.through(times, poses, passing=passing)
+
+
+def path_in_words(app: App) -> str:
+    """Its length, and the number of via points where it is not straight; empty without a path."""
+    if app.path is None:
+        return ""
+    length, via = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via)
+    return f"{length}, {via} via" if via else length
+
+
+def unit(values: Array) -> Array:
+    """The same values (n, c) with their quaternions at unit length."""
+    if values.shape[1] == 7:
+        values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+    return values
+
+
+def align_signs(quaternions: Array) -> None:
+    """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
+    turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
+    quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
+
+
+def _powers(s: Array) -> Array:
+    """(…, 3, 6): powers of shares s of a leg, their first and their second derivatives."""
+    share = np.asarray(s)[..., None]
+    powers = share ** np.arange(6)
+    slopes, bends = np.zeros_like(powers), np.zeros_like(powers)
+    slopes[..., 1:] = np.arange(1, 6) * powers[..., :5]
+    bends[..., 2:] = np.arange(2, 6) * np.arange(1, 5) * powers[..., :4]
+    return np.stack([powers, slopes, bends], axis=-2)

@@ -1,0 +1,200 @@
+"""The demonstrated path of an app, reduced to via points.
+
+The demonstrated path is the curve of `caesura_protocol.paths` through every observation. Via points are
+chosen among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the reproduced
+path is further off than the tolerance, each leg gets the observation at which it is furthest off. A distance
+is the larger of position over its tolerance and angle over its own; both paths are followed in one direction,
+so going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A leg
+turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
+from caesura_protocol.paths import Curve, align_signs, unit
+
+Array = NDArray[np.float64]
+PosesBetween = Callable[[float, float], tuple[Array, Array]]
+
+TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)
+MOST_TURN_RAD = math.radians(100.0)
+TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
+BETWEEN, PARTS = (
+    3,
+    8,
+)  # looks from one observation to the next; pieces of a leg, which is compared piece by piece
+MOST_KEPT = 256  # paths that are kept for the next look
+
+
+@dataclass
+class Paths:
+    """Paths of stretches of one demonstration.
+
+    poses_between: times (n,) [s] and flange poses (n, 3 or 7) from one time to another, at least one; what
+    ends after `settled_until` [s] still changes and has no path.
+    """
+
+    poses_between: PosesBetween
+    tolerance_m: float = TOLERANCE_M
+    tolerance_rad: float = TOLERANCE_RAD
+    settled_until: float = np.inf
+    _kept: dict[tuple[float, float], AppPath] = field(default_factory=dict)
+
+    def between(self, t0: float, tn: float) -> AppPath | None:
+        """The path from one time to another [s]; None where it is not settled yet."""
+        if tn > self.settled_until:
+            return None
+        if (found := self._kept.get((t0, tn))) is None:
+            found = self._kept[t0, tn] = self._made(*self.poses_between(t0, tn))
+            if len(self._kept) > MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+        return found
+
+    def turning(self, t0: float, tn: float) -> tuple[float, float] | None:
+        """When it turns in a rest [s]; None where it does by less than `TURN_RAD`, or nothing is known."""
+        if tn > self.settled_until:
+            return None
+        t, poses = self.poses_between(t0, tn)
+        if poses.shape[1] < 7:
+            return None
+        from_start, to_end = (angles(poses[:, 3:], poses[i, 3:]) for i in (0, -1))
+        if from_start.max() < TURN_RAD:
+            return None
+        begins = int(np.argmax(from_start > self.tolerance_rad)) - 1
+        ends = len(t) - int(np.argmax(to_end[::-1] > self.tolerance_rad))
+        return float(t[max(begins, 0)]), float(t[min(ends, len(t) - 1)])
+
+    def _made(self, t: Array, poses: Array) -> AppPath:
+        knots, off_m, off_rad = reduced(t, poses, self.tolerance_m, self.tolerance_rad)
+        velocities = Curve.through(t, poses).velocities
+        points = [_point(float(t[i]), poses[i], velocities[i]) for i in knots]
+        return AppPath(
+            start=points[0].model_copy(update={"velocity": None}),
+            via=tuple(points[1:-1]),
+            tn=float(t[-1]),
+            length_m=float(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()),
+            deviation_m=off_m,
+            deviation_rad=off_rad,
+            tolerance_m=self.tolerance_m,
+            tolerance_rad=self.tolerance_rad,
+        )
+
+
+def reduced(
+    t: Array, poses: Array, tolerance_m: float, tolerance_rad: float, most: int = MAX_VIA_POINTS
+) -> tuple[list[int], float, float]:
+    """Observations (indices) that a path leads through, and its largest deviations [m], [rad].
+
+    t: (n,) [s], rising; poses: (n, 3 or 7). At most `most` via points between the first and the last.
+    """
+    poses = unit(np.array(poses, dtype=np.float64))
+    n = len(t)
+    if n < 3:
+        return list(range(n)), 0.0, 0.0
+    if poses.shape[1] == 7:
+        align_signs(poses[:, 3:])
+    demonstrated = Curve.through(t, poses)
+    shown = demonstrated.sampled(BETWEEN)
+    near = np.minimum((np.arange(len(shown)) + BETWEEN // 2) // BETWEEN, n - 1)  # observation of each look
+    knots = _sides(poses)
+    while True:
+        curve = Curve.through(t[knots], poses[knots], passing=demonstrated.velocities[knots, :3])
+        leg = np.searchsorted(np.array(knots[1:-1]) * BETWEEN, np.arange(len(shown)), side="right")
+        off_m, off_rad = deviations(shown, curve, leg, tolerance_m, tolerance_rad)
+        off = np.maximum(off_m / tolerance_m, off_rad / tolerance_rad)
+        added = _worst(off, leg, near, knots)
+        away_m = 0.0
+        if not added:
+            away_m, added = _excursions(shown[:, :3], curve, knots, tolerance_m)
+        added = added[: most + 2 - len(knots)]
+        if not added:
+            return knots, max(float(off_m.max()), away_m), float(off_rad.max())
+        knots = sorted([*knots, *added])
+
+
+def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float) -> tuple[float, list[int]]:
+    """How far [m] a curve leaves places (m, 3) that were shown; the middle of each leg that is too far."""
+    line = curve.sampled(PARTS)[:, :3]
+    furthest, found = 0.0, []
+    for number, (low, high) in enumerate(pairwise(knots)):
+        places = shown[low * BETWEEN : high * BETWEEN + 1]
+        step = np.diff(places, axis=0)
+        away = line[number * PARTS + 1 : (number + 1) * PARTS, None] - places[:-1]
+        share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
+        apart = away - share[..., None] * step
+        far = float(np.sqrt(np.vecdot(apart, apart).min(axis=1).max()))
+        furthest = max(furthest, far)
+        if far > tolerance_m and high - low > 1:
+            found.append((-far, (low + high) // 2))
+    return furthest, [middle for _, middle in sorted(found)]
+
+
+def deviations(
+    shown: Array, curve: Curve, leg: NDArray[np.int64], tolerance_m: float, tolerance_rad: float
+) -> tuple[Array, Array]:
+    """Distances (m,) [m] and angles (m,) [rad] from poses (m, c) to a curve that is followed forwards.
+
+    leg: (m,) between which knots each pose lies. The nearest point is that of the two divided by tolerances.
+    """
+    scale = np.array([1.0 / tolerance_m] * 3 + [2.0 / tolerance_rad] * (shown.shape[1] - 3))
+    line = curve.sampled(PARTS) * scale
+    seen = shown * scale
+    first = leg[:, None] * PARTS + np.arange(PARTS)
+    start = line[first]
+    step = line[first + 1] - start
+    away = seen[:, None] - start
+    share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
+    apart = away - share[..., None] * step
+    best = np.argmin(np.vecdot(apart, apart), axis=1)
+    rows = np.arange(len(seen))
+    place = np.maximum.accumulate(first[rows, best] + share[rows, best])
+    piece = np.minimum(place.astype(np.int64), len(line) - 2)
+    share = (place - piece)[:, None]
+    left = seen - (1.0 - share) * line[piece] - share * line[piece + 1]
+    off_m = tolerance_m * np.linalg.norm(left[:, :3], axis=1)
+    half_chord = np.minimum(0.25 * tolerance_rad * np.linalg.norm(left[:, 3:], axis=1), 1.0)
+    return off_m, 4.0 * np.arcsin(half_chord)
+
+
+def angles(quaternions: Array, other: Array) -> Array:
+    """Angles (n,) [rad] between unit quaternions (n, 4) and another (4,)."""
+    cosine = np.minimum(np.abs(quaternions @ other), 1.0)
+    return 2.0 * np.arccos(cosine)
+
+
+def _sides(poses: Array) -> list[int]:
+    """The first and last observation, and so many between that no leg turns too far."""
+    knots = [0]
+    if poses.shape[1] == 7:
+        while (far := angles(poses[knots[-1] + 1 :, 3:], poses[knots[-1], 3:]) > MOST_TURN_RAD).any():
+            knots.append(knots[-1] + max(int(np.argmax(far)), 1))
+    return knots if knots[-1] == len(poses) - 1 else [*knots, len(poses) - 1]
+
+
+def _worst(off: Array, leg: NDArray[np.int64], near: NDArray[np.int64], knots: list[int]) -> list[int]:
+    """The observation that is furthest off in each leg where one is too far, the worst first."""
+    found: list[tuple[float, int]] = []
+    starts = np.searchsorted(leg, np.arange(len(knots) - 1))
+    worst = np.maximum.reduceat(off, starts)
+    for number in np.flatnonzero(worst > 1.0).tolist():
+        low, high = knots[number], knots[number + 1]
+        if high - low > 1:
+            look = int(starts[number]) + int(np.argmax(off[leg == number]))
+            found.append((-float(worst[number]), min(max(int(near[look]), low + 1), high - 1)))
+    return [index for _, index in sorted(found)]
+
+
+def _point(t: float, pose: Array, velocity: Array) -> ViaPoint:
+    vx, vy, vz = velocity[:3].tolist()
+    values = pose.tolist()
+    x, y, z = values[:3]
+    orientation = None if len(values) == 3 else (values[3], values[4], values[5], values[6])
+    return ViaPoint(t=t, position=(x, y, z), orientation=orientation, velocity=(vx, vy, vz))

@@ -42,7 +42,7 @@ def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -
             f"{segment.t0:.2f}",
             f"{mark}{segment.tn:.2f}",
             f"{mark}{segment.kind}",
-            _effort(segment.force, segment.load_kg, segment.load_sd_kg),
+            _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg),
             f"{segment.probability:.2f}",
             segment.runner_up or "",
             style=STYLE_OF_CERTAINTY[segment.certainty],
@@ -143,6 +143,13 @@ def _gaps(status: SessionStatus) -> str:
 
 def _title(status: SessionStatus) -> str:
     return f"{status.station} / {status.session} ({status.preset})"
+
+
+def _turned(segment: Segment) -> str:
+    """By how much it turns in place; empty for every other kind."""
+    if segment.kind != "turning" or segment.turn is None:
+        return ""
+    return f"{math.degrees(math.hypot(*segment.turn)):.0f}°"
 
 
 def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:

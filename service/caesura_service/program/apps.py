@@ -4,6 +4,7 @@
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
   during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
+- A turn in place is a motion, a sliding or a transport, by what the tool touches.
 - Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
   outside any contact is an app of its own.
 - What moves has the path from where it began to its target (`paths`).
@@ -19,7 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from caesura_protocol.messages import App, AppKind, Gap, Segment, Vector
+from caesura_protocol.messages import App, AppKind, Contact, Gap, Segment, Vector
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.steps import (
@@ -41,6 +42,7 @@ GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
+TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
 GRIP_APPS: dict[str, AppKind] = {
     "grasp": "grasp",
     "release": "gripper_move",
@@ -226,7 +228,7 @@ def _carries(group: _Group) -> Iterable[App]:
     sets_down = group.following is not None and group.following.touches
     for step in group.steps:
         end = group.touch() if sets_down and step is group.steps[-1] else None
-        yield group.moving("transport" if step.segment.kind == "transport" else "hold", step, end, load)
+        yield group.moving("hold" if step.segment.kind == "hold" else "transport", step, end, load)
 
 
 _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
@@ -246,7 +248,9 @@ def _average(steps: Sequence[Step], value: Callable[[Segment], float]) -> float:
 
 def _group_key(step: Step) -> str:
     """Transport and hold are one carry; pushing in what gives way is part of the press."""
-    kind = step.segment.kind
+    kind, contact = step.segment.kind, step.segment.contact
+    if kind == "turning":
+        return TURNS_AS[contact]
     if kind == "sliding" and gives_way(step.segment):
         return "contact"
     return "transport" if kind == "hold" else kind

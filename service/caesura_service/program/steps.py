@@ -159,7 +159,7 @@ def _in_hand(step: Step, grips: Sequence[Grip]) -> Step:
     Where they say nothing, what weighs nothing is not carried.
     """
     segment = step.segment
-    if segment.kind == "motion":
+    if segment.contact == "free" and segment.motion == "motion":
         return _as(step, "transport") if holds(step, grips) else step
     if segment.contact != "transport":
         return step

@@ -6,6 +6,7 @@ export const KINDS = {
   sliding: { colour: "#e69f00", letter: "L", pattern: "falling" },
   transport: { colour: "#009e73", letter: "T", pattern: "rows" },
   hold: { colour: "#cc79a7", letter: "H", pattern: "columns" },
+  turning: { colour: "#f0e442", letter: "R", pattern: "crossed" },
 };
 
 const TILE = 8;
@@ -14,6 +15,7 @@ const STROKES = {
   falling: [[0, 0, TILE, TILE], [-1, TILE - 1, 1, TILE + 1], [TILE - 1, -1, TILE + 1, 1]],
   rows: [[0, TILE / 2, TILE, TILE / 2]],
   columns: [[TILE / 2, 0, TILE / 2, TILE]],
+  crossed: [[0, 0, TILE, TILE], [0, TILE, TILE, 0]],
 };
 const made = new Map();
 

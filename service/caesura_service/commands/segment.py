@@ -12,7 +12,7 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
-from caesura_clients.cli.show import apps_table, ignored_line, segments_table
+from caesura_clients.cli.show import apps_table, ignored_line, phases_table, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
@@ -87,6 +87,7 @@ def _write(path: Path, view: View) -> None:
 def _shown(recording: Recording, preset: str, view: View) -> Group:
     return Group(
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
+        *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
         apps_table(view.apps, title="task program"),
         view.wrench.note,
         *_warnings(recording, view),

@@ -1,4 +1,4 @@
-"""Segments grouped into phases, such as reach, wipe, retract: a layer over segments with its own posterior."""
+"""Segments grouped into phases, such as reach, wipe, retract: a layer over them with its own posterior."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class PhaseKind:
 
     own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt.
     ends, interrupted: what follows one of its own segments. resumed: an interruption is over. repeats: a
-    phase is resumed at an end of an earlier stroke. bounds: a demonstration begins, and ends, in such a phase.
+    phase is resumed at an end of an earlier stroke. bounds: a demonstration begins, and ends, in this kind.
     """
 
     name: Name
@@ -133,8 +133,8 @@ class Chain:
 
     A state is a kind, whether the segment is its own (0) or interrupts (1), and the age: how many segments
     the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
-    interruption. first: (states,) probability of the first segment's. end: (states,) that a demonstration ends
-    there. next, resumes: (states, states) of the second given the first; what resumes a phase stands apart,
+    interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
+    ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands apart,
     because where that happens counts.
     """
 

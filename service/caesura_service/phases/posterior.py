@@ -4,9 +4,9 @@ With a_t(s) the probability of the segments up to t and of state s there, T and 
 
     a_t(s) = e_t(s) Σ_r a_{t−1}(r) T_t(r, s),    b_t(r) = Σ_s T_{t+1}(r, s) e_{t+1}(s) b_{t+1}(s)
 
-a_t(s) b_t(s), normalised, is the probability of state s at segment t; of a state of age 1, that a phase of its
-kind starts there. The same recursion with maximum gives the best grouping (Viterbi). Only ratios count, so
-both are scaled at every segment.
+a_t(s) b_t(s), normalised, is the probability of state s at segment t; of a state of age 1, that a phase of
+its kind starts there. The same recursion with maximum gives the best grouping (Viterbi). Only ratios count,
+so both are scaled at every segment.
 """
 
 from __future__ import annotations

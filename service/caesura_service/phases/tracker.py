@@ -96,7 +96,7 @@ class PhaseTracker:
             self._decide(index, state)
 
     def _decide(self, index: int, state: int) -> None:
-        """Keep what lies before a segment, by its number among the kept ones, as the best path to its state."""
+        """Keep what lies before a segment, by its number among the kept ones, as its state's best path."""
         steps = [one.step for one in self._kept]
         states = best_states(steps[: index + 1], state)
         sure = posterior(self._chain, steps, ended=False)

@@ -129,10 +129,16 @@ def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
     return Changepoints(**standing.header("changepoints"), first=first, changepoints=shown)
 
 
-def segments_of(standing: Standing, first: int = 0) -> Segments:
-    """The segments from the `first` on."""
-    shown = standing.view.segments[first:]
-    return Segments(**standing.header("segments"), first=first, segments=shown)
+def segments_of(standing: Standing, first: int = 0, first_phase: int = 0) -> Segments:
+    """The segments from the `first` on, and the phases from the `first_phase` on."""
+    view = standing.view
+    return Segments(
+        **standing.header("segments"),
+        first=first,
+        segments=view.segments[first:],
+        first_phase=first_phase,
+        phases=view.phases[first_phase:],
+    )
 
 
 def posterior_of(standing: Standing) -> Posterior:

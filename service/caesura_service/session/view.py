@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Segment, WrenchReport
+from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
 from caesura_service.session.corrections import Change, Correction
 
 
@@ -35,6 +35,7 @@ class View(NamedTuple):
     hypotheses: int
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
+    phases: Sequence[Phase] = ()
 
 
 class Pipeline(Protocol):

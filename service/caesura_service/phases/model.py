@@ -134,8 +134,8 @@ class Chain:
     A state is a kind, whether the segment is its own (0) or interrupts (1), and the age: how many segments
     the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
     interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
-    ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands apart,
-    because where that happens counts.
+    ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands
+    apart, because where that happens counts.
     """
 
     def __init__(self, parameters: Parameters) -> None:

@@ -234,5 +234,5 @@ def test_a_model_without_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="memory is 1"):
         Chain(replace(PARAMETERS, memory=1))
     bad = replace(PARAMETERS.kinds[0], ends=0.9, interrupted=0.2)
-    with pytest.raises(ValueError, match="'ends': 0.9"):
+    with pytest.raises(ValueError, match=r"'ends': 0\.9"):
         Chain(replace(PARAMETERS, kinds=(bad, *PARAMETERS.kinds[1:])))

@@ -14,6 +14,7 @@ from caesura_clients.cli.show import apps_table, program_view
 from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.document import BadProgramError, ProgramFile, document, read_document
 from caesura_clients.programs.formats import WRITERS
+from caesura_protocol.messages import Phase
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 
@@ -49,14 +50,20 @@ def program(
         if file is not None:
             write_program(read_document(file), output_format, out)
             return
+        phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
-            found = caesura.program(only_station(caesura, station))
+            name = only_station(caesura, station)
+            if output_format is ProgramFormat.JSON:
+                snapshot = caesura.snapshot(name)
+                found, phases = snapshot.program, snapshot.segments.phases
+            else:
+                found = caesura.program(name)
         if as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and out is None:
             Console().print(program_view(found))
         else:
-            write_program(document(found), output_format, out)
+            write_program(document(found, phases=phases), output_format, out)
 
 
 def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path | None) -> None:

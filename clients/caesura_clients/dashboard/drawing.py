@@ -1,8 +1,9 @@
 """What the browser draws of a session, as rows of plain values, and only what it does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
-[px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint [t, probability, final, t_low, t_high, corrected]; a gap
-[t0, tn, reason]; a column of run lengths [t, [[length, probability], …]].
+[px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint
+[t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
+[t, [[length, probability], …]].
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -16,8 +16,9 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_clients.errors import CaesuraError
+from caesura_clients.programs.groups import Group, groups_of
 from caesura_clients.programs.safety import DEFAULT, Safety
-from caesura_protocol.messages import App, AppKind, Name, Program
+from caesura_protocol.messages import App, AppKind, Name, Phase, Program
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[1] = 1
@@ -75,14 +76,15 @@ class ProgramFile(BaseModel):
     safety: Safety = DEFAULT
     apps: tuple[ProgramStep, ...]
     notes: tuple[str, ...] = ()
+    groups: tuple[Group, ...] = ()  # the apps of each phase
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
         return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
 
 
-def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
-    """A program from the wire as a document."""
+def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase] = ()) -> ProgramFile:
+    """A program from the wire as a document; phases: those of its session, by which its apps are grouped."""
     return ProgramFile(
         station=program.station,
         session=program.session,
@@ -94,6 +96,7 @@ def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
         safety=safety,
         apps=tuple(_step(app) for app in program.apps),
         notes=program.notes,
+        groups=groups_of(program.apps, phases),
     )
 
 
@@ -124,7 +127,9 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         return ProgramFile.model_validate(content)
     if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
         apps = [App.model_validate(app) for app in content["program"]]
-        return document_of_apps(tuple(apps), name)
+        phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
+        written = document_of_apps(tuple(apps), name)
+        return written.model_copy(update={"groups": groups_of(apps, phases)})
     return document(Program.model_validate(content))
 
 

@@ -31,7 +31,7 @@ HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot 
 Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding"]
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
-PhaseKind = Contact  # the contact state that most of its segments have
+PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 Certainty = Literal["provisional", "final"]
 AppKind = Literal[
     "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"

@@ -1,7 +1,8 @@
 """The parameters of `default`: what phases are made of, read off demonstrations.
 
 Durations, and how often a phase ends or is interrupted, were counted on the segments that are found in the
-development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded.
+development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded. A
+cycle is rare; it is long, and its end is near its beginning.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ FREE = PhaseKind(
     resumed=0.5,
     repeats=0.0,
     bounds=0.9,
+    moving=0.65,
+    step_m=0.12,
+    weight=1.0,
 )
 CONTACT = PhaseKind(
     name="contact",
@@ -31,6 +35,9 @@ CONTACT = PhaseKind(
     resumed=0.45,
     repeats=0.8,
     bounds=0.05,
+    moving=0.5,
+    step_m=0.12,
+    weight=1.0,
 )
 TRANSPORT = PhaseKind(
     name="transport",
@@ -43,5 +50,23 @@ TRANSPORT = PhaseKind(
     resumed=0.6,
     repeats=0.0,
     bounds=0.05,
+    moving=0.75,
+    step_m=0.12,
+    weight=1.0,
 )
-PARAMETERS = Parameters((FREE, CONTACT, TRANSPORT))
+CYCLE = PhaseKind(
+    name="cycle",
+    own=(0.996, 0.002, 0.002),
+    aside=(0.02, 0.49, 0.49),
+    own_s=LogNormal(4.0, 0.9),
+    aside_s=LogNormal(0.4, 0.7),
+    ends=0.3,
+    interrupted=0.02,
+    resumed=0.5,
+    repeats=0.0,
+    bounds=0.02,
+    moving=0.9,
+    step_m=0.05,
+    weight=0.1,
+)
+PARAMETERS = Parameters((FREE, CONTACT, TRANSPORT, CYCLE))

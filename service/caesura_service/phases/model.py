@@ -6,6 +6,7 @@ segment of a phase of kind k emits
 
 - its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
 - its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long,
+- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began,
 - where a phase is resumed after an interruption: near an end of one of its strokes with probability
   `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together.
 
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 
 CONTACT_STATES = ("free", "contact", "transport")
 STATE_OF_KIND = {"motion": 0, "steady": 0, "contact": 1, "sliding": 1, "transport": 2, "hold": 2}
+SQRT_TAU = math.sqrt(2.0 * math.pi)
 LARGEST_LOG = 700.0  # of which the exponential is finite
 LEAST = 1e-100  # of a density over the highest: no state is impossible, however long a segment lasts
 LEAST_S = 0.05  # half an observation: a shorter segment has no length that could be read
@@ -57,8 +59,10 @@ class PhaseKind:
     """What a phase of one kind is made of; probabilities are per segment.
 
     own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt.
+    moving: one of its segments is a movement; step_m [m]: standard deviation an axis of how far it leads.
     ends, interrupted: what follows one of its own segments. resumed: an interruption is over. repeats: a
     phase is resumed at an end of an earlier stroke. bounds: a demonstration begins, and ends, in this kind.
+    weight: how often it follows another, relative to other kinds.
     """
 
     name: Name
@@ -71,6 +75,9 @@ class PhaseKind:
     resumed: float
     repeats: float
     bounds: float
+    moving: float
+    step_m: float
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,7 @@ class Seen(NamedTuple):
     start: Array
     end: Array
     grows: bool
+    moves: bool
 
     @property
     def state(self) -> int:
@@ -115,6 +123,7 @@ def seen(segment: Segment, wrong: float, *, grows: bool) -> Seen:
         start=np.array(segment.position_start),
         end=np.array(segment.position_end),
         grows=grows,
+        moves=segment.motion == "motion",
     )
 
 
@@ -148,7 +157,7 @@ class Chain:
         grid = np.indices((count, 2, parameters.memory)).reshape(3, -1)
         self.kind, self.aside, self.age = grid[0], grid[1], grid[2] + 1
         ends, interrupted, resumed, bounds = (
-            np.array([getattr(one, name) for one in parameters.kinds])[self.kind] for name in _SHARES
+            np.array([getattr(one, name) for one in parameters.kinds])[self.kind] for name in _SHARES[:4]
         )
         begins, is_aside = (self.age == 1) & (self.aside == 0), self.aside == 1
         self.first = begins * bounds
@@ -159,9 +168,12 @@ class Chain:
         ends, interrupted, resumed, after_aside = (
             each[:, None] for each in (ends, interrupted, resumed, is_aside)
         )
+        weight = np.array([one.weight for one in parameters.kinds])
+        others = np.maximum(weight.sum() - weight, np.finfo(float).tiny)
+        enters = (weight / others[:, None])[self.kind[:, None], self.kind]
         after_own = np.where(is_aside, interrupted, 1.0 - ends - interrupted)
         inside = np.where(after_aside, is_aside * (1.0 - resumed), after_own)
-        self.next: Array = goes_on * inside + switches * ~after_aside * ends / max(count - 1, 1)
+        self.next: Array = goes_on * inside + switches * ~after_aside * ends * enters
         self.resumes: Array = goes_on * after_aside * ~is_aside * resumed
         with np.errstate(divide="ignore"):
             self.log_next = np.log(self.next + self.resumes)
@@ -176,7 +188,8 @@ class Chain:
             [lasts(one.own_s, segment.seconds), lasts(one.aside_s, segment.seconds)]
             for one in self.parameters.kinds
         ]
-        each = share + seconds
+        steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
+        each = share + seconds + steps
         each = np.maximum(np.exp(each - each.max()), LEAST)
         found: Array = each[self.kind, self.aside]
         return found
@@ -211,7 +224,16 @@ class Chain:
         return weights
 
 
-_SHARES = ("ends", "interrupted", "resumed", "bounds")
+def _log_step(kind: PhaseKind, segment: Seen) -> float:
+    """Log density [1/m³] of whether a segment moves, and how far."""
+    if not segment.moves:
+        return math.log(1.0 - kind.moving)
+    step = (segment.end - segment.start) / kind.step_m
+    far = -3.0 * math.log(kind.step_m * SQRT_TAU) - 0.5 * float(step @ step)
+    return math.log(kind.moving) + far
+
+
+_SHARES = ("ends", "interrupted", "resumed", "bounds", "moving")
 
 
 def _check(one: PhaseKind) -> None:

@@ -15,6 +15,7 @@ from caesura_service.phases.posterior import best_last, best_states, first_step,
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
 CHAIN = Chain(PARAMETERS)
+FREE, CONTACT, TRANSPORT, CYCLE = PARAMETERS.kinds
 
 
 def segment(t0: float, seconds: float, contact: str, start: tuple, end: tuple, p: float = 0.999) -> Segment:
@@ -71,7 +72,7 @@ def normal(x: np.ndarray, mean: np.ndarray, sd: float) -> float:
 
 def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) -> float:
     """grouping: of each segment its kind's number, whether it interrupts, and whether a phase starts."""
-    total, count, start = parameters.kinds[grouping[0][0]].bounds, len(parameters.kinds), 0
+    total, start = parameters.kinds[grouping[0][0]].bounds, 0
     for i, (one, (k, aside, starts)) in enumerate(zip(segments, grouping, strict=True)):
         kind = parameters.kinds[k]
         if i:
@@ -80,7 +81,8 @@ def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) ->
             if starts:
                 if before_aside or before_kind == k:
                     return 0.0
-                total *= before.ends / (count - 1)
+                others = sum(each.weight for each in parameters.kinds) - before.weight
+                total *= before.ends * kind.weight / others
             else:
                 if before_kind != k:
                     return 0.0
@@ -96,6 +98,8 @@ def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) ->
             total *= resumed(segments[max(start, i - parameters.memory) : i], one, kind, parameters)
         classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
         total *= float(np.dot(classes, one.likelihood)) * log_normal(law, one.seconds, one.grows)
+        moving = kind.moving
+        total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
     last, last_aside, _ = grouping[-1]
     kind = parameters.kinds[last]
     return total * (kind.bounds * (1.0 - kind.resumed if last_aside else kind.ends) if ended else 1.0)
@@ -103,7 +107,7 @@ def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) ->
 
 def resumed(phase: list[Seen], one: Seen, kind, parameters) -> float:
     """Density of where a phase is resumed, over that of resuming it anywhere."""
-    state = CONTACT_STATES.index(kind.name)
+    state = CONTACT_STATES.index("free" if kind.name == "cycle" else kind.name)
     strokes = [each for each in phase if int(each.likelihood.argmax()) == state]
     if not strokes:
         return 1.0
@@ -124,9 +128,10 @@ def groupings(count: int, kinds: int) -> list[tuple]:
 
 
 @pytest.mark.parametrize("memory", [2, 10])
+@pytest.mark.parametrize("kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT)])
 @pytest.mark.parametrize("ended", [True, False])
-def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int) -> None:
-    parameters = replace(PARAMETERS, memory=memory)
+def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kinds: tuple) -> None:
+    parameters = replace(PARAMETERS, memory=memory, kinds=kinds)
     chain = Chain(parameters)
     every = wiping()
     for segments in (every[:4], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
@@ -174,6 +179,14 @@ def test_presses_at_places_apart_are_phases_of_their_own() -> None:
         ("contact", 1.0, LEFT), ("free", 1.5, AWAY),
     )  # fmt: skip
     assert shown(grouped(back)) == [("free", 0, 0, 1), ("contact", 1, 4, 2), ("free", 5, 5, 1)]
+
+
+def test_circles_in_free_space_are_a_phase_of_their_own() -> None:
+    circles = demonstration(
+        ("free", 1.5, LEFT), ("free", 8.0, LEFT), ("free", 1.0, LEFT), ("free", 1.5, AWAY)
+    )
+    assert [(one.kind, one.first_segment) for one in grouped(circles)][:2] == [("free", 0), ("cycle", 1)]
+    assert grouped(circles)[-1].kind == "free"
 
 
 def test_a_carry_is_a_phase_of_its_own() -> None:

@@ -199,7 +199,7 @@ class Chain:
 
         before: the segments before it, the last one last.
         """
-        earlier = list(reversed(before[-self.parameters.memory :]))
+        earlier = before[: -self.parameters.memory - 1 : -1]
         each = [
             self._resumed(segment.start, earlier, kind, state)
             for kind, state in zip(self.parameters.kinds, self._own_state, strict=True)
@@ -207,21 +207,22 @@ class Chain:
         weight: Array = np.array(each)[self.kind, self.age - 1]
         return weight
 
-    def _resumed(self, start: Array, earlier: Sequence[Seen], kind: PhaseKind, state: int) -> list[float]:
-        """Of phases of one kind, by age: how much more probable it is to be resumed here than anywhere."""
-        if not kind.repeats:
-            return [1.0] * self.parameters.memory
-        weights, total, places = [], 0.0, 0
-        left = next((one.end for one in earlier if one.state == state), None)
-        for age in range(self.parameters.memory):
-            if age < len(earlier) and earlier[age].state == state and left is not None:
-                stroke = earlier[age]
-                total += sum(
-                    _gain(start, place, left, self.parameters) for place in (stroke.start, stroke.end)
-                )
-                places += 2
-            weights.append(1.0 - kind.repeats + kind.repeats * total / places if places else 1.0)
-        return weights
+    def _resumed(self, start: Array, earlier: Sequence[Seen], kind: PhaseKind, state: int) -> Array:
+        """(memory,) of phases of one kind, by age: how much more probable it is here than anywhere.
+
+        earlier: the segments before it, the last one first.
+        """
+        weight = np.ones(self.parameters.memory)
+        strokes = [number for number, one in enumerate(earlier) if one.state == state]
+        if not kind.repeats or not strokes:
+            return weight
+        places = np.array([(earlier[number].start, earlier[number].end) for number in strokes])
+        gain, count = np.zeros(weight.size), np.zeros(weight.size)
+        gain[strokes] = _gain(start, places, earlier[strokes[0]].end, self.parameters).sum(axis=1)
+        count[strokes] = 2.0
+        mean = gain.cumsum() / np.maximum(count.cumsum(), 1.0)
+        weight[strokes[0] :] += kind.repeats * (mean[strokes[0] :] - 1.0)
+        return weight
 
 
 def _log_step(kind: PhaseKind, segment: Seen) -> float:
@@ -248,8 +249,9 @@ def _check(one: PhaseKind) -> None:
         raise ValueError(f"phase {one.name!r} repeats {one.repeats}, expected 0 ≤ repeats < 1")
 
 
-def _gain(start: Array, place: Array, left: Array, parameters: Parameters) -> float:
-    """Density of a start [m] near a place, over that of one anywhere around where the tool was."""
-    near, far = (start - place) / parameters.near_m, (start - left) / parameters.far_m
-    scale = 3.0 * math.log(parameters.far_m / parameters.near_m)
-    return math.exp(min(scale - 0.5 * float(near @ near) + 0.5 * float(far @ far), LARGEST_LOG))
+def _gain(start: Array, places: Array, left: Array, parameters: Parameters) -> Array:
+    """(…,) density of a start [m] near each place (…, 3), over that of one anywhere around `left`."""
+    near, far = (start - places) / parameters.near_m, (start - left) / parameters.far_m
+    scale = 3.0 * math.log(parameters.far_m / parameters.near_m) + 0.5 * float(far @ far)
+    gain: Array = np.exp(np.minimum(scale - 0.5 * np.square(near).sum(axis=-1), LARGEST_LOG))
+    return gain

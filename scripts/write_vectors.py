@@ -36,6 +36,7 @@ from caesura_protocol.messages import (
     Message,
     Move,
     Open,
+    Phase,
     Piece,
     Posterior,
     Program,
@@ -98,6 +99,16 @@ def examples() -> dict[str, Message]:
         force_held=None,
         load_kg=0.5,
         load_sd_kg=0.0625,
+    )
+    phase = Phase(
+        t0=0.0,
+        tn=3.5,
+        kind="contact",
+        probability=0.875,
+        certainty="provisional",
+        first_segment=2,
+        last_segment=6,
+        strokes=3,
     )
     wrench = WrenchReport(
         source="flange_sensor",
@@ -165,7 +176,7 @@ def examples() -> dict[str, Message]:
         path=path,
     )
     changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
-    segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,))
+    segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,), first_phase=1, phases=(phase,))
     posterior = Posterior(**OF_RESULT, seq=125, starts=(3.5, 12.0), probabilities=(0.75, 0.25))
     program = Program(
         **OF_RESULT,
@@ -206,6 +217,7 @@ def examples() -> dict[str, Message]:
         Ack(session=SESSION, next_seq=18, state="open"),
         changepoint,
         segment,
+        phase,
         gap,
         changepoints,
         segments,

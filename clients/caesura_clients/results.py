@@ -14,6 +14,7 @@ from typing import Literal
 from caesura_protocol.messages import (
     Changepoint,
     Changepoints,
+    Phase,
     Posterior,
     Program,
     Segment,
@@ -36,6 +37,7 @@ class Update:
     segments: tuple[Segment, ...]
     posterior: Posterior | None
     program: Program
+    phases: tuple[Phase, ...] = ()
 
     @property
     def station(self) -> str:
@@ -82,6 +84,7 @@ class SessionReader:
             snapshot.segments.segments,
             snapshot.posterior,
             snapshot.program,
+            snapshot.segments.phases,
         )
         return "unchanged" if self.update == before else "changed"
 
@@ -117,6 +120,15 @@ def _applied(update: Update, message: Published, *, next_one: bool) -> Update | 
             return replace(update, program=message)
         case Changepoints() if next_one and message.first <= len(update.changepoints):
             return replace(update, changepoints=update.changepoints[: message.first] + message.changepoints)
-        case Segments() if next_one and message.first <= len(update.segments):
-            return replace(update, segments=update.segments[: message.first] + message.segments)
+        case Segments() if next_one and _goes_on(update, message):
+            return replace(
+                update,
+                segments=update.segments[: message.first] + message.segments,
+                phases=update.phases[: message.first_phase] + message.phases,
+            )
     return None
+
+
+def _goes_on(update: Update, message: Segments) -> bool:
+    """Does a message begin where its reader's segments and phases reach, or before?"""
+    return message.first <= len(update.segments) and message.first_phase <= len(update.phases)

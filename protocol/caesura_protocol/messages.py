@@ -32,6 +32,7 @@ HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot 
 Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding", "turning"]
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
+PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 Certainty = Literal["provisional", "final"]
 AppKind = Literal[
     "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
@@ -267,6 +268,22 @@ class Segment(Message):
         return self.force_held or self.force_end
 
 
+class Phase(Message):
+    """A run of segments that make one skill: reach, wipe, carry. Phases follow each other without a hole.
+
+    A phase of contact may hold short free segments, in which the tool lifts off between two strokes.
+    """
+
+    t0: Seconds  # [s] where its first segment begins
+    tn: Seconds  # [s] where its last segment ends
+    kind: PhaseKind
+    probability: Probability  # that a phase of this kind starts here
+    certainty: Certainty  # a final one is never revised but by an edit
+    first_segment: Count
+    last_segment: Count
+    strokes: Annotated[int, Field(ge=1)] = 1  # runs of segments in its contact state
+
+
 class Gap(Message):
     """Samples that never came: nothing is known between the two times.
 
@@ -300,10 +317,13 @@ class Segments(Result):
     """All segments from the `first` on; those before it stay as they were.
 
     The last one of an open session goes on: where it ends is told once a second.
+    Likewise all phases from the `first_phase` on. An older service sends none.
     """
 
     first: Count
     segments: Listed[Segment]
+    first_phase: Count = 0
+    phases: Listed[Phase] = ()
 
 
 class Posterior(Result):

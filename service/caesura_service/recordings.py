@@ -128,6 +128,7 @@ def as_json(view: View) -> dict[str, Any]:
     """Everything a script wants, as plain values."""
     return {
         "segments": [segment.model_dump(mode="json") for segment in view.segments],
+        "phases": [phase.model_dump(mode="json") for phase in view.phases],
         "changepoints": [changepoint.model_dump(mode="json") for changepoint in view.changepoints],
         "program": [app.model_dump(mode="json") for app in view.apps],
         "force_limit_n": view.force_limit_n,

@@ -9,7 +9,7 @@ from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key
-from caesura_protocol.messages import Changepoints, Posterior, Program, SessionStatus, Snapshot
+from caesura_protocol.messages import Changepoints, Phase, Posterior, Program, SessionStatus, Snapshot
 from clients.answering import Answering
 from clients.examples import changepoint, example, segments, snapshot
 
@@ -54,6 +54,19 @@ def test_changepoints_follow_the_same_rule():
     )
     assert following.receive(tail) == "changed"
     assert following.update.changepoints == (changepoint(1.5),)
+
+
+def test_phases_come_with_the_segments_and_replace_theirs_from_their_first_on():
+    phase = example(Phase)
+    following = reader("motion", seq=4)
+    known = following.update.phases
+    changed = segments(5, 1, "contact", first_phase=len(known), phases=(phase,))
+    assert following.receive(changed) == "changed"
+    assert following.update.phases == (*known, phase)
+    assert following.receive(segments(6, 2, first_phase=0, phases=(phase,))) == "changed"
+    assert following.update.phases == (phase,)
+    assert kinds(following.update) == ["motion", "contact"]
+    assert following.receive(segments(7, 2, first_phase=3, phases=(phase,))) == "hole"
 
 
 @pytest.mark.parametrize("seq", [0, 3])

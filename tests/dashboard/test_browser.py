@@ -106,8 +106,12 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
     expect(slider).to_have_attribute("max", re.compile(r"^5\."))
     slider.fill("1.5")
     expect(page.locator(".selection")).to_contain_text("motion")
+    expect(page.locator(".selection")).to_contain_text("in phase free")
     slider.fill("2.6")
     expect(page.locator(".selection")).to_contain_text("contact")
+    expect(page.locator(".selection")).to_contain_text("in phase contact")
+    slider.fill(slider.get_attribute("max"))
+    visitor.picture("phases")
     visitor.picture("scrubbed")
 
 

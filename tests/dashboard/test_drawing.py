@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.drawing import Sent, delta, run_lengths, segment_row
+from caesura_clients.dashboard.drawing import Sent, delta, phase_row, run_lengths, segment_row
 from caesura_clients.dashboard.signals import Rows, SignalRing
-from caesura_protocol.messages import Posterior
+from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
 
 NOTHING = Rows("", "m/s", 0, ())
@@ -21,6 +21,7 @@ class Browser:
 
     def __init__(self) -> None:
         self.segments: list = []
+        self.phases: list = []
         self.changepoints: list = []
         self.signals: list = []
         self.session = ""
@@ -29,7 +30,7 @@ class Browser:
         if payload.get("reset"):
             self.__init__()
         self.session = payload.get("session", self.session)
-        for name in ("segments", "changepoints"):
+        for name in ("segments", "phases", "changepoints"):
             if name in payload:
                 part = payload[name]
                 setattr(self, name, getattr(self, name)[: part["first"]] + part["rows"])
@@ -43,7 +44,10 @@ def updates(update):
     two = replace(
         one, segments=(segment("motion"), segment("contact", 1.0)), changepoints=(changepoint(1.0),)
     )
+    press = example(Phase).model_copy(update={"first_segment": 1, "last_segment": 1})
+    two = replace(two, phases=(example(Phase), press))
     revised = replace(two, segments=(segment("steady"), segment("contact", 1.0)))
+    revised = replace(revised, phases=(press,))
     shorter = replace(revised, segments=(segment("motion"),), changepoints=())
     return [one, two, revised, shorter, update("transport", session="another")]
 
@@ -55,6 +59,7 @@ def test_a_browser_that_takes_every_difference_has_everything(updates):
         browser.apply(payload)
         assert browser.session == one.session
         assert browser.segments == [segment_row(part) for part in one.segments]
+        assert browser.phases == [phase_row(part) for part in one.phases]
         assert [row[0] for row in browser.changepoints] == [point.t for point in one.changepoints]
 
 

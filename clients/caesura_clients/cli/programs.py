@@ -31,6 +31,7 @@ from caesura_clients.programs.document import (
     read_document,
 )
 from caesura_clients.programs.formats import WRITERS
+from caesura_protocol.messages import Phase
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 
@@ -68,14 +69,20 @@ def program(
         if file is not None:
             write_program(_in_cell(read_document(file), cell, force_limit), output_format, out)
             return
+        phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
-            found = caesura.program(only_station(caesura, station))
+            name = only_station(caesura, station)
+            if output_format is ProgramFormat.JSON:
+                snapshot = caesura.snapshot(name)
+                found, phases = snapshot.program, snapshot.segments.phases
+            else:
+                found = caesura.program(name)
         if as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and out is None and cell is None and force_limit is None:
             Console().print(program_view(found))
         else:
-            write_program(_in_cell(document(found), cell, force_limit), output_format, out)
+            write_program(_in_cell(document(found, phases=phases), cell, force_limit), output_format, out)
 
 
 def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None) -> ProgramFile:

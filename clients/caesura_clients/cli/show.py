@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from rich.text import Text
 from caesura_clients.query import SessionInfo
 from caesura_clients.recording import Recording, did_you_mean
 from caesura_protocol.limiting import force_in_words
-from caesura_protocol.messages import App, Program, Refusal, Segment, SessionStatus, Vector
+from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
@@ -48,6 +49,32 @@ def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -
             style=STYLE_OF_CERTAINTY[segment.certainty],
         )
     return table
+
+
+def phases_table(phases: Sequence[Phase], title: str) -> Table:
+    """One phase a row."""
+    table = Table("#", "from \\[s]", "to \\[s]", "phase", "segments", "p", title=title, **PLAIN)
+    for index, phase in enumerate(phases):
+        mark = MARK_OF_CERTAINTY[phase.certainty]
+        table.add_row(
+            str(index),
+            f"{phase.t0:.2f}",
+            f"{mark}{phase.tn:.2f}",
+            f"{mark}{phase_name(phase)}",
+            _numbers(phase.first_segment, phase.last_segment),
+            f"{phase.probability:.2f}",
+            style=STYLE_OF_CERTAINTY[phase.certainty],
+        )
+    return table
+
+
+def phase_name(phase: Phase) -> str:
+    """Its kind, with how often it touches, carries or moves, where that is more than once."""
+    return phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+
+
+def _numbers(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first}–{last}"
 
 
 def status_line(status: SessionStatus) -> Text:

@@ -1,8 +1,9 @@
 """What the browser draws of a session, as rows of plain values, and only what it does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
-[px, py, pz, fx, fy, fz]; a changepoint [t, probability, final, t_low, t_high, corrected]; a gap
-[t0, tn, reason]; a column of run lengths [t, [[length, probability], …]].
+[px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint
+[t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
+[t, [[length, probability], …]].
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 from caesura_clients.dashboard.glance import reached
 from caesura_clients.dashboard.signals import SCALE, Rows, drawn
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Gap, Posterior, Segment, Vector
+from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment, Vector
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -53,6 +54,10 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
     if before is None or after.segments != known_segments:
         first = common(known_segments, after.segments)
         changes["segments"] = {"first": first, "rows": [segment_row(one) for one in after.segments[first:]]}
+    known_phases = before.phases if before else ()
+    if before is None or after.phases != known_phases:
+        first = common(known_phases, after.phases)
+        changes["phases"] = {"first": first, "rows": [phase_row(one) for one in after.phases[first:]]}
     known = before.changepoints if before else ()
     if before is None or after.changepoints != known:
         first = common(known, after.changepoints)
@@ -85,6 +90,12 @@ def segment_row(one: Segment) -> Cells:
         _end(one.position_start, one.force_start),
         _end(one.position_end, one.force_end),
     ]
+
+
+def phase_row(one: Phase) -> Cells:
+    """As the module says."""
+    final = one.certainty == "final"
+    return [round(one.t0, 3), round(one.tn, 3), one.kind, round(one.probability, 3), final, one.strokes]
 
 
 def _end(position: Vector, force: Vector) -> Cells:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -16,9 +16,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_clients.errors import CaesuraError
+from caesura_clients.programs.groups import Group, groups_of
 from caesura_clients.programs.safety import DEFAULT, Safety
 from caesura_protocol.limiting import with_force_limit
-from caesura_protocol.messages import MAX_GAPS, App, AppKind, Gap, Name, Program, WrenchReport
+from caesura_protocol.messages import MAX_GAPS, App, AppKind, Gap, Name, Phase, Program, WrenchReport
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
@@ -79,14 +80,18 @@ class ProgramFile(BaseModel):
     notes: tuple[str, ...] = ()
     gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
     wrench: WrenchReport | None = None
+    groups: tuple[Group, ...] = ()  # the apps of each phase
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
         return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
 
 
-def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
-    """A program from the wire as a document; the cell's force limit is that of the program, if it has one."""
+def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase] = ()) -> ProgramFile:
+    """A program from the wire as a document; the cell's force limit is that of the program, if it has one.
+
+    phases: those of its session, by which its apps are grouped.
+    """
     if program.force_limit_n is not None:
         safety = safety.model_copy(update={"force_n": program.force_limit_n})
     return ProgramFile(
@@ -102,6 +107,7 @@ def document(program: Program, safety: Safety = DEFAULT) -> ProgramFile:
         notes=program.notes,
         gaps=program.gaps,
         wrench=program.wrench,
+        groups=groups_of(program.apps, phases),
     )
 
 
@@ -139,10 +145,12 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         return ProgramFile.model_validate(content)
     if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
         apps = [App.model_validate(app) for app in content["program"]]
+        phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
         safety = Safety(force_n=content.get("force_limit_n"))
         taught = {key: content[key] for key in ("notes", "gaps", "wrench") if key in content}
         written = document_of_apps(tuple(apps), name, safety)
-        return ProgramFile.model_validate(written.model_dump() | taught)
+        groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}
+        return ProgramFile.model_validate(written.model_dump() | taught | groups)
     return document(Program.model_validate(content))
 
 

@@ -20,7 +20,7 @@ from caesura_clients.cli.options import (
     reported,
     setting_of,
 )
-from caesura_clients.cli.show import apps_table, ignored_line, segments_table
+from caesura_clients.cli.show import apps_table, ignored_line, phases_table, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording, load_recording
@@ -104,6 +104,7 @@ def _write(path: Path, view: View) -> None:
 def _shown(recording: Recording, preset: str, view: View) -> Group:
     return Group(
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
+        *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
         apps_table(view.apps, title="task program"),
         view.wrench.note,
         *_warnings(recording, view),

@@ -55,7 +55,8 @@ class Ours:
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
         stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
-        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated)
+        phases = tuple(phase.t0 for phase in view.phases[1:])
+        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases)
 
 
 def _look(t: float, view: View) -> Look:

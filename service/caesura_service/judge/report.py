@@ -9,7 +9,7 @@ from typing import Any
 
 from caesura_service.judge.faults import Faults, faults
 from caesura_service.judge.judging import Unfit, Verdict
-from caesura_service.judge.score import Score
+from caesura_service.judge.score import PHASE_S, Score
 from caesura_service.judge.summary import MEASURES, Estimate, margins, summarise
 
 UNITS = {measure.name: measure.unit for measure in MEASURES}
@@ -48,6 +48,11 @@ DELAYS = (
     Column("90 % [s]", "interval_median"),
     Column("right", "interval_right"),
 )
+PHASES = (
+    Column("precision", "phase_precision"),
+    Column("recall", "phase_recall"),
+    Column("F1", "phase_f1"),
+)
 MARGINS = (Column("F1", "f1"), Column("covering", "covering"), Column("class", "class"))
 IN_SETS = (
     Column("precision", "precision"),
@@ -60,6 +65,7 @@ TABLES = (
     ("boundaries", BOUNDARIES),
     ("classes, load and force", CLASSES),
     ("delays, and intervals of 90 %", DELAYS),
+    (f"boundaries between phases, within {PHASE_S:g} s", PHASES),
 )
 
 
@@ -250,6 +256,9 @@ def _score(score: Score) -> dict[str, Any]:
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,
+        "phase_hits": score.phase_hits,
+        "phase_false_alarms": score.phase_false_alarms,
+        "phase_misses": score.phase_misses,
         "covering": score.covering,
         "confusion_s": _pairs(score.confusion),
         "load_errors_kg": score.load_errors_kg,

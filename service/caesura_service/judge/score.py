@@ -26,6 +26,7 @@ from caesura_service.judge.metrics import (
 from caesura_service.truth import Point, Quantity, Truth
 
 EDGE_S = 0.3  # the annotators' shortest rest
+PHASE_S = 0.5  # how far a boundary between phases may be off
 NEAR_S = 1.0  # a changepoint further off has nothing to do with a miss
 CARRIED = ("transport", "hold")
 TOUCHING = ("contact", "sliding")
@@ -52,7 +53,8 @@ class Found:
 
     changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
     method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
-    probabilities: changepoint → the probability stated for it.
+    probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
+    next begins, None if the method finds none.
     """
 
     changepoints: tuple[float, ...]
@@ -60,6 +62,7 @@ class Found:
     looks: tuple[Look, ...] | None = None
     intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
     probabilities: Mapping[float, float] = field(default_factory=dict)
+    phases: tuple[float, ...] | None = None
 
 
 class Stated(NamedTuple):
@@ -121,6 +124,9 @@ class Score:
     tags: tuple[str, ...] = ()  # what kind of recording it is
     groups: tuple[str, ...] = ()  # robot, if stated, and set
     slack_s: float = 0.0  # that was added to the points' own tolerances
+    phase_hits: int = 0  # of boundaries between phases, where the truth has phases and the method finds them
+    phase_misses: int = 0
+    phase_false_alarms: int = 0
     stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
     stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time
 
@@ -152,7 +158,23 @@ def score(method: str, truth: Truth, found: Found) -> Score:
         alarms=tuple(FalseAlarm(_true_kind(truth, t), _between(parts, t)) for t in alarms),
         stated_points=_stated_points([t for _, t in pairs], alarms, found.probabilities),
     )
+    base = _with_phases(base, truth, found.phases)
     return _with_delays(_with_classes(base, truth, found, parts), pairs, found.looks)
+
+
+def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Score:
+    if found is None or not truth.phases:
+        return base
+    edges = {t for phase in truth.phases for t in (phase.t0, phase.t1)}
+    true = sorted(t for t in edges if _counts(t, truth.window))
+    times = sorted(t for t in found if _counts(t, truth.window))
+    matching = match(true, [PHASE_S] * len(true), [False] * len(true), times)
+    return replace(
+        base,
+        phase_hits=matching.hits.size,
+        phase_misses=matching.misses.size,
+        phase_false_alarms=matching.false_alarms.size,
+    )
 
 
 def _counts(t: float, window: tuple[float, float]) -> bool:

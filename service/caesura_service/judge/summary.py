@@ -136,6 +136,10 @@ def _found_f1(score: Score) -> tuple[float, float]:
     return 2.0 * score.hits, 2.0 * score.hits + score.false_alarms + score.misses
 
 
+def _phase_f1(score: Score) -> tuple[float, float]:
+    return 2.0 * score.phase_hits, 2.0 * score.phase_hits + score.phase_false_alarms + score.phase_misses
+
+
 MEASURES = (
     Measure("precision", "", _ratio(lambda s: (s.hits, s.hits + s.false_alarms))),
     Measure("recall", "", _ratio(lambda s: (s.hits, s.hits + s.misses))),
@@ -172,4 +176,7 @@ MEASURES = (
         higher_is_better=False,
     ),
     Measure("forces_found", "", _ratio(lambda s: (len(s.force_errors_n), s.forces))),
+    Measure("phase_precision", "", _ratio(lambda s: (s.phase_hits, s.phase_hits + s.phase_false_alarms))),
+    Measure("phase_recall", "", _ratio(lambda s: (s.phase_hits, s.phase_hits + s.phase_misses))),
+    Measure("phase_f1", "", _ratio(_phase_f1)),
 )

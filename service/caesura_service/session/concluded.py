@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Segment, Snapshot
+from caesura_protocol.messages import App, Changepoint, Phase, Segment, Snapshot
 from caesura_service.session.corrections import Change, Correction
 from caesura_service.session.kept import packed
 from caesura_service.session.ports import Owner
@@ -71,6 +71,7 @@ def view_of(snapshot: Snapshot) -> View:
         capped=status.capped,
         length_unit=status.length_unit,
         force_limit_n=snapshot.program.force_limit_n,
+        phases=packed(Phase, snapshot.segments.phases),
     )
 
 

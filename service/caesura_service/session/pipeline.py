@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.limiting import with_force_limit
-from caesura_protocol.messages import App, Gap, Open, WrenchReport
+from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
 from caesura_service.changepoint.models import UNTURNED, Observed
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold import check_level
+from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, Step
 from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
@@ -35,6 +36,8 @@ from caesura_service.session.corrections import (
 from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, force_scale, holding
+from caesura_service.session.kept import Kept
+from caesura_service.session.kept import Shown as KeptShown
 from caesura_service.session.settled import Part
 from caesura_service.session.slices import give_way
 from caesura_service.session.view import Pipeline, View
@@ -47,6 +50,7 @@ from caesura_service.signals import (
 )
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+PHASES = Chain(PARAMETERS)
 LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
 SETTLE_EVERY = 150  # observations, where many are taken at once: what has settled by then is made and kept
 
@@ -212,6 +216,7 @@ class SegmentationPipeline:
         self._division = Division(
             self._preset, self._source, self._history, self._heeded, tared=tared, orientation=orientation
         )
+        self._phases, self._decided_phases = PhaseTracker(PHASES), Kept(Phase)
 
     def _take(self, conditioned: Conditioned) -> None:
         for t0, tn in conditioned.gaps:
@@ -275,7 +280,16 @@ class SegmentationPipeline:
             delay_s=self._conditioner.delay_s,
             length_unit=self._opening.length_unit,
             force_limit_n=self._opening.force_limit_n,
+            phases=self._phases_with(parts),
         )
+
+    def _phases_with(self, parts: list[Part]) -> Sequence[Phase]:
+        """The phases so far; parts: those that have not settled."""
+        settled = self._division.settled
+        segments = [part.segment for part in (*settled.since(self._phases.settled), *parts)]
+        decided, rest = self._phases.look(segments, len(settled), finished=self._finished)
+        self._decided_phases.extend(decided)
+        return KeptShown(self._decided_phases, rest)
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first

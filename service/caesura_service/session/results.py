@@ -84,9 +84,15 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
         standing = _bump(standing, "changepoints")
         said.append(Publish(changepoints_of(standing, first)))
-    if (first := first_difference(old.segments, view.segments)) is not None:
+    first, first_phase = (
+        first_difference(old.segments, view.segments),
+        first_difference(old.phases, view.phases),
+    )
+    if first is not None or first_phase is not None:
         standing = _bump(standing, "segments")
-        said.append(Publish(segments_of(standing, first)))
+        first = len(view.segments) if first is None else first
+        first_phase = len(view.phases) if first_phase is None else first_phase
+        said.append(Publish(segments_of(standing, first, first_phase)))
     if _posterior(view) != _posterior(old):
         standing = _bump(standing, "posterior")
         said.append(Publish(posterior_of(standing)))

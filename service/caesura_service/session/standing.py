@@ -130,10 +130,13 @@ def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
     return bare.model_copy(update={"changepoints": since(standing.view.changepoints, first)})
 
 
-def segments_of(standing: Standing, first: int = 0) -> Segments:
-    """The segments from the `first` on."""
-    bare = Segments(**standing.header("segments"), first=first, segments=())
-    return bare.model_copy(update={"segments": since(standing.view.segments, first)})
+def segments_of(standing: Standing, first: int = 0, first_phase: int = 0) -> Segments:
+    """The segments from the `first` on, and the phases from the `first_phase` on."""
+    bare = Segments(**standing.header("segments"), first=first, segments=(), first_phase=first_phase)
+    view = standing.view
+    return bare.model_copy(
+        update={"segments": since(view.segments, first), "phases": since(view.phases, first_phase)}
+    )
 
 
 def posterior_of(standing: Standing) -> Posterior:

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Segment, WrenchReport
+from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
 from caesura_service.session.corrections import Change, Correction
 
 
@@ -36,6 +36,7 @@ class View(NamedTuple):
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
     force_limit_n: float | None = None  # [N] of the cell
+    phases: Sequence[Phase] = ()
 
 
 class Pipeline(Protocol):

@@ -19,7 +19,7 @@ from caesura_clients.programs.document import (
     document,
     read_document,
 )
-from caesura_protocol.messages import Program
+from caesura_protocol.messages import Phase, Program
 from harness.programs import as_file, pick_and_place, press
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -55,6 +55,28 @@ def test_a_file_says_what_it_is_where_it_comes_from_and_in_which_units() -> None
     assert content["revision"] == 7
     assert content["units"] == dict(UNITS)
     assert content["apps"][2]["preconditions"] == list(PRECONDITIONS["transport"])
+
+
+def test_apps_are_grouped_by_phase_and_a_group_keeps_the_name_it_is_given(tmp_path: Path) -> None:
+    apps = pick_and_place()
+    edges = [apps[0].t0, apps[1].t0, apps[2].t0, apps[-1].tn]
+    phases = [
+        Phase(t0=t0, tn=tn, kind=kind, probability=0.9, certainty="final", first_segment=i, last_segment=i)
+        for i, (kind, t0, tn) in enumerate(zip(("free", "contact", "free"), edges, edges[1:], strict=False))
+    ]
+    file, path = document(taught(), phases=phases), tmp_path / "p.json"
+    assert [(one.first, one.name) for one in file.groups] == [
+        (0, "free 1"),
+        (1, "contact 1"),
+        (2, "free 2"),
+    ]
+    assert file.groups[-1].last == len(apps) - 1
+    content = json.loads(file.as_json())
+    content["groups"][1]["name"] = "pick"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    jsonschema.validate(content, json.loads(SCHEMA.read_text("utf-8")))
+    assert read_document(path).groups[1].name == "pick"
+    assert document(taught()).groups == ()
 
 
 def test_what_is_written_validates_and_reads_the_same(tmp_path: Path) -> None:

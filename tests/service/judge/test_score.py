@@ -51,6 +51,16 @@ def test_all_that_is_right_and_wrong_is_counted():
     assert [alarm.within for alarm in one.alarms] == ["transport", "hold"]
 
 
+def test_boundaries_between_phases_are_counted_within_half_a_second():
+    phased = replace(TRUTH, phases=(Span(0, 3, "reach"), Span(3, 7, "wipe"), Span(7, 10, "retract")))
+    one = score("mine", phased, Found((), phases=(0.1, 3.5, 5.0, 7.6)))
+    assert (one.phase_hits, one.phase_misses, one.phase_false_alarms) == (1, 1, 2)
+    assert summarise([one])["phase_f1"].value == pytest.approx(2 / 5)
+    unphased = score("mine", TRUTH, Found((), phases=(3.0,)))
+    assert summarise([unphased])["phase_f1"].n == 0, "nothing is judged without true phases"
+    assert summarise([score("mine", phased, Found(()))])["phase_f1"].n == 0, "nor without found ones"
+
+
 def test_a_floor_widens_what_is_narrower():
     found = Found((2.05, 4.0, 8.15), PARTS)
     assert score("mine", TRUTH, found).hits == 2

@@ -248,6 +248,21 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
+def test_phases_hold_every_segment_and_a_final_one_is_never_revised():
+    wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
+    final: tuple[wire.Phase, ...] = ()
+    for view in views(wiping):
+        shown = tuple(view.phases)
+        assert shown[: len(final)] == final
+        final = tuple(one for one in shown if one.certainty == "final")
+        assert shown[: len(final)] == final, "only the last ones may change"
+        numbers = [n for one in shown for n in range(one.first_segment, one.last_segment + 1)]
+        assert numbers == list(range(len(view.segments)))
+    assert [one.kind for one in final] == ["free", "contact", "free"]
+    reach, retract = view.segments[final[1].first_segment], view.segments[final[1].last_segment]
+    assert (final[1].t0, final[1].tn) == (reach.t0, retract.tn)
+
+
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
@@ -263,6 +278,7 @@ def test_what_was_shown_as_final_is_never_revised(
     assert isinstance(pipeline, SegmentationPipeline)
     changepoints: list[float] = []
     segments: list[wire.Segment] = []
+    phases: list[wire.Phase] = []
     programs: dict[int, tuple[wire.App, ...]] = {}  # by how many observations they were made of
     for cut in cycle(cuts):
         pipeline.push(samples[:cut])
@@ -278,6 +294,8 @@ def test_what_was_shown_as_final_is_never_revised(
         programs[count] = program_of(pipeline)
         assert any(programs.get(count - old) == pipeline.view.apps for old in range(LOOK_EVERY))
         changepoints, segments = now, divided
+        assert list(pipeline.view.phases[: len(phases)]) == phases
+        phases = [one for one in pipeline.view.phases if one.certainty == "final"]
         if not len(samples):
             break
     assert pipeline.view.apps == program_of(pipeline)

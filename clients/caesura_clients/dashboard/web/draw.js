@@ -1,6 +1,6 @@
 // One picture: panels of signals, segments shaded behind them, changepoints across them, gaps, cursor.
-import { KINDS, patternOf } from "caesura-dashboard/palette.js";
-import { ticks } from "caesura-dashboard/scale.js";
+import { KINDS, kindOfPhase, patternOf, phaseName } from "caesura-dashboard/palette.js";
+import { BAND, ticks } from "caesura-dashboard/scale.js";
 
 const FONT = "12px system-ui, sans-serif";
 const DASHES = [[], [7, 2], [3, 2, 1, 2]]; // x, y, z
@@ -16,6 +16,7 @@ export function draw(context, scale, state, ink) {
   context.font = FONT;
   context.lineWidth = 1;
   shadeSegments(context, scale, state, ink);
+  drawPhases(context, scale, state, ink);
   shadeGaps(context, scale, state, ink);
   SIGNALS.forEach((signal, i) => drawPanel(context, scale, scale.panels[i], signal, state, ink));
   if (state.columns) drawRunLengths(context, scale, scale.panels[3], state.columns, ink);
@@ -48,14 +49,39 @@ function shadeSegments(context, scale, { segments }, ink) {
   }
 }
 
+function drawPhases(context, scale, { phases }, ink) {
+  for (const phase of phases) {
+    const [t0, tn, kind, probability, isFinal] = phase;
+    if (tn < scale.from || t0 > scale.to) continue;
+    const x0 = Math.max(scale.x(t0), scale.x0);
+    const width = Math.min(scale.x(tn), scale.x1) - x0;
+    if (width <= 0) continue;
+    context.globalAlpha = 0.1 + 0.3 * probability;
+    context.fillStyle = KINDS[kindOfPhase(kind)].colour;
+    context.fillRect(x0, BAND.top, width, BAND.height);
+    context.globalAlpha = 1;
+    context.strokeStyle = ink.faint;
+    context.strokeRect(x0 + 0.5, BAND.top + 0.5, Math.max(width - 1, 1), BAND.height - 1);
+    write(context, [`${phaseName(phase)}${isFinal ? "" : " ~"}`, kind], x0, width, BAND.top + BAND.height - 5, ink);
+  }
+  if (phases.length) {
+    context.textAlign = "right";
+    context.fillStyle = ink.faint;
+    context.fillText("phases", scale.x0 - 6, BAND.top + BAND.height - 5);
+  }
+}
+
 function label(context, long, short, x0, width, scale, ink) {
-  const room = width - 4;
-  const text = [long, short].find((words) => context.measureText(words).width <= room);
+  write(context, [long, short], x0, width, scale.top - 10, ink);
+}
+
+function write(context, texts, x0, width, y, ink) {
+  const text = texts.find((words) => context.measureText(words).width <= width - 4);
   if (!text) return;
   context.fillStyle = ink.text;
   context.textAlign = "center";
   context.textBaseline = "alphabetic";
-  context.fillText(text, x0 + width / 2, scale.top - 10);
+  context.fillText(text, x0 + width / 2, y);
 }
 
 function shadeGaps(context, scale, { gaps }, ink) {

@@ -45,3 +45,8 @@ function tile({ colour, pattern }) {
 }
 
 export const percent = (probability) => `${Math.round(100 * probability)} %`;
+
+// A phase has the colour of the segments that it is made of, and its name stands in it.
+const KIND_OF_PHASE = { free: "motion", contact: "contact", transport: "transport", cycle: "motion" };
+export const kindOfPhase = (kind) => KIND_OF_PHASE[kind] || "steady";
+export const phaseName = ([, , kind, , , strokes]) => (strokes > 1 ? `${kind} × ${strokes}` : kind);

@@ -2,7 +2,7 @@
 import { draw } from "caesura-dashboard/draw.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
-import { KINDS, percent } from "caesura-dashboard/palette.js";
+import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
 
@@ -11,7 +11,7 @@ const AUTHOR = "caesura-author";
 const PLAY_S = 0.1;
 
 const empty = () => ({
-  segments: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
+  segments: [], phases: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
 
@@ -61,11 +61,13 @@ export default {
         ? `${segment[2]} ${percent(segment[3])}${segment[6] ? `, else ${segment[6]}` : ""}, ` +
           `${segment[0].toFixed(2)} to ${segment[1].toFixed(2)} s`
         : "no segment";
+      const phase = this.cursor === null ? null : this.phases.find(([t0, tn]) => t0 <= this.cursor && this.cursor <= tn);
+      const within = phase ? `, in phase ${phaseName(phase)} ${percent(phase[3])}` : "";
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
       return this.cursor === null ? "Nothing selected. Click into the plot, or use the arrow keys in it."
-        : `Time ${this.cursor.toFixed(2)} s: ${inside}; ${where}.`;
+        : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
     },
     newestFirst() {
       return this.segments.slice(-30).reverse();
@@ -81,7 +83,7 @@ export default {
       for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
-      for (const name of ["segments", "changepoints"]) {
+      for (const name of ["segments", "phases", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
       this.letTheLastGoOn();
@@ -91,9 +93,11 @@ export default {
       this.redraw();
     },
     letTheLastGoOn() { // its end is told once a second only
-      const last = this.segments[this.segments.length - 1];
-      if (!last || this.closed || last[1] >= this.t) return;
-      this.segments = Object.freeze([...this.segments.slice(0, -1), [last[0], this.t, ...last.slice(2)]]);
+      for (const name of ["segments", "phases"]) {
+        const last = this[name][this[name].length - 1];
+        if (!last || this.closed || last[1] >= this.t) continue;
+        this[name] = Object.freeze([...this[name].slice(0, -1), [last[0], this.t, ...last.slice(2)]]);
+      }
     },
     forgetWhatIsGone() {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;

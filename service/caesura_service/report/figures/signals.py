@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from caesura_clients.cli.show import phase_name
 from caesura_protocol.messages import Segment
 from caesura_service.report.content import THRESHOLD, Content
 from caesura_service.report.figures import style
@@ -143,11 +144,26 @@ def _lanes(content: Content) -> list[tuple[str, list[_Band]]]:
         _Band(one.t0, one.tn, one.kind, (*_loaded(i, one), f"{i} {one.kind}", str(i)))
         for i, one in enumerate(content.view.segments)
     ]
-    if content.truth is None:
-        return [("found", found)]
-    ticks = [one.t for one in content.truth.points]
-    true = [_Band(one.t0, one.t1, one.kind, (one.kind,), ticks) for one in content.truth.spans]
-    return [("found", found), ("truth", true)]
+    lanes = [("found", found)]
+    if content.truth is not None:
+        ticks = [one.t for one in content.truth.points]
+        true = [_Band(one.t0, one.t1, one.kind, (one.kind,), ticks) for one in content.truth.spans]
+        lanes.append(("truth", true))
+    return [*lanes, *_phase_lanes(content)]
+
+
+def _phase_lanes(content: Content) -> list[tuple[str, list[_Band]]]:
+    """What was found, where that is more than one phase, and what is true, where the truth has phases."""
+    found, lanes = content.view.phases, []
+    if len(found) > 1:
+        bands = [
+            _Band(one.t0, one.tn, style.KIND_OF_PHASE[one.kind], (phase_name(one), one.kind)) for one in found
+        ]
+        lanes.append(("phases", bands))
+    if content.truth is not None and content.truth.phases:
+        true = [_Band(one.t0, one.t1, "", (one.kind,)) for one in content.truth.phases]
+        lanes.append(("true phases", true))
+    return lanes
 
 
 def _loaded(index: int, one: Segment) -> tuple[str, ...]:

@@ -1,0 +1,72 @@
+"""The parameters of `default`: what phases are made of, read off demonstrations.
+
+Durations, and how often a phase ends or is interrupted, were counted on the segments that are found in the
+development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded. A
+cycle is rare; it is long, and its end is near its beginning.
+"""
+
+from __future__ import annotations
+
+from caesura_service.phases.model import LogNormal, Parameters, PhaseKind
+
+FREE = PhaseKind(
+    name="free",
+    own=(0.996, 0.002, 0.002),
+    aside=(0.02, 0.49, 0.49),
+    own_s=LogNormal(0.9, 0.65),
+    aside_s=LogNormal(0.4, 0.7),
+    ends=0.40,
+    interrupted=0.02,
+    resumed=0.5,
+    repeats=0.0,
+    bounds=0.9,
+    moving=0.65,
+    step_m=0.12,
+    weight=1.0,
+)
+CONTACT = PhaseKind(
+    name="contact",
+    own=(0.002, 0.996, 0.002),
+    aside=(0.97, 0.01, 0.02),
+    own_s=LogNormal(0.8, 0.9),
+    aside_s=LogNormal(0.6, 0.85),
+    ends=0.16,
+    interrupted=0.13,
+    resumed=0.45,
+    repeats=0.8,
+    bounds=0.05,
+    moving=0.5,
+    step_m=0.12,
+    weight=1.0,
+)
+TRANSPORT = PhaseKind(
+    name="transport",
+    own=(0.002, 0.002, 0.996),
+    aside=(0.70, 0.29, 0.01),
+    own_s=LogNormal(1.2, 0.6),
+    aside_s=LogNormal(0.5, 0.7),
+    ends=0.20,
+    interrupted=0.07,
+    resumed=0.6,
+    repeats=0.0,
+    bounds=0.05,
+    moving=0.75,
+    step_m=0.12,
+    weight=1.0,
+)
+CYCLE = PhaseKind(
+    name="cycle",
+    own=(0.996, 0.002, 0.002),
+    aside=(0.02, 0.49, 0.49),
+    own_s=LogNormal(4.0, 0.9),
+    aside_s=LogNormal(0.4, 0.7),
+    ends=0.3,
+    interrupted=0.02,
+    resumed=0.5,
+    repeats=0.0,
+    bounds=0.02,
+    moving=0.9,
+    step_m=0.05,
+    weight=0.1,
+)
+PARAMETERS = Parameters((FREE, CONTACT, TRANSPORT, CYCLE))

@@ -1,0 +1,257 @@
+"""Phases as a hidden Markov model over segments: what a phase of each kind is made of.
+
+A demonstration is a sequence of phases, a phase a sequence of segments. Most segments of a phase are in its
+contact state; a run of others inside it is an interruption: the tool lifts off between two strokes. Each
+segment of a phase of kind k emits
+
+- its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
+- its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long,
+- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began,
+- where a phase is resumed after an interruption: near an end of one of its strokes with probability
+  `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together.
+
+A segment's own state is uncertain, too: its likelihood is that of its class and of the runner-up, less a
+share for models that are only nearly right (`Parameters.wrong`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import PhaseKind as Name
+from caesura_protocol.messages import Segment
+
+Array = NDArray[np.float64]
+
+CONTACT_STATES = ("free", "contact", "transport")
+STATE_OF_KIND = {"motion": 0, "steady": 0, "contact": 1, "sliding": 1, "transport": 2, "hold": 2}
+SQRT_TAU = math.sqrt(2.0 * math.pi)
+LARGEST_LOG = 700.0  # of which the exponential is finite
+LEAST = 1e-100  # of a density over the highest: no state is impossible, however long a segment lasts
+LEAST_S = 0.05  # half an observation: a shorter segment has no length that could be read
+
+
+class LogNormal(NamedTuple):
+    """Duration with a median [s] and a standard deviation of its logarithm."""
+
+    median_s: float
+    spread: float
+
+    def log_density(self, seconds: float) -> float:
+        """Log density [1/s]."""
+        z = math.log(seconds / self.median_s) / self.spread
+        return -0.5 * z * z - math.log(seconds * self.spread * math.sqrt(2.0 * math.pi))
+
+    def log_survival(self, seconds: float) -> float:
+        """Log probability that it lasts longer; at most 38 standard deviations are told apart."""
+        z = math.log(seconds / self.median_s) / self.spread
+        return math.log(0.5 * math.erfc(min(z, 37.0) / math.sqrt(2.0)))
+
+
+@dataclass(frozen=True)
+class PhaseKind:
+    """What a phase of one kind is made of; probabilities are per segment.
+
+    own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt.
+    moving: one of its segments is a movement; step_m [m]: standard deviation an axis of how far it leads.
+    ends, interrupted: what follows one of its own segments. resumed: an interruption is over. repeats: a
+    phase is resumed at an end of an earlier stroke. bounds: a demonstration begins, and ends, in this kind.
+    weight: how often it follows another, relative to other kinds.
+    """
+
+    name: Name
+    own: tuple[float, float, float]
+    aside: tuple[float, float, float]
+    own_s: LogNormal
+    aside_s: LogNormal
+    ends: float
+    interrupted: float
+    resumed: float
+    repeats: float
+    bounds: float
+    moving: float
+    step_m: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All that a model of phases assumes.
+
+    wrong: of a segment's class probabilities, the share that is spread evenly. near_m, far_m [m]: standard
+    deviation a axis of where a stroke is repeated, and of where the tool goes else. memory: segments of a
+    phase that its next one may repeat.
+    """
+
+    kinds: tuple[PhaseKind, ...]
+    wrong: float = 0.01
+    near_m: float = 0.04
+    far_m: float = 0.20
+    memory: int = 10
+
+
+class Seen(NamedTuple):
+    """What the model sees of a segment.
+
+    likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet.
+    """
+
+    likelihood: Array
+    seconds: float
+    start: Array
+    end: Array
+    grows: bool
+    moves: bool
+
+    @property
+    def state(self) -> int:
+        """The most probable contact state."""
+        return int(self.likelihood.argmax())
+
+
+def seen(segment: Segment, wrong: float, *, grows: bool) -> Seen:
+    """Return what the model sees of a segment."""
+    return Seen(
+        likelihood=_likelihood(segment, wrong),
+        seconds=max(segment.tn - segment.t0, LEAST_S),
+        start=np.array(segment.position_start),
+        end=np.array(segment.position_end),
+        grows=grows,
+        moves=segment.motion == "motion",
+    )
+
+
+def _likelihood(segment: Segment, wrong: float) -> Array:
+    """(3,) share of the contact states in a segment's class probabilities."""
+    own = CONTACT_STATES.index(segment.contact)
+    other = own if segment.runner_up is None else STATE_OF_KIND.get(segment.runner_up, own)
+    share = np.zeros(3)
+    share[own] += segment.probability
+    share[other] += 1.0 - segment.probability
+    return (1.0 - wrong) * share + wrong / 3.0
+
+
+class Chain:
+    """The states of the model and how one follows another.
+
+    A state is a kind, whether the segment is its own (0) or interrupts (1), and the age: how many segments
+    the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
+    interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
+    ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands
+    apart, because where that happens counts.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        """Raises ValueError for a memory below 2, or probabilities that are none."""
+        if parameters.memory < 2:
+            raise ValueError(f"memory is {parameters.memory} segments, expected 2 or more")
+        for one in parameters.kinds:
+            _check(one)
+        self.parameters, count = parameters, len(parameters.kinds)
+        grid = np.indices((count, 2, parameters.memory)).reshape(3, -1)
+        self.kind, self.aside, self.age = grid[0], grid[1], grid[2] + 1
+        ends, interrupted, resumed, bounds = (
+            np.array([getattr(one, name) for one in parameters.kinds])[self.kind] for name in _SHARES[:4]
+        )
+        begins, is_aside = (self.age == 1) & (self.aside == 0), self.aside == 1
+        self.first = begins * bounds
+        self.end = bounds * np.where(is_aside, 1.0 - resumed, ends)
+        older = self.age == np.minimum(self.age + 1, parameters.memory)[:, None]
+        goes_on = older & (self.kind == self.kind[:, None])
+        switches = begins & (self.kind != self.kind[:, None])
+        ends, interrupted, resumed, after_aside = (
+            each[:, None] for each in (ends, interrupted, resumed, is_aside)
+        )
+        weight = np.array([one.weight for one in parameters.kinds])
+        others = np.maximum(weight.sum() - weight, np.finfo(float).tiny)
+        enters = (weight / others[:, None])[self.kind[:, None], self.kind]
+        after_own = np.where(is_aside, interrupted, 1.0 - ends - interrupted)
+        inside = np.where(after_aside, is_aside * (1.0 - resumed), after_own)
+        self.next: Array = goes_on * inside + switches * ~after_aside * ends * enters
+        self.resumes: Array = goes_on * after_aside * ~is_aside * resumed
+        with np.errstate(divide="ignore"):
+            self.log_next = np.log(self.next + self.resumes)
+        self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
+        self._own_state = [max(range(3), key=one.own.__getitem__) for one in parameters.kinds]
+
+    def emission(self, segment: Seen) -> Array:
+        """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""
+        share = np.log(self._states @ segment.likelihood)
+        lasts = LogNormal.log_survival if segment.grows else LogNormal.log_density
+        seconds = [
+            [lasts(one.own_s, segment.seconds), lasts(one.aside_s, segment.seconds)]
+            for one in self.parameters.kinds
+        ]
+        steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
+        each = share + seconds + steps
+        each = np.maximum(np.exp(each - each.max()), LEAST)
+        found: Array = each[self.kind, self.aside]
+        return found
+
+    def resumed(self, segment: Seen, before: Sequence[Seen]) -> Array:
+        """(states,) weight, by the state before, of where a phase is resumed, over resuming it anywhere.
+
+        before: the segments before it, the last one last.
+        """
+        earlier = before[: -self.parameters.memory - 1 : -1]
+        each = [
+            self._resumed(segment.start, earlier, kind, state)
+            for kind, state in zip(self.parameters.kinds, self._own_state, strict=True)
+        ]
+        weight: Array = np.array(each)[self.kind, self.age - 1]
+        return weight
+
+    def _resumed(self, start: Array, earlier: Sequence[Seen], kind: PhaseKind, state: int) -> Array:
+        """(memory,) of phases of one kind, by age: how much more probable it is here than anywhere.
+
+        earlier: the segments before it, the last one first.
+        """
+        weight = np.ones(self.parameters.memory)
+        strokes = [number for number, one in enumerate(earlier) if one.state == state]
+        if not kind.repeats or not strokes:
+            return weight
+        places = np.array([(earlier[number].start, earlier[number].end) for number in strokes])
+        gain, count = np.zeros(weight.size), np.zeros(weight.size)
+        gain[strokes] = _gain(start, places, earlier[strokes[0]].end, self.parameters).sum(axis=1)
+        count[strokes] = 2.0
+        mean = gain.cumsum() / np.maximum(count.cumsum(), 1.0)
+        weight[strokes[0] :] += kind.repeats * (mean[strokes[0] :] - 1.0)
+        return weight
+
+
+def _log_step(kind: PhaseKind, segment: Seen) -> float:
+    """Log density [1/m³] of whether a segment moves, and how far."""
+    if not segment.moves:
+        return math.log(1.0 - kind.moving)
+    step = (segment.end - segment.start) / kind.step_m
+    far = -3.0 * math.log(kind.step_m * SQRT_TAU) - 0.5 * float(step @ step)
+    return math.log(kind.moving) + far
+
+
+_SHARES = ("ends", "interrupted", "resumed", "bounds", "moving")
+
+
+def _check(one: PhaseKind) -> None:
+    """Raises ValueError for probabilities that are none."""
+    sums = {"own": sum(one.own), "aside": sum(one.aside)}
+    if any(abs(total - 1.0) > 1e-9 for total in sums.values()):
+        raise ValueError(f"contact states of phase {one.name!r} sum to {sums}, expected 1")
+    shares = {name: getattr(one, name) for name in _SHARES}
+    if not all(0.0 < share < 1.0 for share in shares.values()) or one.ends + one.interrupted >= 1.0:
+        raise ValueError(f"phase {one.name!r} has {shares}, expected each within 0 and 1, and rest to go on")
+    if not 0.0 <= one.repeats < 1.0:
+        raise ValueError(f"phase {one.name!r} repeats {one.repeats}, expected 0 ≤ repeats < 1")
+
+
+def _gain(start: Array, places: Array, left: Array, parameters: Parameters) -> Array:
+    """(…,) density of a start [m] near each place (…, 3), over that of one anywhere around `left`."""
+    near, far = (start - places) / parameters.near_m, (start - left) / parameters.far_m
+    scale = 3.0 * math.log(parameters.far_m / parameters.near_m) + 0.5 * float(far @ far)
+    gain: Array = np.exp(np.minimum(scale - 0.5 * np.square(near).sum(axis=-1), LARGEST_LOG))
+    return gain

@@ -1,0 +1,109 @@
+"""The exact posterior over all ways to group segments into phases. Rabiner 1989; Fearnhead 2006.
+
+With a_t(s) the probability of the segments up to t and of state s there, T and e as in `model.Chain`:
+
+    a_t(s) = e_t(s) Σ_r a_{t−1}(r) T_t(r, s),    b_t(r) = Σ_s T_{t+1}(r, s) e_{t+1}(s) b_{t+1}(s)
+
+a_t(s) b_t(s), normalised, is the probability of state s at segment t; of a state of age 1, that a phase of
+its kind starts there. The same recursion with maximum gives the best grouping (Viterbi). Only ratios count,
+so both are scaled at every segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.phases.model import Array, Chain, Seen
+
+ALIVE = 1e-3  # a state that is less probable after a settled segment is dropped
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is known after a segment, from those up to it.
+
+    share: (states,) probability of each state. log_best: (states,) of the best path into it. come_from:
+    (states,) the state before on that path. emission, resumed: (states,) as the chain has them for it.
+    """
+
+    share: Array
+    log_best: Array
+    come_from: NDArray[np.intp]
+    emission: Array
+    resumed: Array
+
+
+def first_step(chain: Chain, segment: Seen) -> Step:
+    """Return what is known after the first segment."""
+    emission = chain.emission(segment)
+    share = chain.first * emission
+    with np.errstate(divide="ignore"):
+        log_best = np.log(share)
+    nowhere = np.full(share.size, -1)
+    return Step(share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size))
+
+
+def next_step(chain: Chain, last: Step, segment: Seen, before: Sequence[Seen]) -> Step:
+    """Return what is known after one more segment; before: those before it, the last one last."""
+    emission, resumed = chain.emission(segment), chain.resumed(segment, before)
+    share = emission * (last.share @ chain.next + (last.share * resumed) @ chain.resumes)
+    paths = last.log_best[:, None] + chain.log_next
+    np.add(paths, np.log(resumed)[:, None], out=paths, where=chain.resumes > 0.0)
+    come_from = paths.argmax(axis=0)
+    log_best = paths[come_from, np.arange(come_from.size)] + np.log(emission)
+    return Step(share / share.sum(), log_best - log_best.max(), come_from, emission, resumed)
+
+
+def settled(step: Step) -> Step:
+    """Return the step without the states that are all but impossible: no later segment brings them back."""
+    alive = step.share >= ALIVE
+    share = np.where(alive, step.share, 0.0)
+    return replace(step, share=share / share.sum(), log_best=np.where(alive, step.log_best, -np.inf))
+
+
+def posterior(chain: Chain, steps: Sequence[Step], *, ended: bool) -> list[Array]:
+    """Return (states,) the probability of each state at each segment, given all of them.
+
+    ended: the last segment is the demonstration's last.
+    """
+    ahead = chain.end if ended else np.ones(chain.kind.size)
+    found = []
+    for step, before in zip(steps[::-1], [*steps[-2::-1], None], strict=True):
+        joint = step.share * ahead
+        found.append(joint / joint.sum())
+        if before is not None:
+            weighed = step.emission * ahead
+            ahead = chain.next @ weighed + step.resumed * (chain.resumes @ weighed)
+            ahead = ahead / ahead.max()
+    return found[::-1]
+
+
+def best_last(chain: Chain, step: Step, *, ended: bool) -> int:
+    """Return the state of the last segment on the best path; ended: as for `posterior`."""
+    with np.errstate(divide="ignore"):
+        return int(np.argmax(step.log_best + (np.log(chain.end) if ended else 0.0)))
+
+
+def best_states(steps: Sequence[Step], last: int) -> list[int]:
+    """Return the state of each segment on the best path to a state of the last one."""
+    path = [last]
+    for step in steps[:0:-1]:
+        path.append(int(step.come_from[path[-1]]))
+    return path[::-1]
+
+
+def decided(steps: Sequence[Step]) -> tuple[int, int]:
+    """Return up to which segment all best paths agree, and on which state there; (-1, -1) for none.
+
+    The segment is the last one at which all states that are alive after the last step have one ancestor.
+    """
+    states = set(np.flatnonzero(np.isfinite(steps[-1].log_best)).tolist())
+    for index in range(len(steps) - 1, 0, -1):
+        if len(states) == 1:
+            return index, states.pop()
+        states = {int(steps[index].come_from[state]) for state in states}
+    return (0, states.pop()) if len(states) == 1 else (-1, -1)

@@ -1,0 +1,159 @@
+"""Phases of a demonstration that goes on: what is decided is kept, the rest is grouped anew at every look.
+
+What settles is taken one segment at a time, so the phases do not depend on when anybody looks. After each
+settled segment, states with a probability below `posterior.LOG_ALIVE` are dropped. A phase is final once all
+states that are left agree on it; nothing that comes later changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from caesura_protocol.messages import Certainty, Phase, PhaseKind, Segment
+from caesura_service.phases.model import Array, Chain, Seen, seen
+from caesura_service.phases.posterior import (
+    Step,
+    best_last,
+    best_states,
+    decided,
+    first_step,
+    next_step,
+    posterior,
+    settled,
+)
+
+
+class _Group(NamedTuple):
+    """Segments first to last, as far as they are one phase. aside: does the last one interrupt it?"""
+
+    kind: PhaseKind
+    probability: float
+    t0: float
+    tn: float
+    first: int
+    last: int
+    strokes: int = 1
+    aside: bool = False
+
+
+class _Looked(NamedTuple):
+    """A segment with the step that it made, to be used again where it stays as it is."""
+
+    segment: Segment
+    seen: Seen
+    step: Step
+
+
+class PhaseTracker:
+    """Groups the segments of one demonstration."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        self._first = 0  # the segment of the first step that is kept
+        self._settled = 0  # segments that have settled
+        self._kept: list[_Looked] = []  # settled segments from `_first` on
+        self._before: list[Seen] = []  # up to `memory` segments before them
+        self._open: _Group | None = None  # the phase of segment `_first` before it, where it began earlier
+        self._looked: list[_Looked] = []  # segments that had not settled at the last look
+        self._decided: list[Phase] = []  # since the last look
+
+    @property
+    def settled(self) -> int:
+        """How many segments have been taken as settled: the next look begins with this one."""
+        return self._settled
+
+    def look(
+        self, segments: Sequence[Segment], settled_count: int, *, finished: bool
+    ) -> tuple[list[Phase], list[Phase]]:
+        """Group the segments from number `settled` on with those before them.
+
+        settled_count: how many of all segments nothing can change any more. finished: the demonstration is
+        over. Returns the phases that have been decided since the last look, and those after them.
+        """
+        fresh = settled_count - self._settled
+        for segment in segments[:fresh]:
+            self._settle(segment)
+        if fresh:
+            self._looked = []
+        looked = self._follow(segments[fresh:], finished=finished)
+        newly, self._decided = self._decided, []
+        shown = [*self._kept, *looked]
+        if not shown:
+            return newly, []
+        steps = [one.step for one in shown]
+        states = best_states(steps, best_last(self._chain, steps[-1], ended=finished))
+        groups = self._groups(shown, states, posterior(self._chain, steps, ended=finished))
+        return newly, [_phase(group, "final" if finished else "provisional") for group in groups]
+
+    def _settle(self, segment: Segment) -> None:
+        """Take a segment that nothing can change any more."""
+        one = self._step(segment, self._kept, grows=False)
+        self._kept.append(one._replace(step=settled(one.step)))
+        self._settled += 1
+        index, state = decided([kept.step for kept in self._kept])
+        if index > 0:
+            self._decide(index, state)
+
+    def _decide(self, index: int, state: int) -> None:
+        """Keep what lies before a segment, by its number among the kept ones, as its state's best path."""
+        steps = [one.step for one in self._kept]
+        states = best_states(steps[: index + 1], state)
+        sure = posterior(self._chain, steps, ended=False)
+        groups = self._groups(self._kept[:index], states[:index], sure)
+        self._open = None if self._chain.age[state] == 1 else groups.pop()
+        self._decided += [_phase(group, "final") for group in groups]
+        self._before = [*self._before, *(one.seen for one in self._kept[:index])]
+        self._before = self._before[-self._chain.parameters.memory :]
+        self._kept, self._first = self._kept[index:], self._first + index
+
+    def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_Looked]:
+        """The steps of the segments that have not settled; those that stay the same are not made anew."""
+        looked: list[_Looked] = []
+        for segment in segments:
+            grows = segment is segments[-1] and not finished
+            known = self._looked[len(looked)] if len(looked) < len(self._looked) else None
+            if known is None or known.segment is not segment or known.seen.grows != grows:
+                self._looked = []
+                known = self._step(segment, [*self._kept, *looked], grows=grows)
+            looked.append(known)
+        self._looked = looked
+        return looked
+
+    def _step(self, segment: Segment, before: Sequence[_Looked], *, grows: bool) -> _Looked:
+        parameters = self._chain.parameters
+        shown = seen(segment, parameters.wrong, grows=grows)
+        if not before:
+            return _Looked(segment, shown, first_step(self._chain, shown))
+        earlier = [*self._before, *(one.seen for one in before)][-parameters.memory :]
+        return _Looked(segment, shown, next_step(self._chain, before[-1].step, shown, earlier))
+
+    def _groups(
+        self, looked: Sequence[_Looked], states: Sequence[int], sure: Sequence[Array]
+    ) -> list[_Group]:
+        """Phases on a path of states; sure: (states,) probability of each state at each segment."""
+        chain, groups = self._chain, [] if self._open is None else [self._open]
+        for number, (one, state) in enumerate(zip(looked, states, strict=True), start=self._first):
+            aside, segment = bool(chain.aside[state]), one.segment
+            if chain.age[state] == 1:
+                kind = chain.parameters.kinds[chain.kind[state]].name
+                probability = min(float(sure[number - self._first][state]), 1.0)
+                groups.append(_Group(kind, probability, segment.t0, segment.tn, number, number))
+            else:
+                last = groups[-1]
+                strokes = last.strokes + (last.aside and not aside)
+                groups[-1] = last._replace(tn=segment.tn, last=number, strokes=strokes, aside=aside)
+        return groups
+
+
+def _phase(group: _Group, certainty: Certainty) -> Phase:
+    return Phase(
+        t0=group.t0,
+        tn=group.tn,
+        kind=group.kind,
+        probability=group.probability,
+        certainty=certainty,
+        first_segment=group.first,
+        last_segment=group.last,
+        strokes=group.strokes,
+    )

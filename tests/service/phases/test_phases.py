@@ -1,0 +1,251 @@
+"""Phases against all groupings of short demonstrations, and how they behave while a demonstration goes on."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+
+from caesura_protocol.messages import Phase, Segment
+from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
+from caesura_service.phases.model import CONTACT_STATES, Seen, seen
+from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
+
+NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
+CHAIN = Chain(PARAMETERS)
+FREE, CONTACT, TRANSPORT, CYCLE = PARAMETERS.kinds
+
+
+def segment(t0: float, seconds: float, contact: str, start: tuple, end: tuple, p: float = 0.999) -> Segment:
+    return Segment(
+        t0=t0, tn=t0 + seconds, kind=NAMES[contact], motion="motion", contact=contact, probability=p,
+        runner_up="motion" if contact != "free" else "transport", log_odds=1.0, certainty="final",
+        position_start=start, position_end=end, force_start=(0, 0, 0), force_end=(0, 0, 0),
+        force_held=None, load_kg=None, load_sd_kg=None,
+    )  # fmt: skip
+
+
+def demonstration(*parts: tuple[str, float, tuple]) -> list[Segment]:
+    """Segments in a row: contact state, seconds, where each ends."""
+    found, t, place = [], 0.0, (0.4, 0.0, 0.3)
+    for contact, seconds, end in parts:
+        found.append(segment(t, seconds, contact, place, end))
+        t, place = t + seconds, end
+    return found
+
+
+LEFT, RIGHT, ABOVE, AWAY = (0.4, -0.2, 0.1), (0.4, 0.2, 0.1), (0.4, 0.0, 0.15), (0.2, 0.0, 0.4)
+
+
+def wiping() -> list[Segment]:
+    """Reach, four strokes with a lift-off after the second, retract."""
+    strokes = [("contact", 1.3, RIGHT), ("contact", 1.3, LEFT)]
+    lift = [("free", 0.6, ABOVE), ("free", 0.5, LEFT)]
+    away = [("free", 1.5, AWAY), ("free", 1.0, AWAY)]
+    return demonstration(("free", 1.5, LEFT), *strokes, *lift, *strokes, *away)
+
+
+def grouped(segments: list[Segment], *, finished: bool = True, chain: Chain = CHAIN) -> list[Phase]:
+    decided, rest = PhaseTracker(chain).look(segments, 0, finished=finished)
+    return [*decided, *rest]
+
+
+def shown(phases: list[Phase]) -> list[tuple[str, int, int, int]]:
+    return [(one.kind, one.first_segment, one.last_segment, one.strokes) for one in phases]
+
+
+# --- brute force: every way to group, weighed as the model's docstring says --------------------------------
+
+
+def log_normal(law, seconds: float, grows: bool) -> float:
+    z = (math.log(seconds) - math.log(law.median_s)) / law.spread
+    if grows:
+        return 1.0 - 0.5 * (1.0 + math.erf(z / math.sqrt(2.0)))
+    return math.exp(-z * z / 2.0) / (seconds * law.spread * math.sqrt(2.0 * math.pi))
+
+
+def normal(x: np.ndarray, mean: np.ndarray, sd: float) -> float:
+    return float(np.prod(np.exp(-0.5 * ((x - mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))))
+
+
+def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) -> float:
+    """grouping: of each segment its kind's number, whether it interrupts, and whether a phase starts."""
+    total, start = parameters.kinds[grouping[0][0]].bounds, 0
+    for i, (one, (k, aside, starts)) in enumerate(zip(segments, grouping, strict=True)):
+        kind = parameters.kinds[k]
+        if i:
+            before_kind, before_aside, _ = grouping[i - 1]
+            before = parameters.kinds[before_kind]
+            if starts:
+                if before_aside or before_kind == k:
+                    return 0.0
+                others = sum(each.weight for each in parameters.kinds) - before.weight
+                total *= before.ends * kind.weight / others
+            else:
+                if before_kind != k:
+                    return 0.0
+                own = {False: 1.0 - kind.ends - kind.interrupted, True: kind.interrupted}
+                total *= {True: {True: 1.0 - kind.resumed, False: kind.resumed}, False: own}[before_aside][
+                    aside
+                ]
+        if starts:
+            start = i
+            if aside:
+                return 0.0
+        elif grouping[i - 1][1] and not aside:
+            total *= resumed(segments[max(start, i - parameters.memory) : i], one, kind, parameters)
+        classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
+        total *= float(np.dot(classes, one.likelihood)) * log_normal(law, one.seconds, one.grows)
+        moving = kind.moving
+        total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
+    last, last_aside, _ = grouping[-1]
+    kind = parameters.kinds[last]
+    return total * (kind.bounds * (1.0 - kind.resumed if last_aside else kind.ends) if ended else 1.0)
+
+
+def resumed(phase: list[Seen], one: Seen, kind, parameters) -> float:
+    """Density of where a phase is resumed, over that of resuming it anywhere."""
+    state = CONTACT_STATES.index("free" if kind.name == "cycle" else kind.name)
+    strokes = [each for each in phase if int(each.likelihood.argmax()) == state]
+    if not strokes:
+        return 1.0
+    anywhere = normal(one.start, strokes[-1].end, parameters.far_m)
+    near = [normal(one.start, place, parameters.near_m) for s in strokes for place in (s.start, s.end)]
+    return 1.0 - kind.repeats + kind.repeats * float(np.mean(near)) / anywhere
+
+
+@cache
+def groupings(count: int, kinds: int) -> list[tuple]:
+    one = list(product(range(kinds), (False, True), (False, True)))
+    first = [each for each in one if each[2] and not each[1]]
+    return [
+        each
+        for each in product(first, *[one] * (count - 1))
+        if all(after[2] or after[0] == before[0] for before, after in pairwise(each))
+    ]
+
+
+@pytest.mark.parametrize("memory", [2, 10])
+@pytest.mark.parametrize("kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT)])
+@pytest.mark.parametrize("ended", [True, False])
+def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kinds: tuple) -> None:
+    parameters = replace(PARAMETERS, memory=memory, kinds=kinds)
+    chain = Chain(parameters)
+    every = wiping()
+    for segments in (every[:4], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
+        shown = [seen(one, parameters.wrong, grows=not ended and one is segments[-1]) for one in segments]
+        steps = [first_step(chain, shown[0])]
+        for i in range(1, len(shown)):
+            steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
+        all_of_them = groupings(len(segments), len(parameters.kinds))
+        weights = np.array([weight_of(shown, each, ended, parameters) for each in all_of_them])
+        sure = posterior(chain, steps, ended=ended)
+        for i, k, aside in product(range(len(segments)), range(len(parameters.kinds)), (False, True)):
+            of_it = np.array([each[i][:2] == (k, aside) for each in all_of_them])
+            found = sure[i][(chain.kind == k) & (chain.aside == aside)].sum()
+            assert found == pytest.approx(weights[of_it].sum() / weights.sum(), abs=1e-12)
+            starts = np.array([each[i] == (k, aside, True) for each in all_of_them])
+            found = sure[i][(chain.kind == k) & (chain.aside == aside) & (chain.age == 1)].sum()
+            assert found == pytest.approx(weights[starts].sum() / weights.sum(), abs=1e-12)
+        best = best_states(steps, best_last(chain, steps[-1], ended=ended))
+        expected = all_of_them[int(weights.argmax())]
+        assert [(chain.kind[s], bool(chain.aside[s]), chain.age[s] == 1) for s in best] == [*expected]
+
+
+# --- behaviour --------------------------------------------------------------------------------------------
+
+
+def test_a_wipe_with_a_lift_off_is_one_phase_between_reach_and_retract() -> None:
+    phases = grouped(wiping())
+    assert shown(phases) == [("free", 0, 0, 1), ("contact", 1, 6, 2), ("free", 7, 8, 1)]
+    assert all(one.certainty == "final" and one.probability > 0.7 for one in phases)
+    assert [(one.t0, one.tn) for one in phases[1:]] == [
+        (1.5, wiping()[6].tn),
+        (wiping()[6].tn, wiping()[8].tn),
+    ]
+
+
+def test_presses_at_places_apart_are_phases_of_their_own() -> None:
+    far = (0.4, 0.6, 0.1)
+    places = demonstration(
+        ("free", 1.5, LEFT), ("contact", 1.0, LEFT), ("free", 1.5, AWAY), ("free", 1.5, far),
+        ("contact", 1.0, far), ("free", 1.5, AWAY),
+    )  # fmt: skip
+    assert [one.kind for one in grouped(places)] == ["free", "contact", "free", "contact", "free"]
+    back = demonstration(
+        ("free", 1.5, LEFT), ("contact", 1.0, LEFT), ("free", 1.5, AWAY), ("free", 1.5, LEFT),
+        ("contact", 1.0, LEFT), ("free", 1.5, AWAY),
+    )  # fmt: skip
+    assert shown(grouped(back)) == [("free", 0, 0, 1), ("contact", 1, 4, 2), ("free", 5, 5, 1)]
+
+
+def test_circles_in_free_space_are_a_phase_of_their_own() -> None:
+    circles = demonstration(
+        ("free", 1.5, LEFT), ("free", 8.0, LEFT), ("free", 1.0, LEFT), ("free", 1.5, AWAY)
+    )
+    assert [(one.kind, one.first_segment) for one in grouped(circles)][:2] == [("free", 0), ("cycle", 1)]
+    assert grouped(circles)[-1].kind == "free"
+
+
+def test_a_carry_is_a_phase_of_its_own() -> None:
+    carried = demonstration(
+        ("free", 1.5, LEFT), ("contact", 1.0, LEFT), ("transport", 2.0, RIGHT), ("contact", 1.0, RIGHT),
+        ("free", 1.5, AWAY),
+    )  # fmt: skip
+    assert [one.kind for one in grouped(carried)] == ["free", "contact", "transport", "contact", "free"]
+
+
+def session(rounds: int) -> list[Segment]:
+    """The same wiping again and again, a metre further each time."""
+    parts = [(one.contact, one.tn - one.t0, one.position_end) for one in wiping()]
+    far = [(c, s, (x, y + 1.0 * i, z)) for i in range(rounds) for c, s, (x, y, z) in parts]
+    return demonstration(*far)
+
+
+def test_final_phases_stay_and_looks_do_not_matter() -> None:
+    segments = session(8)
+    looked, once = PhaseTracker(CHAIN), PhaseTracker(CHAIN)
+    final: list[Phase] = []
+    for count in range(1, len(segments) + 1):
+        settled = max(count - 2, looked.settled)
+        newly, rest = looked.look(segments[looked.settled : count], settled, finished=False)
+        assert all(one.certainty == "final" for one in newly)
+        assert all(one.certainty == "provisional" for one in rest)
+        final += newly
+        phases = [*final, *rest]
+        assert phases[0].first_segment == 0
+        assert phases[-1].last_segment == count - 1
+        assert all(a.last_segment + 1 == b.first_segment for a, b in pairwise(phases))
+    settled = len(segments) - 2
+    decided, rest = once.look(segments, settled, finished=False)
+    assert decided == final
+    assert len(final) >= 12, "most phases are decided long before the end"
+    assert looked.look(segments[settled:], settled, finished=False)[1] == rest
+
+
+def test_what_is_kept_does_not_grow() -> None:
+    segments = session(60)
+    tracker = PhaseTracker(CHAIN)
+    for count in range(1, len(segments) + 1):
+        tracker.look(segments[tracker.settled : count], count - 1, finished=False)
+        assert len(tracker._kept) <= 16
+
+
+def test_one_long_phase_is_kept_as_briefly() -> None:
+    strokes = [("contact", 1.2, RIGHT if i % 2 else LEFT) for i in range(300)]
+    segments = demonstration(("free", 1.5, LEFT), *strokes)
+    tracker = PhaseTracker(CHAIN)
+    for count in range(1, len(segments) + 1):
+        _, rest = tracker.look(segments[tracker.settled : count], count - 1, finished=False)
+        assert len(tracker._kept) <= 16
+    assert shown(rest)[-1] == ("contact", 1, 300, 1)
+
+
+def test_a_model_without_sense_is_refused() -> None:
+    with pytest.raises(ValueError, match="memory is 1"):
+        Chain(replace(PARAMETERS, memory=1))
+    bad = replace(PARAMETERS.kinds[0], ends=0.9, interrupted=0.2)
+    with pytest.raises(ValueError, match=r"'ends': 0\.9"):
+        Chain(replace(PARAMETERS, kinds=(bad, *PARAMETERS.kinds[1:])))

@@ -65,7 +65,7 @@ CYCLE = PhaseKind(
     resumed=0.5,
     repeats=0.0,
     bounds=0.02,
-    moving=0.9,
+    moving=0.6,
     step_m=0.05,
     weight=0.1,
 )

@@ -99,7 +99,8 @@ class Parameters:
 class Seen(NamedTuple):
     """What the model sees of a segment.
 
-    likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet.
+    likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet. moves:
+    it is a movement, not a rest.
     """
 
     likelihood: Array

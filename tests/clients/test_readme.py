@@ -33,7 +33,7 @@ def teaching(memory, monkeypatch):
             for number, update in enumerate(super().results(station, session, silence_s=0.2)):
                 if number == 0:
                     publishing.snapshots = [snapshot(1, "motion", "contact", "transport")]
-                    publishing.put(segments(1, 0, "motion", "contact", "transport"))
+                    publishing.put(segments(1, 0, "motion", "contact", "transport", first_phase=0))
                 yield update
 
     monkeypatch.setattr(caesura_clients, "connect", lambda: Ending(memory.transport()))

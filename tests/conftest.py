@@ -1,11 +1,15 @@
 """Random examples: thirty a property, so that all of the tests are quick, unless a property says otherwise.
 
-`make test ARGS=--hypothesis-profile=default` has a hundred.
+`make test ARGS=--hypothesis-profile=default` has a hundred. Ctrl-C ends the processes that tests start, also
+where the shell that starts the tests ignores it, as it does for a job in the background.
 """
 
 from __future__ import annotations
+
+import signal
 
 from hypothesis import settings
 
 settings.register_profile("quick", max_examples=30, deadline=None)
 settings.load_profile("quick")
+signal.signal(signal.SIGINT, signal.default_int_handler)

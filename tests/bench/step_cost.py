@@ -4,7 +4,7 @@ At about 10, 50 and 100 living hypotheses, all in this process, in turn over the
 of some hundred steps by one, then by the next, as a recording has them. `compiled` and all ratios are of such
 stretches; `after others` is a compiled step that follows one of the NumPy path, which has taken the caches.
 Prints µs a step, medians, and ratios. Usage: python tests/bench/step_cost.py
-[--presets a b …] [--json DIR]
+[--presets a b …] [--orientation] [--json DIR]
 """
 
 from __future__ import annotations
@@ -40,20 +40,23 @@ def main() -> None:
     """Measure every preset, and what others do."""
     parser = options(__doc__)
     parser.add_argument("--presets", nargs="*", default=sorted(PRESETS), choices=sorted(PRESETS))
+    parser.add_argument("--orientation", action="store_true", help="sessions report an orientation")
     asked = parser.parse_args()
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     data = demonstration(WARM_UP + (STRETCHES + 1) * STRETCH)
-    rows = [measure(name, h, data) for name in asked.presets for h in HYPOTHESES]
+    rows = [
+        measure(name, h, data, orientation=asked.orientation) for name in asked.presets for h in HYPOTHESES
+    ]
     tell("step_cost", "µs a step", COLUMNS, rows, asked.json)
     tell(
         "peers", "µs a step, one level (Gaussian of unknown mean), 200 samples", *peers_rows(data), asked.json
     )
 
 
-def measure(name: str, hypotheses: int, data: Sequence[Observed]) -> tuple[object, ...]:
+def measure(name: str, hypotheses: int, data: Sequence[Observed], *, orientation: bool) -> tuple[object, ...]:
     """Median µs a step of each way, and how they compare."""
     preset = living(PRESETS[name], hypotheses)
-    lattice = preset.lattice()
+    lattice = preset.lattice(orientation=orientation)
     compiled = CompiledFilter(lattice, preset.hazard, preset.filter)
     reference = OnlineFilter(lattice, preset.hazard, preset.filter)
     for online in (compiled, reference):
@@ -137,7 +140,8 @@ def demonstration(n: int) -> list[Observed]:
     t = 0.1 * np.arange(n)
     position = 0.1 * np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * t]) + rng.normal(0, 5e-4, (n, 3))
     force = np.column_stack([0 * t, 0 * t, 8.0 * (np.sin(0.8 * t) > 0.5)]) + rng.normal(0, 0.2, (n, 3))
-    return [Observed(*row) for row in zip(position, force, strict=True)]
+    rotation = 0.5 * np.column_stack([np.sin(0.4 * t), 0 * t, 0.2 * t])
+    return [Observed(*row, np.nan, turn) for *row, turn in zip(position, force, rotation, strict=True)]
 
 
 if __name__ == "__main__":

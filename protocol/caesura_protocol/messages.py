@@ -25,6 +25,7 @@ MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
 
 LengthUnit = Literal["m", "cm", "mm"]
+Quantity = Literal["time", "length", "angle", "force"]
 ForceFrame = Literal["base", "flange"]
 WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
 HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
@@ -126,6 +127,9 @@ class Open(Message):
     length_unit: LengthUnit = "m"
     preset: Name | None = None  # None: the service's own choice
     bridge: Name | None = None  # names this bridge; another one needs a higher epoch to take the session over
+    declared_units: Listed[
+        Quantity
+    ] = ()  # quantities whose unit a person declared: implausible values are believed
 
 
 class Close(Message):

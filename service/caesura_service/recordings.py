@@ -37,6 +37,7 @@ def opening_of(recording: Recording, preset: str | None = None) -> Open:
         force_frame=recording.force_frame,
         length_unit=recording.length_unit,
         preset=preset,
+        declared_units=recording.declared_units,
     )
 
 
@@ -98,6 +99,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
+        declared_units=opening.declared_units,
         name=opening.session,
     )
 

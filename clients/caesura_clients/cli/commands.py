@@ -21,10 +21,14 @@ from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
 from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
+    AngleUnit,
     Config,
     Connect,
+    ForceUnit,
     HandOnRobot,
+    LengthUnit,
     Station,
+    TimeUnit,
     WrenchSource,
     connected,
     named,
@@ -74,9 +78,10 @@ def bridge(
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
-    length_unit: Annotated[
-        str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
-    ] = None,
+    length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
@@ -100,6 +105,9 @@ def bridge(
         wrench_source=wrench_source,
         hand_on_robot=hand_on_robot,
         length_unit=length_unit,
+        time_unit=time_unit,
+        angle_unit=angle_unit,
+        force_unit=force_unit,
         scenario=scenario,
         seed=seed,
         mapping=mapping,

@@ -11,12 +11,20 @@ import typer
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
+from caesura_clients.cli.options import (
+    AngleUnit,
+    ForceUnit,
+    HandOnRobot,
+    LengthUnit,
+    TimeUnit,
+    WrenchSource,
+    reported,
+)
 from caesura_clients.cli.show import apps_table, ignored_line, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
+from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
@@ -37,6 +45,9 @@ def segment(
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
@@ -48,6 +59,9 @@ def segment(
             wrench_source=wrench_source,
             hand_on_robot=hand_on_robot,
             length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
             mapping=mapping,
         )
         view = segmented(recording, preset, threshold)

@@ -189,7 +189,7 @@ def load_recording(
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
     a csv or a rosbag2 of somebody else (`formats.mapping`).
-    time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they are converted to s, rad and N.
+    time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
     another unit (`caesura_protocol.plausibility`).
     Raises RecordingError for anything that is not a recording, BadSource where an extra is missing.

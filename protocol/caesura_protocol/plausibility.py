@@ -1,8 +1,8 @@
 """Plausible units: are samples what a robot can report, in the units that they are said to have?
 
-One table of checks. Each measures one number of a recording, or of the first second of a stream, and compares
-it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing. Limits have
-a margin, so that a value beyond one is far more likely in another unit. A unit that was declared is believed.
+One table of checks. Each measures one number of a recording, or of the first second of a stream, and
+compares it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing.
+Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed.
 
 Pure: NumPy only. Recordings, bridge, service and doctor use the same table.
 
@@ -40,7 +40,7 @@ WIRE_UNIT: Mapping[Quantity, str] = {quantity: next(iter(units)) for quantity, u
 
 LEAST_SAMPLES = 10  # fewer say nothing
 MOST_SAMPLES = 20_000  # of a recording, evenly chosen; one of a long session costs no more
-CELL_S = 0.1  # speeds are between means over cells
+CELL_S = 0.1  # speeds are between medians of cells
 FIRST_S = 1.0  # of a stream that is checked
 FIRST_SAMPLES = 2000  # at most
 
@@ -88,17 +88,19 @@ def _spread(t: Array, signals: Mapping[str, Array]) -> float | None:
 
 
 def _speed(t: Array, signals: Mapping[str, Array]) -> float | None:
-    """Between the means of neighbouring cells; without the fastest, which may be a leap."""
+    """Between the medians of neighbouring cells; without the fastest, which may be a leap."""
     span = float(t.max() - t.min())
     if "pos" not in signals or not 3 * CELL_S < span < CELL_S * 1e6 or (np.diff(t) < 0).any():
         return None
     cells = np.floor((t - t[0]) / CELL_S)
     starts = np.flatnonzero(np.diff(cells, prepend=-1.0))
     counts = np.diff(starts, append=t.size)
-    means = np.add.reduceat(signals["pos"], starts, axis=0) / counts[:, None]
+    places = np.column_stack(
+        [axis[np.lexsort((axis, cells))][starts + counts // 2] for axis in signals["pos"].T]
+    )
     times = np.add.reduceat(t - t[0], starts) / counts
     elapsed = np.maximum(np.diff(times), CELL_S)
-    speeds = np.linalg.norm(np.diff(means, axis=0), axis=1) / elapsed
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / elapsed
     return _most(speeds) if speeds.size > 2 else None
 
 
@@ -115,8 +117,8 @@ def _most(values: Array) -> float:
     return float(np.quantile(values, 0.95, method="lower"))
 
 
-#: A robot samples faster than 2 Hz; a pause over 0.25 s is a gap. A Panda reaches 0.855 m, its flange moves at
-#: 1.7 m/s, and no joint turns beyond 2π. A base may stand some metres from the origin of a motion capture.
+#: A robot samples faster than 2 Hz; a pause over 0.25 s is a gap. A Panda reaches 0.855 m, its flange moves
+#: at 1.7 m/s, and no joint turns beyond 2π. A base may stand some metres from the origin of a motion capture.
 CHECKS: tuple[_Check, ...] = (
     _Check("time", "samples are {value} apart", _step, "s", 0.5, 0.005),
     _Check("length", "positions are {value} away from the base", _distance, "m", 5.0, 0.3),

@@ -44,7 +44,7 @@ def moving(count: int, first_ms: int = 5000) -> list:
     for i in range(count):
         matrix = effector.copy()
         matrix[:3, 3] = [0.4 + 1e-4 * i, 0.1, 0.2]
-        told = {"q": np.arange(7.0) + i, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
+        told = {"q": np.arange(7.0) / 10 + i / 1000, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
         told["tau_ext_hat_filtered"] = np.arange(7.0)
         states.append(state(first_ms + i, O_T_EE=matrix, F_T_EE=hand, **told))
     return states

@@ -166,6 +166,12 @@ def likely_time_unit(t: Array) -> str | None:
     return None if value is None or value <= check.limit else _likely(check, value, "s")
 
 
+def likely_length_unit(position: Sequence[float]) -> str | None:
+    """The unit in which a position [m] would be within reach; None where it may be metres."""
+    value, check = math.hypot(*position), CHECKS[1]
+    return None if value <= check.limit else _likely(check, value, "m")
+
+
 def _likely(check: _Check, value: float, stated: str) -> str | None:
     """The unit in which a value is plausible, and nearest to the typical one."""
     units = UNITS[check.quantity]

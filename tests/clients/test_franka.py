@@ -75,7 +75,7 @@ def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
     assert column["fz"].tolist() == [10.0] * 40  # the robot pushes down, the table pushes up
     np.testing.assert_allclose([column[f"m{axis}"][0] for axis in "xyz"], [-1, -2, -3])
     np.testing.assert_allclose([column[f"tau{i}"][7] for i in range(1, 8)], -np.arange(7.0))
-    np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) + 7)
+    np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) / 10 + 0.007)
     said = (source.wrench_source, source.force_frame, source.length_unit, source.can_wait)
     assert said == ("joint_torque_estimate", "base", "m", False)
     assert source.hand_on_robot == "yes"

@@ -44,8 +44,10 @@ from caesura_protocol.messages import (
     ForceFrame,
     HandOnRobot,
     LengthUnit,
+    Quantity,
     WrenchSource,
 )
+from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, implausible
 
 
 class RecordingError(CaesuraError, ValueError):
@@ -58,7 +60,8 @@ class Recording:
 
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
     wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
-    ignored: what else the file holds. Raises RecordingError where a shape, a name, a unit or a time is off.
+    ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
+    which no robot reports are believed. Raises RecordingError where a shape, a name, a unit or a time is off.
     """
 
     t: Array
@@ -69,6 +72,7 @@ class Recording:
     name: str = field(default="recording", compare=False)
     ignored: tuple[str, ...] = field(default=(), compare=False)
     hand_on_robot: HandOnRobot = "unknown"
+    declared_units: tuple[Quantity, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -112,6 +116,11 @@ class Recording:
     def has_wrench(self) -> bool:
         """Whether forces or joint torques are there."""
         return "force" in self.signals or "tau" in self.signals
+
+    @property
+    def implausible(self) -> Implausible | None:
+        """The first quantity that is probably in another unit than the recording states, or None."""
+        return implausible(self.t, self.signals, length_unit=self.length_unit, declared=self.declared_units)
 
     @property
     def stated_options(self) -> dict[str, str]:
@@ -169,15 +178,23 @@ def load_recording(
     wrench_source: str | None = None,
     hand_on_robot: str | None = None,
     length_unit: str | None = None,
+    time_unit: str | None = None,
+    angle_unit: str | None = None,
+    force_unit: str | None = None,
     mapping: Path | None = None,
+    check_units: bool = True,
 ) -> Recording:
     """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
 
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
     a csv or a rosbag2 of somebody else (`formats.mapping`).
+    time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
+    A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
+    another unit (`caesura_protocol.plausibility`).
     Raises RecordingError for anything that is not a recording, BadSource where an extra is missing.
     """
+    stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
     arrays, options, ignored = _read(path, mapping, wrench_source)
     if "t" not in arrays:
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
@@ -195,8 +212,44 @@ def load_recording(
         and options.get("wrench_source", "none") in WRENCH_SOURCES
     ):
         options["wrench_source"] = "none"
+    for quantity, name in _CONVERTED.items():
+        if quantity in stated and name in arrays:
+            arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
-    return Recording(arrays["t"], signals, name=path.name, ignored=tuple(ignored), **options)  # type: ignore[arg-type]
+    recording = Recording(
+        arrays["t"],
+        signals,
+        name=path.name,
+        ignored=tuple(ignored),
+        declared_units=tuple(stated),
+        **options,  # type: ignore[arg-type]
+    )
+    if check_units and (found := recording.implausible) is not None:
+        raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
+    return recording
+
+
+_CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force"}
+
+
+def declared_units(**units: str | None) -> dict[Quantity, str]:
+    """Units that were declared, by quantity. Raises RecordingError for one that does not exist."""
+    declared: dict[Quantity, str] = {}
+    for quantity, known in UNITS.items():
+        if (unit := units.get(quantity)) is None:
+            continue
+        if unit not in known:
+            raise RecordingError(f"{quantity}_unit is {unit!r}, expected one of {list(known)}")
+        declared[quantity] = unit
+    return declared
+
+
+def unit_remedy(found: Implausible, length_unit: str) -> str:
+    """What a user states to have the samples taken, as they are or in the likely unit."""
+    option = f"--{found.quantity}-unit"
+    stated = length_unit if found.quantity == "length" else WIRE_UNIT[found.quantity]
+    believed = f"{option} {stated} if the values are right"
+    return f"State {believed}" if found.likely is None else f"State {option} {found.likely}, or {believed}"
 
 
 def did_you_mean(name: str) -> str | None:

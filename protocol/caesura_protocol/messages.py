@@ -26,6 +26,7 @@ MAX_GAPS = 256  # that a status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 
 LengthUnit = Literal["m", "cm", "mm"]
+Quantity = Literal["time", "length", "angle", "force"]
 ForceFrame = Literal["base", "flange"]
 WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
 HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
@@ -133,6 +134,7 @@ class Open(Message):
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
     path_tolerance_m: Tolerance | None = None  # of the apps' paths; None: the service's own choice
     path_tolerance_rad: Tolerance | None = None
+    declared_units: Listed[Quantity] = ()  # whose unit a person declared: implausible values are believed
 
 
 class Close(Message):

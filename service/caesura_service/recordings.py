@@ -39,6 +39,7 @@ def opening_of(recording: Recording, preset: str | None = None, setting: Setting
         length_unit=recording.length_unit,
         preset=preset,
         **setting._asdict(),
+        declared_units=recording.declared_units,
     )
 
 
@@ -106,6 +107,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
+        declared_units=opening.declared_units,
         name=opening.session,
     )
 

@@ -64,6 +64,7 @@ class LiveSource:
     """A robot that cannot wait, and says what it is told to say."""
 
     columns = ("t", "px", "py", "pz")
+    declared_units = ("length",)  # positions that count the samples
     wrench_source = "none"
     force_frame = "base"
     length_unit = "m"

@@ -246,12 +246,13 @@ EVEN = np.arange(2000) / 1000.0
         (hand(EVEN), "regularity", "ok", "0.0 %"),
         (hand(EVEN), "wrench noise", "ok", "0.10 N"),
         (hand(EVEN[::50]), "rate", "warn", "20 Hz"),
-        (hand(EVEN * 1e3), "rate", "warn", "is `t` in seconds"),
+        (hand(EVEN * 1e3), "units", "bad", "probably in ms"),
+        (hand(EVEN * 1e9), "units", "bad", "State --time-unit ns"),
         (hand(np.delete(EVEN, slice(500, 900))), "regularity", "warn", "longest 401 ms"),
         (hand(EVEN + np.tile([0, 9e-4], 1000)), "regularity", "warn", "off by more than half"),
         (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 samples"),
         (hand(np.zeros(10)), "rate", "warn", "time does not advance"),
-        (hand(EVEN, pos=np.tile(200.0 * EVEN[:, None], 3)), "speed", "warn", "is pos in m?"),
+        (hand(EVEN, pos=np.tile(200.0 * EVEN[:, None], 3)), "units", "bad", "State --length-unit mm"),
         (
             hand(np.where(EVEN < 1.5, EVEN, EVEN - 0.7)),
             "clock",
@@ -275,7 +276,7 @@ def test_samples_are_judged(taught, check, grade, words):
 
 
 def test_a_robot_that_never_rests_says_nothing_of_noise():
-    moving = hand(EVEN, pos=np.column_stack([EVEN, EVEN, EVEN]))
+    moving = hand(EVEN, pos=np.column_stack([EVEN / 2, EVEN / 2, EVEN / 2]))
     assert grades(list(examine_recording(moving)), "wrench noise") == []
 
 

@@ -44,7 +44,7 @@ def moving(count: int, first_ms: int = 5000) -> list:
     for i in range(count):
         matrix = effector.copy()
         matrix[:3, 3] = [0.4 + 1e-4 * i, 0.1, 0.2]
-        told = {"q": np.arange(7.0) + i, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
+        told = {"q": np.arange(7.0) / 10 + i / 1000, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
         told["tau_ext_hat_filtered"] = np.arange(7.0)
         states.append(state(first_ms + i, O_T_EE=matrix, F_T_EE=hand, **told))
     return states
@@ -75,7 +75,7 @@ def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
     assert column["fz"].tolist() == [10.0] * 40  # the robot pushes down, the table pushes up
     np.testing.assert_allclose([column[f"m{axis}"][0] for axis in "xyz"], [-1, -2, -3])
     np.testing.assert_allclose([column[f"tau{i}"][7] for i in range(1, 8)], -np.arange(7.0))
-    np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) + 7)
+    np.testing.assert_allclose([column[f"q{i}"][7] for i in range(1, 8)], np.arange(7.0) / 10 + 0.007)
     said = (source.wrench_source, source.force_frame, source.length_unit, source.can_wait)
     assert said == ("joint_torque_estimate", "base", "m", False)
     assert source.hand_on_robot == "yes"

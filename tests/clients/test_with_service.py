@@ -162,13 +162,15 @@ def taken_of(caesura: Caesura, station: str, session: str) -> int:
 
 
 def test_bridge_tells_that_the_service_refused_every_batch(endpoint, tmp_path):
-    # Times in microseconds: it once said "closed, 5 batches" and ended with 0.
+    # Times in microseconds, declared as seconds: it once said "closed, 5 batches" and ended with 0.
     seconds = recording(100)
     replace(seconds, t=seconds.t * 1e6).save(tmp_path / "micro.npz")
     app = typer.Typer()
     register(app)
     options = ("--station", "cell-4", "--session", "micro", "--pace", "fast", "--connect", endpoint)
-    result = CliRunner().invoke(app, ["bridge", "--file", str(tmp_path / "micro.npz"), *options])
+    result = CliRunner().invoke(
+        app, ["bridge", "--file", str(tmp_path / "micro.npz"), "--time-unit", "s", *options]
+    )
     assert result.exit_code == 1
     assert result.stdout == "cell-4/micro closed, 5 batches\n"
     assert "cell-4/micro: 5 refused (last: batch 4 lasts too long" in result.stderr

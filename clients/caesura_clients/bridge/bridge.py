@@ -42,10 +42,11 @@ from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
 from caesura_clients.programs.safety import Setting
-from caesura_clients.recording import OPTIONS, contradiction, is_option
+from caesura_clients.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
+from caesura_protocol.plausibility import FirstSecond
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
@@ -91,6 +92,8 @@ class Bridge:
         self.acknowledged = 0  # batches that the service is known to have
         self._source = source
         self._open = _opening(source, self.session, epoch, preset, self.settings.setting)
+        said = self._open
+        self._first_second = FirstSecond(said.columns, said.length_unit, said.declared_units)
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
@@ -185,14 +188,16 @@ class Bridge:
     def send(self, chunk: Chunk) -> None:
         """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
 
-        Raises BadSource for a wrong shape or a value that is not finite, ProtocolError once the service
-        has refused the session, CaesuraError once it is closed.
+        Raises BadSource for a wrong shape, a value that is not finite, or values in the first second which
+        are probably in another unit; ProtocolError once the service has refused the session, CaesuraError
+        once it is closed.
         """
         self._check()
         if self._over.is_set():
             raise CaesuraError(f"{self.station}/{self.session} is closed: it takes no samples")
         step = self.settings.batch_samples
         for start in range(0, len(chunk), step):
+            self._check_units(chunk[start : start + step])
             self._sender.push(chunk[start : start + step])
             if self._source.can_wait:
                 self._wait_for_room()
@@ -317,6 +322,12 @@ class Bridge:
             )
         self._known = True
 
+    def _check_units(self, rows: Chunk) -> None:
+        if rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
+            return  # the sender refuses it
+        if (found := self._first_second.look(rows)) is not None:
+            raise BadSource(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
+
     def _check(self) -> None:
         failure = self._failure or self._pump.failure
         if failure is not None:
@@ -349,4 +360,5 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None, setti
         preset=preset,
         bridge=new_bridge_name(),
         **setting._asdict(),
+        declared_units=getattr(source, "declared_units", ()),
     )

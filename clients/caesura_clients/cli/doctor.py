@@ -11,11 +11,15 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import (
+    AngleUnit,
     Config,
     Connect,
+    ForceUnit,
     HandOnRobot,
     Json,
+    LengthUnit,
     Station,
+    TimeUnit,
     WrenchSource,
     named,
     reported,
@@ -37,6 +41,10 @@ def doctor(
     file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
+    length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -47,7 +55,16 @@ def doctor(
     """
     with reported():
         if file is not None:
-            recording = load_recording(file, wrench_source=wrench_source, hand_on_robot=hand_on_robot)
+            recording = load_recording(
+                file,
+                wrench_source=wrench_source,
+                hand_on_robot=hand_on_robot,
+                length_unit=length_unit,
+                time_unit=time_unit,
+                angle_unit=angle_unit,
+                force_unit=force_unit,
+                check_units=False,  # a finding of its own
+            )
             found = list(examine_recording(recording))
         else:
             found = _shown(examine(endpoint, config, station=named(station) or "*", seconds=seconds), as_json)

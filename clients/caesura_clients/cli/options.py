@@ -18,6 +18,7 @@ from caesura_clients.programs.safety import Safety, Setting, read_safety
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_protocol.plausibility import UNITS
 
 Connect = Annotated[
     str | None,
@@ -58,6 +59,12 @@ CellFile = Annotated[
     Path | None,
     typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
 ]
+LengthUnit = Annotated[
+    str | None, typer.Option("--length-unit", "--unit", help="Of positions: m, cm, mm; overrides the file.")
+]
+TimeUnit = Annotated[str | None, typer.Option(help=f"Of times in the file: {', '.join(UNITS['time'])}.")]
+AngleUnit = Annotated[str | None, typer.Option(help=f"Of joints in the file: {', '.join(UNITS['angle'])}.")]
+ForceUnit = Annotated[str | None, typer.Option(help=f"Of forces in the file: {', '.join(UNITS['force'])}.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 

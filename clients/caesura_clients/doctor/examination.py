@@ -78,10 +78,19 @@ def judge(facts: Facts, station: str = "*") -> Iterator[Finding]:
 
 def examine_recording(recording: Recording) -> Iterator[Finding]:
     """The same checks on a recording, in the order of its samples."""
-    samples = signal.Samples(recording.t, recording.signals, recording.wrench_source, recording.length_unit)
+    samples = signal.Samples(
+        recording.t,
+        recording.signals,
+        recording.wrench_source,
+        recording.length_unit,
+        recording.declared_units,
+    )
+    units = list(signal.check_units(samples))
+    yield from units
+    if units:
+        return  # figures in a wrong unit mean nothing
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
-    yield from signal.check_speed(samples)
     yield from _wrench(recording)
     yield from signal.check_noise(samples)
     force = recording.signals.get("force")

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.doctor.findings import Finding, bad, ok, warn
-from caesura_protocol.messages import WrenchSource
+from caesura_clients.recording import unit_remedy
+from caesura_protocol.messages import Quantity, WrenchSource
+from caesura_protocol.plausibility import UNITS, implausible
 
 Array = NDArray[np.float64]
 
@@ -18,12 +20,11 @@ PAUSE_LIMIT_S = 0.25  # a longer one is a gap in the results (conditioning)
 UNEVEN = 0.5  # of the median interval; an interval off by more is irregular
 UNEVEN_SHARE = 0.02
 REST_M_PER_S, REST_RAD_PER_S = 0.005, 0.02
-FASTEST_M_PER_S = 2.0  # what no Panda does
 CELL_S = 0.1  # a movement is between means over cells: a tremor is none
 REST_CELLS = 3  # the fewest that say something of noise
 BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that nobody took off
 NOISE_LIMIT_N = 1.0
-METRES: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES = UNITS["length"]
 WHAT_FOR: Mapping[str, str] = {
     "force": "contact and load cannot be told",
     "quat": "apps have no orientation",
@@ -39,6 +40,7 @@ class Samples:
     signals: Mapping[str, Array]
     wrench_source: WrenchSource | None = None
     length_unit: str = "m"
+    declared_units: tuple[Quantity, ...] = ()
 
 
 def check_rate(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
@@ -142,15 +144,13 @@ def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Fi
         yield ok("wrench bias", said, station=station)
 
 
-def check_speed(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
-    """Can a robot move so fast, or is the position in another unit?"""
-    if "pos" not in samples.signals:
-        return
-    cells = _cells(samples)
-    fastest = METRES[samples.length_unit] * max((moved for _, moved in cells), default=0.0) / CELL_S
-    if fastest > FASTEST_M_PER_S:
-        remedy = f"no Panda exceeds 1.7 m/s: is pos in {samples.length_unit}? Else say --length-unit"
-        yield warn("speed", f"up to {fastest:.3g} m/s", remedy, station=station)
+def check_units(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+    """Are times, positions, joints and forces in the units that they are said to have?"""
+    found = implausible(
+        samples.t, samples.signals, length_unit=samples.length_unit, declared=samples.declared_units
+    )
+    if found is not None:
+        yield bad("units", str(found), unit_remedy(found, samples.length_unit), station=station)
 
 
 def cells_at_rest(samples: Samples) -> list[slice]:

@@ -16,7 +16,7 @@ from caesura_clients.doctor.signal import (
     check_noise,
     check_rate,
     check_signals,
-    check_speed,
+    check_units,
 )
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
@@ -131,7 +131,9 @@ def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
     if samples is None:
         yield _even(station)
         return
-    for check in (check_rate, check_signals, check_speed, check_noise):
+    if status.refused:  # what the service takes is plausible, or its unit was declared
+        yield from check_units(samples, station=station.name)
+    for check in (check_rate, check_signals, check_noise):
         yield from check(samples, station=station.name)
 
 
@@ -173,7 +175,7 @@ def _samples(station: Station, status: SessionStatus) -> Samples | None:
         for signal, names in COLUMNS_OF_SIGNAL.items()
         if set(names) <= set(place)
     }
-    return Samples(matrix[:, 0], signals, status.wrench.source)
+    return Samples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
 
 
 def _unbroken(numbers: Sequence[int]) -> Sequence[int]:

@@ -10,9 +10,16 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import WrenchSource, reported
+from caesura_clients.cli.options import (
+    AngleUnit,
+    ForceUnit,
+    LengthUnit,
+    TimeUnit,
+    WrenchSource,
+    reported,
+)
 from caesura_clients.recording import load_recording
-from caesura_service.commands.options import LengthUnit, Mapping, RecordingFile
+from caesura_service.commands.options import Mapping, RecordingFile
 from caesura_service.truth import truth_file
 
 DEFAULT_PORT = 8081
@@ -33,6 +40,9 @@ def annotate(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
     wrench_source: WrenchSource = None,
     length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     mapping: Mapping = None,
 ) -> None:
     """Mark boundaries and classes of a recording by hand, in a browser on this machine."""
@@ -46,7 +56,13 @@ def annotate(
         address = Address(port=port)  # loopback: an annotation is no service
         check_free(address)
         recording = load_recording(
-            file, wrench_source=wrench_source, length_unit=length_unit, mapping=mapping
+            file,
+            wrench_source=wrench_source,
+            length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
+            mapping=mapping,
         )
         path = truth_file(file) if out is None else out
         editor = Editor(open_annotation(path, recording, file, annotator))

@@ -8,11 +8,19 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
+from caesura_clients.cli.options import (
+    AngleUnit,
+    ForceUnit,
+    HandOnRobot,
+    LengthUnit,
+    TimeUnit,
+    WrenchSource,
+    reported,
+)
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recording import Recording, load_recording, needing
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
+from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.commands.segment import segmented
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import opening_of
@@ -27,6 +35,9 @@ def export_recording(
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     mapping: Mapping = None,
 ) -> None:
     """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.
@@ -41,6 +52,9 @@ def export_recording(
             wrench_source=wrench_source,
             hand_on_robot=hand_on_robot,
             length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
             mapping=mapping,
         )
         try:

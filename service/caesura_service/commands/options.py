@@ -14,6 +14,3 @@ PresetName = Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS
 Mapping = Annotated[
     Path | None, typer.Option(help="What is what in a csv or rosbag2 of somebody else (docs/recordings.md).")
 ]
-LengthUnit = Annotated[
-    str | None, typer.Option("--length-unit", "--unit", help="Overrides what the file declares.")
-]

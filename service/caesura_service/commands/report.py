@@ -9,11 +9,19 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import HandOnRobot, WrenchSource, reported
+from caesura_clients.cli.options import (
+    AngleUnit,
+    ForceUnit,
+    HandOnRobot,
+    LengthUnit,
+    TimeUnit,
+    WrenchSource,
+    reported,
+)
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
+from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
 from caesura_service.truth import Truth, read_annotation, truth_file
@@ -29,6 +37,9 @@ def report(
     wrench_source: WrenchSource = None,
     hand_on_robot: HandOnRobot = None,
     length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     mapping: Mapping = None,
 ) -> None:
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
@@ -39,6 +50,9 @@ def report(
             wrench_source=wrench_source,
             hand_on_robot=hand_on_robot,
             length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
             mapping=mapping,
         )
         beside = truth_file(file)

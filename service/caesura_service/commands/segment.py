@@ -13,9 +13,13 @@ from rich.progress import Progress
 
 from caesura_clients.cli.options import (
     AngleTolerance,
+    AngleUnit,
     ForceLimit,
+    ForceUnit,
     HandOnRobot,
+    LengthUnit,
     PathTolerance,
+    TimeUnit,
     WrenchSource,
     reported,
     setting_of,
@@ -25,7 +29,7 @@ from caesura_clients.errors import BadSource
 from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_service.commands.options import LengthUnit, Mapping, PresetName, RecordingFile
+from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
 from caesura_service.session.view import View
@@ -49,6 +53,9 @@ def segment(
     force_limit: ForceLimit = None,
     path_tolerance: PathTolerance = None,
     angle_tolerance: AngleTolerance = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
@@ -60,6 +67,9 @@ def segment(
             wrench_source=wrench_source,
             hand_on_robot=hand_on_robot,
             length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
             mapping=mapping,
         )
         view = segmented(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.plausibility import likely_time_unit
 from caesura_service.session.limits import Limits
 
 
@@ -39,8 +40,10 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
     if reach > limits.time_s:
         raise ProtocolError("malformed", f"time in batch {seq} is absurd", value=reach, limit=limits.time_s)
     if high - low > limits.batch_span_s:
+        likely = likely_time_unit(times)
+        guess = "" if likely is None else f": its times are probably in {likely}"
         raise ProtocolError(
-            "malformed", f"batch {seq} lasts too long", value=high - low, limit=limits.batch_span_s
+            "malformed", f"batch {seq} lasts too long{guess}", value=high - low, limit=limits.batch_span_s
         )
 
 

@@ -17,6 +17,7 @@ from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.limiting import with_force_limit
 from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
+from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_service.changepoint.models import UNTURNED, Observed
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
@@ -49,7 +50,6 @@ from caesura_service.signals import (
     WrenchCapabilities,
 )
 
-METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 PHASES = Chain(PARAMETERS)
 LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
 SETTLE_EVERY = 150  # observations, where many are taken at once: what has settled by then is made and kept
@@ -92,7 +92,7 @@ def layout_of(opening: Open) -> Layout:
         wrench_source=opening.wrench_source,
         hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
-        metres_per_unit=METRES_PER_UNIT[opening.length_unit],
+        metres_per_unit=UNITS["length"][opening.length_unit],
         pose_of_joints=None if robot is None else robot.flange_poses,
         wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
     )
@@ -123,6 +123,7 @@ class SegmentationPipeline:
         self._preset = preset
         self._source = layout.source
         self._conditioner = Conditioner(layout)
+        self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._heeded = Heeded()
         self._history = History()
         self._begin(tared=True)
@@ -144,6 +145,9 @@ class SegmentationPipeline:
 
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
+        if (found := self._first_second.look(samples)) is not None:
+            declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
+            raise ValueError(f"implausible: {found}; {declare}")
         conditioned = self._conditioner.push(samples)
         if self._began == math.inf and len(samples):
             self._note_beginning(float(samples[0, 0]))

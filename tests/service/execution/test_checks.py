@@ -169,3 +169,10 @@ def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
         assert np.linalg.norm(reached.position_base - pose.position_base) == pytest.approx(left, abs=1e-9)
         assert left < 1e-3
         assert turn < 1e-2
+
+
+def test_a_target_in_millimetres_is_named_as_such():
+    report = check([app("cartesian_motion", 0.0, 1.0, (400.0, 0.0, 300.0))])
+    assert not report.passed
+    assert "target x 400.000 m is outside of the workspace" in str(report.errors[0])
+    assert "it is probably in mm" in str(report.errors[0])

@@ -16,12 +16,12 @@ from caesura_clients.recording import Recording, RecordingError, load_recording
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.plausibility import UNITS
 from caesura_service.program import Paths, Step, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
 from caesura_service.session.division import Division
 from caesura_service.session.pipeline import (
     LOOK_EVERY,
-    METRES_PER_UNIT,
     SegmentationPipeline,
     make_pipeline,
 )
@@ -390,7 +390,7 @@ def test_the_wire_and_the_signals_name_the_same_columns():
     assert set(WRENCH_SOURCES) == set(wire.WRENCH_SOURCES)
     assert set(HANDS_ON_ROBOT) == set(wire.HANDS_ON_ROBOT)
     assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
-    assert set(METRES_PER_UNIT) == set(wire.LENGTH_UNITS)
+    assert set(UNITS["length"]) == set(wire.LENGTH_UNITS)
 
 
 def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):

@@ -33,6 +33,7 @@ class FileSource(PacedSource):
             hand_on_robot=recording.hand_on_robot,
             force_frame=recording.force_frame,
             length_unit=recording.length_unit,
+            declared_units=recording.declared_units,
             pace=pace,
             clock=clock,
             sleep=sleep,

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, Quantity, WrenchSource
 
 FAST = float("inf")
 
@@ -29,6 +29,7 @@ class PacedSource:
         hand_on_robot: HandOnRobot = "unknown",
         force_frame: ForceFrame = "base",
         length_unit: LengthUnit = "m",
+        declared_units: tuple[Quantity, ...] = (),
         pace: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -40,6 +41,7 @@ class PacedSource:
         self.hand_on_robot: HandOnRobot = hand_on_robot
         self.force_frame: ForceFrame = force_frame
         self.length_unit: LengthUnit = length_unit
+        self.declared_units = declared_units
         self._read = read
         self._pace = pace
         self._clock = clock

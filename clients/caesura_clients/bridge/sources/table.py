@@ -10,9 +10,10 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S, FileSource
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
-from caesura_clients.recording import load_recording, needing
+from caesura_clients.recording import declared_units, load_recording, needing
 from caesura_clients.transport import endpoint_of
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
+from caesura_protocol.plausibility import WIRE_UNIT
 
 DEFAULT_SCENARIO = "pick_and_place"
 ESTIMATE: WrenchSource = "joint_torque_estimate"  # the wrench of a Franka arm without a sensor
@@ -34,6 +35,9 @@ class SourceOptions:
     ros: str | None = None  # the Zenoh endpoint of ROS 2
     config: Path | None = None  # of Zenoh there
     hand_on_robot: str | None = None
+    time_unit: str | None = None
+    angle_unit: str | None = None
+    force_unit: str | None = None
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
@@ -41,7 +45,27 @@ def open_source(name: str, options: SourceOptions) -> Source:
     build = SOURCES.get(name)
     if build is None:
         raise BadSource(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
-    return build(options)
+    source = build(options)
+    return source if build is _file else _with_declared_units(source, options)
+
+
+def _with_declared_units(source: Source, options: SourceOptions) -> Source:
+    """A live source whose units were declared. Raises BadSource for units that it does not report."""
+    declared = declared_units(
+        length=options.length_unit,
+        time=options.time_unit,
+        angle=options.angle_unit,
+        force=options.force_unit,
+    )
+    for quantity, unit in declared.items():
+        reported = source.length_unit if quantity == "length" else WIRE_UNIT[quantity]
+        if unit != reported:
+            raise BadSource(
+                f"{quantity}_unit is {unit!r}, expected {reported!r}: a live source is not converted"
+            )
+    if declared:
+        source.declared_units = tuple(declared)  # type: ignore[attr-defined]
+    return source
 
 
 def _file(options: SourceOptions) -> Source:
@@ -52,6 +76,9 @@ def _file(options: SourceOptions) -> Source:
         wrench_source=options.wrench_source,
         hand_on_robot=options.hand_on_robot,
         length_unit=options.length_unit,
+        time_unit=options.time_unit,
+        angle_unit=options.angle_unit,
+        force_unit=options.force_unit,
         mapping=options.mapping,
     )
     if recording.has_wrench and recording.wrench_source is None:

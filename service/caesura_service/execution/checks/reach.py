@@ -11,6 +11,7 @@ from caesura_clients.bridge.teacher.guiding import POSTURE
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
+from caesura_protocol.plausibility import likely_length_unit
 from caesura_service.execution.checks.order import CARRIES, CONTACT_APPS
 from caesura_service.execution.findings import Finding
 from caesura_service.execution.limits import Cell
@@ -106,9 +107,12 @@ class _Looking:
         if app.target is None:
             return
         low, high = self._safety.workspace_low, self._safety.workspace_high
+        likely = likely_length_unit(app.target)
+        guess = "" if likely is None else f": it is probably in {likely}"
         for axis, value, least, most in zip("xyz", app.target, low, high, strict=True):
             if not least + EDGE_M <= value <= most - EDGE_M:
-                yield f"target {axis} {value:.3f} m is outside of the workspace, {least:g} to {most:g} m"
+                limits = f"{least:g} to {most:g} m"
+                yield f"target {axis} {value:.3f} m is outside of the workspace, {limits}{guess}"
 
     def _reached(self, app: App, target: Vector, here: _Here) -> tuple[Array | None, str | None]:
         """Joints (7,) at the target, or why there are none."""

@@ -1,0 +1,221 @@
+"""Plausible units: are samples what a robot can report, in the units that they are said to have?
+
+One table of checks. Each measures one number of a recording, or of the first second of a stream, and
+compares it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing.
+Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed.
+
+Pure: NumPy only. Recordings, bridge, service and doctor use the same table.
+
+>>> t = np.arange(100) / 100
+>>> print(implausible(t, {"pos": np.tile([400.0, 0.0, 300.0], (100, 1))}))
+positions are 500 m away from the base, at most 5 m are plausible: probably in mm
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Quantity
+
+Array = NDArray[np.float64]
+
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+TimeUnit = Literal["s", "ms", "us", "ns"]
+AngleUnit = Literal["rad", "deg"]
+ForceUnit = Literal["N", "kN", "mN", "gf"]
+
+#: What one of a unit is in the first unit of its row, which is that of the wire.
+UNITS: Mapping[Quantity, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-3},
+}
+WIRE_UNIT: Mapping[Quantity, str] = {quantity: next(iter(units)) for quantity, units in UNITS.items()}
+
+LEAST_SAMPLES = 10  # fewer say nothing
+MOST_SAMPLES = 20_000  # of a recording, evenly chosen; one of a long session costs no more
+CELL_S = 0.1  # speeds are between medians of cells
+FIRST_S = 1.0  # of a stream that is checked
+FIRST_SAMPLES = 2000  # at most
+
+
+class Implausible(NamedTuple):
+    """A number that no robot reports, and the unit that would explain it."""
+
+    quantity: Quantity
+    what: str
+    value: float  # in `unit`
+    limit: float
+    unit: str
+    likely: str | None  # None where no known unit explains the value
+
+    def __str__(self) -> str:
+        guess = "no known unit explains it" if self.likely is None else f"probably in {self.likely}"
+        said = self.what.format(value=f"{self.value:.4g} {self.unit}")
+        return f"{said}, at most {self.limit:g} {self.unit} are plausible: {guess}"
+
+
+class _Check(NamedTuple):
+    quantity: Quantity
+    what: str
+    measure: Callable[[Array, Mapping[str, Array]], float | None]
+    unit: str
+    limit: float
+    typical: float  # of the likely units that one is named which comes nearest to this
+
+
+def _step(t: Array, signals: Mapping[str, Array]) -> float | None:
+    steps = np.diff(t)
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if steps.size >= LEAST_SAMPLES - 1 else None
+
+
+def _distance(t: Array, signals: Mapping[str, Array]) -> float | None:
+    return None if "pos" not in signals else float(np.median(np.linalg.norm(signals["pos"], axis=1)))
+
+
+def _spread(t: Array, signals: Mapping[str, Array]) -> float | None:
+    if "pos" not in signals:
+        return None
+    low, high = np.quantile(signals["pos"], (0.02, 0.98), axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _speed(t: Array, signals: Mapping[str, Array]) -> float | None:
+    """Between the medians of neighbouring cells; without the fastest, which may be a leap."""
+    span = float(t.max() - t.min())
+    if "pos" not in signals or not 3 * CELL_S < span < CELL_S * 1e6 or (np.diff(t) < 0).any():
+        return None
+    cells = np.floor((t - t[0]) / CELL_S)
+    starts = np.flatnonzero(np.diff(cells, prepend=-1.0))
+    counts = np.diff(starts, append=t.size)
+    places = np.column_stack(
+        [axis[np.lexsort((axis, cells))][starts + counts // 2] for axis in signals["pos"].T]
+    )
+    times = np.add.reduceat(t - t[0], starts) / counts
+    elapsed = np.maximum(np.diff(times), CELL_S)
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / elapsed
+    return _most(speeds) if speeds.size > 2 else None
+
+
+def _angle(t: Array, signals: Mapping[str, Array]) -> float | None:
+    return None if "q" not in signals else _most(np.abs(signals["q"]).max(axis=1))
+
+
+def _force(t: Array, signals: Mapping[str, Array]) -> float | None:
+    return None if "force" not in signals else _most(np.linalg.norm(signals["force"], axis=1))
+
+
+def _most(values: Array) -> float:
+    """The largest, but for one in twenty."""
+    return float(np.quantile(values, 0.95, method="lower"))
+
+
+#: A robot samples faster than 2 Hz; a pause over 0.25 s is a gap. A Panda reaches 0.855 m, its flange moves
+#: at 1.7 m/s, and no joint turns beyond 2π. A base may stand some metres from the origin of a motion capture.
+CHECKS: tuple[_Check, ...] = (
+    _Check("time", "samples are {value} apart", _step, "s", 0.5, 0.005),
+    _Check("length", "positions are {value} away from the base", _distance, "m", 5.0, 0.3),
+    _Check("length", "positions are spread over {value}", _spread, "m", 3.0, 0.3),
+    _Check("length", "positions move at {value}", _speed, "m/s", 2.0, 0.2),
+    _Check("angle", "joints turn to {value}", _angle, "rad", 6.3, 1.5),
+    _Check("force", "forces reach {value}", _force, "N", 1000.0, 10.0),
+)
+
+
+def implausible(
+    t: Array,
+    signals: Mapping[str, Array],
+    *,
+    length_unit: str = "m",
+    declared: Collection[str] = (),
+) -> Implausible | None:
+    """The first implausible quantity of these samples, or None.
+
+    t: (n,) [s]; signals: name → (n, width); positions in `length_unit`, joints [rad], forces [N].
+    declared: quantities whose unit was declared; they are believed.
+    """
+    if t.size < LEAST_SAMPLES:
+        return None
+    every = -(-t.size // MOST_SAMPLES)
+    thinned = {name: np.asarray(values[::every], np.float64) for name, values in signals.items()}
+    if "pos" in thinned:
+        thinned["pos"] = thinned["pos"] * UNITS["length"][length_unit]
+    for check in CHECKS:
+        if check.quantity in declared:
+            continue
+        times = t if check.quantity == "time" else t[::every]
+        value = check.measure(np.asarray(times, np.float64), thinned)
+        if value is not None and value > check.limit:
+            stated = length_unit if check.quantity == "length" else WIRE_UNIT[check.quantity]
+            likely = _likely(check, value, stated)
+            return Implausible(check.quantity, check.what, value, check.limit, check.unit, likely)
+    return None
+
+
+def likely_time_unit(t: Array) -> str | None:
+    """The unit in which these times would be those of a robot; None where they may be seconds."""
+    value = _step(t, {})
+    check = CHECKS[0]
+    return None if value is None or value <= check.limit else _likely(check, value, "s")
+
+
+def likely_length_unit(position: Sequence[float]) -> str | None:
+    """The unit in which a position [m] would be within reach; None where it may be metres."""
+    value, check = math.hypot(*position), CHECKS[1]
+    return None if value <= check.limit else _likely(check, value, "m")
+
+
+def _likely(check: _Check, value: float, stated: str) -> str | None:
+    """The unit in which a value is plausible, and nearest to the typical one."""
+    units = UNITS[check.quantity]
+    values = {unit: value / units[stated] * factor for unit, factor in units.items() if unit != stated}
+    plausible = {unit: abs(math.log(v / check.typical)) for unit, v in values.items() if v <= check.limit}
+    return min(plausible, key=plausible.__getitem__) if plausible else None
+
+
+class FirstSecond:
+    """Checks a stream while its first second comes; what is found once stands.
+
+    columns: of the stream, `t` first; length_unit, declared: as for `implausible`.
+    """
+
+    def __init__(self, columns: Sequence[str], length_unit: str, declared: Collection[str]) -> None:
+        self._columns = {name: index for index, name in enumerate(columns)}
+        self._length_unit, self._declared = length_unit, tuple(declared)
+        self._rows: list[Array] = []
+        self._count, self._next = 0, LEAST_SAMPLES
+        self._found: Implausible | None = None
+        self._over = False
+
+    def look(self, rows: NDArray[np.floating]) -> Implausible | None:
+        """What is implausible in the stream so far; rows: (k, columns), the next ones."""
+        if self._over or not len(rows):
+            return self._found
+        self._rows.append(np.array(rows, np.float64))
+        self._count += len(rows)
+        span = self._rows[-1][-1, 0] - self._rows[0][0, 0]
+        ends = self._count >= LEAST_SAMPLES and (span >= FIRST_S or self._count >= FIRST_SAMPLES)
+        if self._count >= self._next or ends:
+            self._next = 2 * self._count
+            matrix = np.concatenate(self._rows)
+            self._found = implausible(
+                matrix[:, 0],
+                dict(self._signals(matrix)),
+                length_unit=self._length_unit,
+                declared=self._declared,
+            )
+        if ends or self._found is not None:
+            self._over, self._rows = True, []
+        return self._found
+
+    def _signals(self, matrix: Array) -> Iterator[tuple[str, Array]]:
+        for signal, names in COLUMNS_OF_SIGNAL.items():
+            if self._columns.keys() >= set(names):
+                yield signal, matrix[:, [self._columns[name] for name in names]]

@@ -131,19 +131,24 @@ def program_view(program: Program) -> RenderableType:
 def apps_table(apps: Sequence[App], title: str) -> Table:
     """One app a row."""
     table = Table(
-        "#", "app", "target \\[mm]", "path", "force, load", "time \\[s]", "confidence", title=title, **PLAIN
+        "#", "app", "target \\[mm]", "path, via", "force, load", "time \\[s]", "p", title=title, **PLAIN
     )
     for index, app in enumerate(apps):
         table.add_row(
             str(index),
             app.kind.replace("_", " ").title(),
-            "" if app.target is None else " ".join(f"{1000 * x:4.0f}" for x in app.target),
-            path_in_words(app),
+            "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
+            _path(app),
             _effort_of_app(app),
-            f"{app.t0:5.2f}–{app.tn:.2f}",
+            f"{app.t0:.2f}–{app.tn:.2f}",
             f"{app.confidence:.2f}",
         )
     return table
+
+
+def _path(app: App) -> str:
+    """Its length, and the number of via points where it is not straight."""
+    return path_in_words(app).removesuffix(" via")
 
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
@@ -191,4 +196,4 @@ def _effort_of_app(app: App) -> str:
         return f"{1000 * app.gripper_width:.0f} mm"
     if app.load_kg is None:
         return force_in_words(app)
-    return _effort((0.0, 0.0, 0.0), app.load_kg, app.load_sd_kg)
+    return f"{app.load_kg:.2f}" + (" kg" if app.load_sd_kg is None else f"±{app.load_sd_kg:.2f} kg")

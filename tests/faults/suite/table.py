@@ -12,6 +12,7 @@ from faults.suite import (
     edited,
     fuzz,
     hostile,
+    io_errors,
     killed,
     lines,
     losses,
@@ -26,6 +27,7 @@ from faults.suite.relay import Line
 FAULTS: tuple[Fault, ...] = (
     Fault("service-killed", killed.service_killed),
     Fault("power-loss", losses.power_loss),
+    Fault("io-errors", io_errors.io_errors),
     Fault("edited-restart", edited.edited_restart),
     Fault("router-killed", killed.router_killed),
     Fault("service-frozen", partial(killed.frozen, "service")),

@@ -7,7 +7,15 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_protocol.messages import Ack, Changepoints, Posterior, Program, SampleBatch, Segments
+from caesura_protocol.messages import (
+    Ack,
+    Changepoints,
+    Posterior,
+    Program,
+    SampleBatch,
+    Segments,
+    SessionStatus,
+)
 from caesura_service.journal import MemoryJournal
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Output
@@ -32,7 +40,9 @@ RESULTS = (Changepoints, Segments, Posterior, Program)
 
 
 def results(outputs: list[Output]) -> list[Any]:
-    return [message for kind in RESULTS for message in published(outputs, kind)]
+    """All that was said, and how many samples were taken and how many of them twice."""
+    said = [message for kind in RESULTS for message in published(outputs, kind)]
+    return [*said, *((status.samples, status.repeats) for status in published(outputs, SessionStatus)[-1:])]
 
 
 def undisturbed() -> list[Any]:

@@ -1,11 +1,11 @@
 """What several writers and editors did through kills and partitions, checked against a model (Jepsen's way).
 
 Two writers open sessions, send their batches and close them; four editors insert changepoints, undo and redo,
-in sessions that are open and in those that are closed. Each has a line of its own, which is cut and held up; the
-service is killed. Every operation is noted with when it began, when it ended, and whether it was acknowledged,
-refused, or neither. The model is a log of edits for each session and two stacks: an acknowledged edit is in the
-log once, at the revision that was acknowledged; no refused one is; what ended before another began stands before
-it; and the samples with what the stacks hold in the end give the results that are shown.
+in sessions that are open and in those that are closed. Each has a line of its own, which is cut and held up;
+the service is killed. Every operation is noted with when it began, when it ended, and whether it was
+acknowledged, refused, or neither. The model is a log of edits for each session and two stacks: an acknowledged
+edit is in the log once, at the revision that was acknowledged; no refused one is; what ended before another
+began stands before it; and the samples with what the stacks hold in the end give the results that are shown.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Operation:
 
 @dataclass
 class History:
-    """What everybody did. Lists are appended to by one thread each or under no thread's assumption."""
+    """What everybody did; any thread may append."""
 
     operations: list[Operation] = field(default_factory=list)
     openings: dict[Key, Open] = field(default_factory=dict)

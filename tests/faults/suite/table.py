@@ -19,6 +19,7 @@ from faults.suite import (
     losses,
     neighbours,
     readers,
+    reference,
     rings,
     waits,
 )
@@ -26,6 +27,7 @@ from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
 FAULTS: tuple[Fault, ...] = (
+    Fault("none", reference.reference),
     Fault("service-killed", killed.service_killed),
     Fault("power-loss", losses.power_loss),
     Fault("io-errors", io_errors.io_errors),

@@ -1,5 +1,5 @@
 # Four doors: demo, test, check, bench. Each sets up what it needs. `faults` breaks things on purpose,
-# `thesis` measures the thesis' results.
+# `mutations` breaks the code on purpose, `thesis` measures the thesis' results.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 # Tests start a hundred processes: each would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check bench faults hour thesis clean
+.PHONY: demo test check bench faults mutations hour thesis clean
 
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
@@ -44,6 +44,9 @@ bench: $(STAMP)
 
 faults: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)
+
+mutations: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m mutations $(ARGS)
 
 hour: $(STAMP)
 	$(BIN)/python tests/bench/hour.py $(ARGS)

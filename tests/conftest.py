@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import signal
 
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 settings.register_profile("quick", max_examples=30, deadline=None)
+settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
+    "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)
+)
 settings.load_profile("quick")
 signal.signal(signal.SIGINT, signal.default_int_handler)

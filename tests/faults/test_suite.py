@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from faults.suite import disks, killed, lines, rings
+from faults.suite import disks, io_errors, killed, lines, reference, rings
 from faults.suite.outcome import Scale
 from faults.suite.relay import Line
 
@@ -21,8 +21,17 @@ EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
         partial(lines.bad_messages, EVERYTHING, scale=SMALL, least=5),
         partial(disks.disk_unwritable, scale=SMALL),
         partial(rings.ring_too_small, scale=SMALL, away_s=1.0),
+        partial(io_errors.io_errors, stride=29),
+        partial(reference.reference, scale=Scale(stations=1, seconds=8.0)),
     ],
-    ids=["router killed", "messages lost, doubled and late", "disk unwritable", "ring too small"],
+    ids=[
+        "router killed",
+        "messages lost, doubled and late",
+        "disk unwritable",
+        "ring too small",
+        "disk errors",
+        "no fault",
+    ],
 )
 def test_a_fault_meets_its_bar(fault, tmp_path):
     row = fault(tmp_path)

@@ -20,8 +20,7 @@ class Power:
         self._library = beside.resolve() / "synced.so"
         for made in (self.directory, self._kept):
             made.mkdir(parents=True, exist_ok=True)
-        build = [str(COMPILER), "-shared", "-fPIC", "-O1", "-o", str(self._library), str(SOURCE), "-ldl"]
-        subprocess.run(build, check=True, timeout=60.0)
+        build(SOURCE, self._library)
 
     def command(self, command: list[str]) -> list[str]:
         """The same command, watched."""
@@ -37,6 +36,13 @@ class Power:
                 shutil.copy(kept, self.directory / kept.name)
 
 
+def build(source: Path, library: Path) -> None:
+    """A library to preload. Raises CalledProcessError."""
+    command = [str(COMPILER), "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-ldl"]
+    subprocess.run(command, check=True, timeout=60.0)
+
+
 def environment() -> dict[str, str]:
     """Of a child that imports what this process does."""
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    path = os.pathsep.join(filter(None, [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path}

@@ -12,6 +12,7 @@ import logging
 import re
 import sqlite3
 import time
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -19,18 +20,37 @@ logger = logging.getLogger(__name__)
 
 NAMED = 20  # damages
 OF_INDEX = re.compile(r"^(row \d+ missing from|wrong # of entries in|non-unique entry in) index \w+$")
+CHUNK_BYTES = 1 << 20
 CHECKED_BYTES = 1 << 30  # a larger file is not looked through at every start: that takes seconds a gigabyte
 
 
 def damage_of(database: sqlite3.Connection, path: Path) -> str | None:
-    """What SQLite finds wrong with the pages of a file; None where it is whole, or too large to look at."""
-    if path.stat().st_size > CHECKED_BYTES:
+    """What SQLite finds wrong with the pages of a file; None where it is whole, or too large to look at.
+
+    Raises sqlite3.OperationalError or OSError where the file cannot be read now, which is no damage.
+    """
+    if path.stat().st_size > CHECKED_BYTES or _found_in(database) is None:
         return None
+    for part in (path, path.with_name(path.name + "-wal")):
+        _read_through(part)
+    return _found_in(database)  # once more: SQLite lists some pages that could not be read as damaged
+
+
+def _found_in(database: sqlite3.Connection) -> str | None:
     try:
         found = [str(row) for (row,) in database.execute(f"PRAGMA integrity_check({NAMED})")]
+    except sqlite3.OperationalError:
+        raise
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         return str(error)
     return None if found == ["ok"] else " ".join("; ".join(found).split())
+
+
+def _read_through(path: Path) -> None:
+    """Raises OSError where a byte of it cannot be read; a file that is not there is no error."""
+    with suppress(FileNotFoundError), path.open("rb") as file:
+        while file.read(CHUNK_BYTES):
+            pass
 
 
 def mended(database: sqlite3.Connection, path: Path, damage: str) -> bool:

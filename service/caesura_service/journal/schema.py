@@ -190,9 +190,10 @@ def translated(path: Path) -> Iterator[None]:
     """Turn what SQLite raises into a JournalError that names the file and what to do."""
     try:
         yield
-    except (sqlite3.Error, UnicodeDecodeError) as error:  # the second: a message about damage, damaged
+    except (sqlite3.Error, OSError, UnicodeDecodeError) as error:  # the last: a message about damage, damaged
         name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
-        name = name if isinstance(error, sqlite3.Error) else "SQLITE_CORRUPT"
+        if not isinstance(error, sqlite3.Error):
+            name = "SQLITE_IOERR" if isinstance(error, OSError) else "SQLITE_CORRUPT"
         remedy = REMEDIES.get(name, "cannot be used")
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
@@ -252,7 +253,8 @@ def locked(path: Path) -> sqlite3.Connection:
     where = path.with_name(path.name + LOCK_SUFFIX)
     with suppress(OSError):
         _create_private(where)
-    lock = sqlite3.connect(where, timeout=0.0, isolation_level=None, check_same_thread=False)
+    with translated(path):
+        lock = sqlite3.connect(where, timeout=0.0, isolation_level=None, check_same_thread=False)
     try:
         with translated(path):
             lock.execute("BEGIN EXCLUSIVE")

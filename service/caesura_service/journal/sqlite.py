@@ -104,14 +104,16 @@ class SqliteJournal:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            log_damage = damage_of_log(self.path) if self._alone else None
+            with translated(self.path):
+                log_damage = damage_of_log(self.path) if self._alone else None
             self._database = stack.enter_context(closing(opened(self.path)))
             if self._alone:
                 stack.enter_context(closing(locked(self.path)))
                 if log_damage:
                     why = "what was written after that is not known here, bridges send what they still have"
                     logger.error("journal %s: %s; %s", self.path, log_damage, why)
-                damage = damage_of(self._database, self.path)
+                with translated(self.path):
+                    damage = damage_of(self._database, self.path)
                 if damage and not mended(self._database, self.path, damage):
                     self._begin_anew(stack, damage)
                 self._set_damaged_aside()

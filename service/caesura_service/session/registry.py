@@ -241,7 +241,9 @@ class Registry:
         if station not in self._stations and len(self._stations) >= self._limits.stations:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
-        session = self._builder.new(station, opening, self.custody.owner(station, now))
+        with _RECORDING:
+            owner = self.custody.owner(station, now)
+        session = self._builder.new(station, opening, owner)
         with _RECORDING:
             known = self._journals.of(station, command.session).get(command.session)
         with _BEGINNING:

@@ -57,14 +57,14 @@ def edited_restart(directory: Path, seconds: float = SECONDS, edits: int = EDITS
     )
     without_s, with_s = plain.seconds - empty.seconds, edited.seconds - empty.seconds
     equal = plain.is_equal and edited.is_equal
-    samples = 0 if edited.found is None else edited.found.status.samples
+    samples, doubled = (0, 0) if edited.found is None else counts(edited.found)
     sent = len(taught(0, seconds).t)
     note = (
         f"{seconds / 60:g} min, {edits} edits: {with_s:.2f} s, {without_s:.2f} s without; "
         f"a service without a session {empty.seconds:.2f} s"
     )
-    met = equal and samples == sent and with_s <= MOST * without_s
-    return Row(1, sent, sent - samples, 0, "yes" if equal else "no", edited.wall_s, note, met)
+    met = equal and (samples, doubled) == (sent, 0) and with_s <= MOST * without_s
+    return Row(1, sent, sent - samples + doubled, doubled, "yes" if equal else "no", edited.wall_s, note, met)
 
 
 def restarted(directory: Path, seconds: float, edits: int) -> Restart:
@@ -125,6 +125,11 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
                 made += 1
         (standing,) = registry.board.standings()
         return snapshot_of(standing)
+
+
+def counts(snapshot: Snapshot) -> tuple[int, int]:
+    """Samples that were taken, and those of them that were taken again."""
+    return snapshot.status.samples, snapshot.status.repeats
 
 
 def results(snapshot: Snapshot | None) -> tuple[object, ...]:

@@ -16,6 +16,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
@@ -23,12 +24,12 @@ from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.query import snapshot
 from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport
-from caesura_protocol.codec import decode
+from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import session_key
-from caesura_protocol.messages import Ack, Posterior, Snapshot
+from caesura_protocol.messages import Ack, Posterior, SampleBatch, Snapshot
 from caesura_service.journal import SqliteJournal
-from caesura_service.recordings import recording_of, segment_recording
+from caesura_service.recordings import segment_recording
 from caesura_service.session.view import View
 from harness.demonstrations import taught
 from harness.processes import SESSION, eventually
@@ -171,7 +172,12 @@ class Found:
     station: Station
     ack: Ack | None
     snapshot: Snapshot
-    lost_t: tuple[float, ...]  # [s] of the samples that the service does not have
+    taken_t: NDArray[np.float64]  # [s] of every sample of every batch in the journal, as it is there
+
+    @property
+    def lost_t(self) -> tuple[float, ...]:
+        """[s] of the samples that the service does not have."""
+        return tuple(np.setdiff1d(np.round(self.station.recording.t, 4), self.taken_t).tolist())
 
     @property
     def lost(self) -> int:
@@ -179,9 +185,8 @@ class Found:
 
     @property
     def duplicated(self) -> int:
-        """Samples that were taken twice: what it has beyond what is not lost, and times that repeat."""
-        taken = self.snapshot.status.samples
-        return self.snapshot.status.repeats + max(0, taken + self.lost - len(self.station.recording.t))
+        """Samples that are in the journal again, and those that the pipeline was given again."""
+        return len(self.taken_t) - len(np.unique(self.taken_t)) + self.snapshot.status.repeats
 
     @property
     def undeclared(self) -> int:
@@ -194,6 +199,7 @@ class Found:
         status, expected, program = self.snapshot.status, self.station.expected, self.snapshot.program
         pairs = {
             "state": (status.state, "closed"),
+            "samples": (status.samples, len(self.taken_t)),
             "gaps": (status.gaps, ()),
             "refusals": (status.refused, {}),
             "observations": (status.observations, expected.observations),
@@ -213,7 +219,7 @@ def found(endpoint: str, stations: list[Station], journal: Path) -> list[Found]:
     acks = [station.end.result(CLOSE_S + station.seconds) for station in stations]
     with ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport:
         return [
-            Found(station, ack, asked(transport, station.name), missing(journal, station))
+            Found(station, ack, asked(transport, station.name), taken(journal, station))
             for station, ack in zip(stations, acks, strict=True)
         ]
 
@@ -233,8 +239,9 @@ def asked(transport: ZenohTransport, station: str) -> Snapshot:
     return known[0]
 
 
-def missing(journal: Path, station: Station) -> tuple[float, ...]:
-    """[s] times of a station's samples that the journal does not have."""
+def taken(journal: Path, station: Station) -> NDArray[np.float64]:
+    """[s] times of a station's samples in the journal, record by record, whatever their numbers are."""
     with SqliteJournal(journal / "caesura-1.sqlite", alone=False) as opened:
-        taken = recording_of(opened.replay(station.name, SESSION)).t
-    return tuple(np.setdiff1d(np.round(station.recording.t, 4), np.round(taken, 4)).tolist())
+        messages = [record.message for record in opened.replay(station.name, SESSION)]
+    parts = [unpack_samples(one)[:, 0] for one in messages if isinstance(one, SampleBatch)]
+    return np.round(np.concatenate([np.empty(0), *parts]), 4)

@@ -11,12 +11,15 @@ from faults.suite import (
     disks,
     edited,
     fuzz,
+    histories,
     hostile,
+    io_errors,
     killed,
     lines,
     losses,
     neighbours,
     readers,
+    reference,
     rings,
     waits,
 )
@@ -24,8 +27,11 @@ from faults.suite.outcome import Fault
 from faults.suite.relay import Line
 
 FAULTS: tuple[Fault, ...] = (
+    Fault("none", reference.reference),
     Fault("service-killed", killed.service_killed),
     Fault("power-loss", losses.power_loss),
+    Fault("io-errors", io_errors.io_errors),
+    Fault("histories", histories.histories),
     Fault("edited-restart", edited.edited_restart),
     Fault("router-killed", killed.router_killed),
     Fault("service-frozen", partial(killed.frozen, "service")),

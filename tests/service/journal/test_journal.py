@@ -7,6 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
+from caesura_protocol.messages import Edit as EditCommand
 from caesura_protocol.messages import Error, Insert, Undo
 from caesura_service.journal import (
     Edit,
@@ -21,10 +22,10 @@ from caesura_service.journal import (
 )
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Owner
+from caesura_service.session.ports import Owner, ReplayEnded
 from caesura_service.session.session import Session
 from caesura_service.session.standing import snapshot_of
-from harness.sessions import batch, batches, closing, new_registry, opening
+from harness.sessions import batch, batches, closing, new_registry, open_session, opening
 
 EVERYTHING = Resolution(
     inserted=1.0, starts=(3,), none=((4, 9), (11, 12)), label=(7, "steady"), force=(1.5, None)
@@ -218,6 +219,32 @@ def test_what_cannot_be_recorded_is_not_processed(message):
     assert (session.standing, session.next_seq) == (before, 1)
     journal.full = False
     session.receive(message, 0.0)
+
+
+class TimelyJournal(MemoryJournal):
+    """Remembers what was written before `append` returned."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at_once: list[tuple[str, bool]] = []
+
+    def append(self, record: Record, *, now: bool = False) -> None:
+        self.at_once.append((type(record.message).__name__, now))
+        super().append(record, now=now)
+
+
+def test_what_nobody_could_send_again_is_written_at_once():
+    journal = TimelyJournal()
+    session, _ = open_session(journal)
+    for made in batches(6):
+        session.receive(made, 0.0)
+    session.receive(batch(7), 0.0)
+    session.receive(ReplayEnded(session.name, 6, answered=False, evicted=True, oldest=7), 1.0)
+    session.receive(EditCommand(session=session.name, revision=0, author="Ann", action=Insert(t=0.5)), 2.0)
+    session.receive(opening(epoch=1), 3.0)
+    session.receive(closing(7), 4.0)
+    assert [kind for kind, now in journal.at_once if not now] == ["SampleBatch"] * 7
+    assert [kind for kind, now in journal.at_once if now] == ["Open", "Error", "Edit", "Open", "Close"]
 
 
 def test_copies_tell_how_far_along_each_session_is(journal):

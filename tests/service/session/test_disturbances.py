@@ -7,12 +7,20 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_protocol.messages import Ack, Changepoints, Posterior, Program, SampleBatch, Segments
+from caesura_protocol.messages import (
+    Ack,
+    Changepoints,
+    Posterior,
+    Program,
+    SampleBatch,
+    Segments,
+)
 from caesura_service.journal import MemoryJournal
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Output
 from caesura_service.session.standing import Standing, Tally, snapshot_of
 from harness.sessions import (
+    BATCH,
     STATION,
     Ring,
     answer,
@@ -68,6 +76,7 @@ def test_duplication_reordering_and_loss_with_replay_change_no_result(fate, held
     closed = ring.feed(session, closing(COUNT - 1), 2000.0)
     assert answer(closed) == Ack(session="s1", next_seq=COUNT, state="closed")
     assert results(said + closed) == EXPECTED
+    assert (session.standing.view.samples, session.standing.view.repeats) == (COUNT * BATCH, 0)
 
 
 @settings(deadline=None, max_examples=60)

@@ -532,6 +532,22 @@ def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair
     assert T in [one.t for one in b.standing.view.changepoints]
 
 
+def test_whoever_looks_again_and_again_has_each_edit_once(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    for revision, t in enumerate((0.155, 0.525, 1.155)):
+        assert corrected(a, revision, Insert(t=t)).revision == revision + 1
+        b.take(renew=False)
+        assert b.standing.revision == revision + 1
+    b.kill()
+    b.take()
+    assert b.standing.revision == 3
+    assert sum(isinstance(one.message, AppliedEdit) for one in b.journal.replay(STATION, NAME)) == 3
+
+
 # What may happen: a batch, an edit, a close, the station changes hands, somebody is killed, somebody hangs.
 steps = st.lists(
     st.one_of(

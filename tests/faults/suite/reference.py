@@ -1,0 +1,106 @@
+"""The undisturbed run beside the reference: without it, an error of the pipeline would make everything equal.
+
+The reference shares no compiled code, no batches, no session and no history with the pipeline: the whole
+recording is conditioned at once with the arithmetic of `signals/reference.py`, and filtered with the NumPy
+filter of `changepoint/online.py`.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from caesura_clients.recording import Recording
+from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.presets import preset_named
+from caesura_service.changepoint.segments import stretches
+from caesura_service.recordings import opening_of
+from caesura_service.session.pipeline import layout_of, observed
+from caesura_service.session.view import View
+from caesura_service.signals import Conditioner
+from caesura_service.signals.arithmetic import REFERENCE
+from caesura_service.signals.tare import TARED_BIAS_N
+from faults.suite.outcome import FULL, Row, Scale
+from faults.suite.stations import demonstration, undisturbed
+
+TOLERANCE = 1e-6  # of times [s], places [m], forces [N], probabilities
+
+
+class Part(NamedTuple):
+    """A segment, as far as both say the same of it."""
+
+    kind: str
+    numbers: tuple[float, ...]  # t0, tn, probability, place at its start and end, force at its start and end
+
+
+def by_reference(recording: Recording) -> list[Part]:
+    """The segments of a recording with a tared flange sensor, and without gaps."""
+    layout, preset = layout_of(opening_of(recording)), preset_named("default")
+    conditioner = Conditioner(layout, arithmetic=REFERENCE)
+    observations = [
+        *conditioner.push(recording.matrix()).observations,
+        *conditioner.finish().observations,
+    ]
+    assert conditioner.tare is not None, "the recording begins without a tare"
+    lattice = preset.lattice(
+        contact=layout.source.contact_models,
+        transport=layout.source.transport_models,
+        orientation=layout.has_orientation,
+        bias_n=TARED_BIAS_N,
+    )
+    online = OnlineFilter(lattice, preset.hazard, preset.filter)
+    for observation in observations:
+        online.step(observed(observation), boundary=observation.after_gap)
+    t = [observation.t for observation in observations]
+    places = [t[0], *(0.5 * (a + b) for a, b in pairwise(t)), t[-1]]
+    return [
+        part(
+            one.verdict.kind.name,
+            (places[one.start], places[one.end], one.verdict.probability),
+            [observations[index].position_base for index in (max(one.start - 1, 0), one.end - 1)],
+            [observations[index].force_base for index in (max(one.start - 1, 0), one.end - 1)],
+        )
+        for one in stretches(online)
+    ]
+
+
+def by_pipeline(view: View) -> list[Part]:
+    """The segments of the undisturbed run, with which every disturbed one is compared."""
+    return [
+        part(
+            one.kind,
+            (one.t0, one.tn, one.probability),
+            [np.array(one.position_start), np.array(one.position_end)],
+            [np.array(one.force_start), np.array(one.force_end)],
+        )
+        for one in view.segments
+    ]
+
+
+def part(kind: str, numbers: tuple[float, ...], *vectors: list[np.ndarray]) -> Part:
+    flat = np.concatenate([vector for some in vectors for vector in some])
+    return Part(kind, (*numbers, *flat.tolist()))
+
+
+def reference(directory: Path, scale: Scale = FULL) -> Row:
+    """Every station's demonstration."""
+    del directory
+    different, farthest, segments, sent = [], 0.0, 0, 0
+    for number in range(scale.stations):
+        recording = demonstration(number, scale.seconds)
+        is_ = by_pipeline(undisturbed(number, scale.seconds))
+        should = by_reference(recording)
+        segments, sent = segments + len(should), sent + len(recording.t)
+        if [one.kind for one in is_] != [one.kind for one in should]:
+            different.append(f"station {number}: kinds differ")
+            continue
+        apart = np.abs(np.array([one.numbers for one in is_]) - [one.numbers for one in should]).max()
+        farthest = max(farthest, float(apart))
+        if apart > TOLERANCE:
+            different.append(f"station {number}: {apart:.1e} apart")
+    note = f"{segments} segments, at most {farthest:.1e} apart" + "".join(f"; {one}" for one in different)
+    equal = "no" if different else "yes"
+    return Row(scale.stations, sent, 0, 0, equal, None, note, met=bool(segments and not different))

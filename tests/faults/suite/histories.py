@@ -3,9 +3,9 @@
 Two writers open sessions, send their batches and close them; four editors insert changepoints, undo and redo,
 in sessions that are open and in those that are closed. Each has a line of its own, which is cut and held up;
 the service is killed. Every operation is noted with when it began, when it ended, and whether it was
-acknowledged, refused, or neither. The model is a log of edits for each session and two stacks. An acknowledged
-edit is in the log once, at the revision that was acknowledged; no refused one is. What ended before another
-began stands before it. The samples with what the stacks hold in the end give the results that are shown.
+acknowledged, refused, or neither. The model is a log of edits for each session and two stacks. An
+acknowledged edit is in the log once, at the revision that was acknowledged; no refused one is. What ended
+before another began stands before it. The samples, with what the stacks hold in the end, give what is shown.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The preset `default` with all six kinds of segment, the preset `strokes`, and `default` without each
+"""The preset `default` with all seven kinds of segment, the preset `strokes`, and `default` without each
 principle.
 
 The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library

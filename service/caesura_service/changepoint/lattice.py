@@ -1,7 +1,7 @@
 """Segment models made of channel models: each kind of segment says what every channel does.
 
-{motion, steady} × {free, contact, transport}; the thesis uses three of the six (3.61). Channel models are
-shared, so a lattice costs what its channels cost.
+{motion, steady, turning} × {free, contact, transport}; the thesis uses three of the nine (3.61). Channel
+models are shared, so a lattice costs what its channels cost.
 """
 
 from __future__ import annotations

@@ -38,6 +38,7 @@ from caesura_service.program.steps import (
 )
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
+SETTLES_S = 0.15  # after a turn, until the hand is still
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
@@ -134,6 +135,14 @@ class _Group:
             return None
         return self.touched(following, observed(approach.t0, approach.tn))
 
+    def rest(self, step: Step) -> _End | None:
+        """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
+        following = self.following
+        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
+            return None
+        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
+        return _End(t, _where(self.moment_at(t)))
+
     def touched(self, contact: Step, approach: Sequence[float] = ()) -> _End:
         """Where what pushes back in a contact did so first, which may be at the end of the approach [s].
 
@@ -172,6 +181,8 @@ def _motions(group: _Group) -> Iterable[App]:
     for step in group.steps:
         if touches and step is group.steps[-1]:
             yield group.moving("move_to_contact", step, group.touch())
+        elif step.segment.kind == "turning" and (end := group.rest(step)) is not None:
+            yield group.moving("cartesian_motion", step, end, {"tn": end.t})
         else:
             yield group.moving("cartesian_motion", step)
 

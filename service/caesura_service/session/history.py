@@ -152,11 +152,11 @@ class History:
         return self.moment_at(self._nearest(t))
 
     def _nearest(self, t: float) -> int:
-        """The observation nearest to a time [s]. Raises IndexError where there is none."""
+        """The observation nearest to a time [s], or the earlier of two. Raises IndexError without one."""
         if not self._count:
             raise IndexError("no observation yet")
         after = min(max(self._first_from(t), 1), self._count - 1)
-        return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t else after
+        return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t + SAME_S else after
 
     def _first_from(self, t: float) -> int:
         """The first observation that is not before a time [s]; mostly it is one of the last ones."""

@@ -120,6 +120,21 @@ def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
     assert pressed.references[-1].target.translation[0] - begin[0] == pytest.approx(0.1, abs=1e-3)
 
 
+def test_a_press_that_turns_follows_its_orientation() -> None:
+    apps, turned = list(curved()), (0.0, 1.0, 0.0, 0.0)
+    path = AppPath(
+        start=ViaPoint(t=2.6, position=(-0.02, -0.52, 0.19), orientation=DOWN), tn=4.2,
+        length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    apps[1] = apps[1].model_copy(update={"path": path, "target": (-0.02, -0.52, 0.19), "orientation": turned})
+    calls = motions(run(as_file(tuple(apps))))
+    pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    followed = [reference.target.quaternion for reference in pressed.references[1:]]
+    assert list(followed[0]) == pytest.approx(DOWN, abs=1e-3)
+    assert list(followed[-1]) == pytest.approx(turned, abs=1e-3)
+    assert all(sum(x * x for x in quaternion) == pytest.approx(1.0) for quaternion in followed)
+
+
 def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> None:
     calls = run(as_file(press()))
     pressed = next(m for m in motions(calls) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))

@@ -85,7 +85,7 @@ def _between(before: App | None, here: ViaPoint | None, app: App, safety: Safety
         )
     if here is None or app.path is None:
         return
-    start, when = app.path.start, f"{here.t:.1f}–{app.path.start.t:.1f} s"
+    start, when = app.path.start, f"{min(here.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
     moved = math.dist(start.position, here.position)
     if moved > STEPPED_M:
         yield (f"begins where {1000 * moved:.0f} mm taught at {when} lead, in no app", moved, STEPPED_M)

@@ -50,7 +50,7 @@ template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(10);
+    pk.pack_map(14);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -71,6 +71,14 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_nil();  // the service's own choice
     pk.pack(std::string("bridge"));
     pack_text(pk, opening.bridge);
+    pk.pack(std::string("force_limit_n"));
+    pk.pack_nil();  // forces as they were taught
+    pk.pack(std::string("path_tolerance_m"));
+    pk.pack_nil();
+    pk.pack(std::string("path_tolerance_rad"));
+    pk.pack_nil();
+    pk.pack(std::string("declared_units"));
+    pk.pack_array(0);  // implausible values are refused
 }
 
 /// Encoding Control. last_seq: the number of the last batch, -1 where there was none.

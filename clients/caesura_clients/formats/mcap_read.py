@@ -16,6 +16,7 @@ from typing import IO, Any, TypeVar
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
+from zstandard import ZstdError
 
 from caesura_clients.formats.channels import State, Wrench
 from caesura_clients.formats.content import Array, Content
@@ -55,7 +56,7 @@ def metadata_of(reader: McapReader) -> Mapping[str, str]:
 def _translated(read: Callable[[IO[bytes]], T], stream: IO[bytes]) -> T:
     try:
         return read(stream)
-    except (McapError, struct.error, KeyError) as error:
+    except (McapError, ZstdError, struct.error, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
 

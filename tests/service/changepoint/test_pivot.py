@@ -40,7 +40,8 @@ def test_evidence_is_the_integral_over_centre_and_variance() -> None:
     before = [one.position for one in observed[:-1]]
     angles2 = (turned**2).sum(axis=1)
     scale = np.sqrt(MODEL.floor**2 + MODEL.share**2 * angles2)
-    near = float((-0.5 * (moved**2).sum(axis=1) / (MODEL.floor**2 + MODEL.reach**2 * angles2)).sum())
+    ratio = (moved**2).sum(axis=1) / (MODEL.floor**2 + MODEL.reach**2 * angles2)
+    near = float((-0.5 * ratio**2).sum())
     start = observed[0].position
     rng = np.random.default_rng(1)
     spread = 0.02

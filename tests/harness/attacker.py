@@ -55,7 +55,13 @@ def dense(peer: Peer) -> None:
     def batch(seq: int) -> SampleBatch:
         return made.model_copy(update={"seq": seq, "t0": seq * EVERY_S * MAX_BATCH_SAMPLES})
 
-    opening = Open(session=SESSION, columns=columns, wrench_source="none", preset="constant_velocity")
+    opening = Open(
+        session=SESSION,
+        columns=columns,
+        wrench_source="none",
+        preset="constant_velocity",
+        declared_units=("length",),  # or its speed is refused, which costs nobody anything
+    )
     until_accepted(lambda: peer.command(opening, STATION))
     peer.network.declare_queryable(station_key(STATION, "replay"), lambda query: replay(query, batch))
     print("ready", flush=True)

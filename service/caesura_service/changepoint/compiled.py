@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
-from caesura_service.changepoint.kernels.layout import FREE, Model, State, fresh_state, with_more_nodes
+from caesura_service.changepoint.kernels.layout import (
+    FORCE,
+    FREE,
+    HOLDING,
+    ROTATION,
+    Model,
+    State,
+    fresh_state,
+    with_more_nodes,
+)
 from caesura_service.changepoint.kernels.unpacking import table_of
 from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import Observed
@@ -54,7 +63,7 @@ class CompiledFilter(Smoothed):
         not finite; nothing has changed then.
         """
         now = self._state.now
-        now[:3], now[3:6], now[9], now[6:9] = observed
+        now[:FORCE], now[FORCE:ROTATION], now[HOLDING], now[ROTATION:HOLDING] = observed
         if not self._room:
             self._make_room()
         known = steps.UNKNOWN if changepoint is None else int(changepoint)

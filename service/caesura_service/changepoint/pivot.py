@@ -19,7 +19,7 @@ SMALL_ANGLE_RAD = 1e-6  # below which the series of the rotation matrix ends at 
 
 @dataclass(frozen=True)
 class Pivot:
-    """The position turns about a centre that stays where it is, and that nobody knows.
+    """The position turns about a centre that stays where it is and is unknown.
 
     With the rotation exp(φ_t) from one observation to the next, E_t = exp(φ_t) − I, and the centre c,
 

@@ -17,9 +17,11 @@ from caesura_service.changepoint.kernels.layout import (
     CONSTANT,
     CONTACT,
     CORNER,
+    FORCE,
     FRICTION,
     GUIDED,
     HELD,
+    HOLDING,
     LADEN,
     NO_RISE,
     PACE,
@@ -47,7 +49,6 @@ from caesura_service.changepoint.kernels.residuals import (
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.compiling.decorators import compiled
 
-FORCE, HOLDING = 3, 9  # places in an observation
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 
 
@@ -109,18 +110,18 @@ def walk(here, c, joins):
 def pace(here, c, joins):
     """`Pace`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
-    channel, told = model.channels[c], 0.0
+    channel, log_weight = model.channels[c], 0.0
     if joins:
         step2 = step_squared(here, channel.signal, joins)
-        told = log_presence(step2, channel.least) + log_absence(step2, channel.still)
-    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+        log_weight = log_presence(step2, channel.least) + log_absence(step2, channel.still)
+    add_to_all(state.sums[channel.field], state.channel[c], log_weight, whole(state.counters[0].living))
 
 
 @compiled
 def no_rise(here, c, joins):
     """`NoRise`. Fields: force before the start, largest rise."""
     model, state = model_at(here), state_at(here)
-    channel, living, told = model.channels[c], state.counters[0].living, state.channel[c]
+    channel, living, evidence = model.channels[c], state.counters[0].living, state.channel[c]
     before, risen = state.sums[channel.field], state.sums[channel.field + 1]
     now = force_of(state.now)
     before[living - 1] = force_of(state.previous) if joins else now
@@ -129,7 +130,7 @@ def no_rise(here, c, joins):
         risen[place] = max(risen[place], now - before[place])
         place -= 1
     for i in range(whole(living)):
-        told[i] = -0.5 * risen[i] * risen[i] / channel.scale2
+        evidence[i] = -0.5 * risen[i] * risen[i] / channel.scale2
 
 
 @compiled

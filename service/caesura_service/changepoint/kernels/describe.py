@@ -22,8 +22,11 @@ from caesura_service.changepoint.kernels import layout
 from caesura_service.changepoint.kernels.layout import (
     BLOCK,
     CHANNEL,
+    FORCE,
     MOST_SHARES,
     PAST,
+    POSITION,
+    ROTATION,
     SETTINGS,
     Floats,
     Ints,
@@ -42,9 +45,8 @@ from caesura_service.changepoint.walk import Walk
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew
-SIGNALS: Mapping[Channel, int] = {"position": 0, "force": AXES, "rotation": 2 * AXES}
+SIGNALS: Mapping[Channel, int] = {"position": POSITION, "force": FORCE, "rotation": ROTATION}
 ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
-FORCE = SIGNALS["force"]
 
 
 def can_compile(lattice: Lattice) -> bool:

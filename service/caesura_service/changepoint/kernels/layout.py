@@ -26,7 +26,9 @@ AXES = 3
 BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
 STATES = 3  # of the contact model
-SEEN = 3 * AXES + 1  # numbers of an observation
+# Where the values of an observation begin. All but the last, which may be unknown, have to be finite.
+POSITION, FORCE, ROTATION, HOLDING = (AXES * i for i in range(4))
+SEEN = HOLDING + 1  # numbers of an observation
 PAST = 16  # observations that a model may look back on
 
 # Rows of a library's table: φw, w, Σφ²w, Σ log scale.

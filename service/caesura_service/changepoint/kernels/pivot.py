@@ -76,8 +76,8 @@ def turned(u, v, w, first, second, x, y, z):
 
 
 @compiled
-def regress(here, channel, sums, told):
-    """`Pivot.log_evidence`; what depends on length alone has been told."""
+def regress(here, channel, sums, evidence):
+    """`Pivot.log_evidence`; `tell_length` has put what depends on length alone into the work."""
     state = state_at(here)
     work, lanes, weight = state.work, whole(state.counters[0].living), 1.0 / channel.reach2
     solve(sums, work[LEFT], work[DETERMINANT], weight, channel.nu0, lanes)
@@ -87,7 +87,9 @@ def regress(here, channel, sums, told):
     by_length = work[BY_LENGTH]
     for i in range(lanes):
         density = by_length[i] - (half0 + half * state.ages[i]) * work[LEFT, i]
-        told[i] = density - 0.5 * work[DETERMINANT, i] + constant - AXES * sums[LOG_SCALES, i] + sums[NEAR, i]
+        evidence[i] = (
+            density - 0.5 * work[DETERMINANT, i] + constant - AXES * sums[LOG_SCALES, i] + sums[NEAR, i]
+        )
 
 
 @compiled

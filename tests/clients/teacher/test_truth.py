@@ -180,3 +180,63 @@ def test_a_movement_that_returns_to_its_start_is_no_small_one() -> None:
     moves = [(1.0, 2.0, (0.1, 0, 0)), (2.0, 3.0, (-0.1, 0, 0))]
     truth = annotate(turning(5.0, [], moves), guided=True)
     assert classes(truth) == ["steady", "motion", "steady"]
+
+
+def marked(truth: dict[str, Any], kind: str) -> list[tuple[str, float]]:
+    return [(c["level"], round(c["t"], 1)) for c in truth["changepoints"] if c["kind"] == kind]
+
+
+def heading(speed: float, degrees: float) -> tuple[float, float, float]:
+    return (speed * float(np.cos(np.radians(degrees))), speed * float(np.sin(np.radians(degrees))), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "level"), [(35.0, None), (43.0, "optional"), (48.0, "optional"), (60.0, "major")]
+)
+def test_a_turn_within_5_degrees_of_the_limit_is_left_open(degrees: float, level: str | None) -> None:
+    moves = [
+        (1.0, 2.0, (0.1, 0, 0)),
+        (2.0, 2.1, heading(0.02, 0.5 * degrees)),
+        (2.1, 3.0, heading(0.1, degrees)),
+    ]
+    truth = annotate(state(4.0, moves), guided=True)
+    assert [found for found, _ in marked(truth, "corner")] == ([level] if level else [])
+
+
+def test_a_turn_of_which_two_readings_disagree_is_left_open() -> None:
+    """At the dip the path turns by 90°, but between the peaks it has turned back."""
+    aside = [(2.0, 2.1, (0.02, 0, 0)), (2.1, 2.4, heading(0.06, 90.0)), (2.4, 3.4, (0.1, 0, 0))]
+    truth = annotate(state(5.0, [(1.0, 2.0, (0.1, 0, 0)), *aside]), guided=True)
+    assert [level for level, _ in marked(truth, "corner")] == ["optional"]
+
+
+def test_a_dip_of_a_fifth_of_the_speed_is_visible_and_optional() -> None:
+    moves = [(1.0, 2.0, (0.1, 0, 0)), (2.0, 2.2, (0.08, 0, 0)), (2.2, 3.0, (0.1, 0, 0))]
+    assert marked(annotate(state(4.0, moves), guided=True), "dip") == [("optional", 2.0)]
+    assert marked(annotate(state(4.0, moves)), "dip") == []  # ideal people do not hesitate
+
+
+@pytest.mark.parametrize(("creep", "level"), [(0.003, "major"), (0.007, "optional")])
+def test_a_rest_by_one_reading_only_is_left_open(creep: float, level: str) -> None:
+    """Below 10 mm/s it rests, below 5 mm/s it does not."""
+    moves = [(1.0, 2.0, (0.1, 0, 0)), (2.0, 2.4, (creep, 0, 0)), (2.4, 3.4, (0.1, 0, 0))]
+    truth = annotate(state(5.0, moves), guided=True)
+    assert [found for found, t in marked(truth, "stop") if t == 2.0] == [level]
+    assert [found for found, t in marked(truth, "start") if t == 2.4] == [level]
+    rests = [s for s in truth["segments"] if s["cls"] == "steady" and 1.9 < s["t0"] < 2.1]
+    assert len(rests) == (1 if level == "major" else 0)
+
+
+def test_a_release_that_lasts_is_accepted_at_either_end() -> None:
+    normal = during(5.0, 2.0, 3.5, 15.0) + during(5.0, 3.5, 4.0, 3.0)
+    truth = annotate(state(5.0, [(0.5, 2.0, (0, 0, -0.1))], normal=normal), guided=True)
+    (release,) = [c for c in truth["changepoints"] if c["kind"] == "contact_off"]
+    assert (release["t"], release["t_alt"]) == pytest.approx((4.0, 3.5), abs=0.05)
+    assert marked(truth, "decay") == []
+
+
+def test_of_a_corner_and_a_stop_close_by_only_the_stop_counts() -> None:
+    moves = [(1.0, 2.0, (0.1, 0, 0)), (2.0, 2.05, (0.02, 0, 0)), (2.05, 2.2, (0, 0.1, 0))]
+    truth = annotate(state(4.0, moves), guided=True)
+    assert marked(truth, "stop") == [("major", 2.2)]
+    assert "major" not in [level for level, _ in marked(truth, "corner")]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from caesura_clients.bridge.teacher.dips import SMALL_M, SMALL_M_PER_S, guided_dips, ideal_dips
 from caesura_clients.bridge.teacher.guiding import GRAVITY
 from caesura_clients.bridge.teacher.intentions import Array
 
@@ -44,16 +45,16 @@ RULE = (
 )
 START_M_PER_S, SURE_M_PER_S = 0.005, 0.010  # motion is above the first, and exceeds the second
 REST_S = 0.3
-SMALL_M_PER_S, SMALL_M = 0.025, 0.010
 SMOOTH_S = 0.06
 SLIDE_S = 0.5  # shorter slips belong to the touching or the letting go
 BOUNCE_S = 0.15  # contact lost for less is not lost
 TOUCH_S, TOUCH_N = 0.05, 1.0  # contact shorter or weaker is none
 TOL_S, CORNER_TOL_S = 0.15, 0.2
-CORNER_DEG, CORNER_DIP, CORNER_LOOK_S = 45.0, 0.6, 0.25
+NEAR_S = 0.25  # of two events that are nearer only the clearer one counts
 DECAY_BEGINS = 0.8  # of the force before
 PLATEAU_SHARE = 0.7  # of the force that a tenth of the contact exceeds
 DECAY_LEAST_S = 0.1
+DECAY_MOST_S = 1.0  # a force that decays for longer does not belong to a release
 
 
 GUIDED_RULE = (
@@ -64,9 +65,6 @@ GUIDED_RULE = (
     " a corner with less than 10 mm beside it are optional. A gradual edge has a wider tol, up to 0.4 s."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
-TRACING_PEAK_M_PER_S = 0.008  # of the lesser peak beside a corner, where a whole movement is slow
-SLOW_M_PER_S = 0.040  # a movement whose smoothed speed stays below is slow
-TRACING_LOOK_S = 0.6  # over which the turn of a slow movement is read
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement
 TRAVEL_SHARE = 0.25  # of the way that a turn gives a point at that distance: who travels less turns in place
 TURNING_RULE = (
@@ -122,12 +120,16 @@ class State:
 
 
 class Span(NamedTuple):
-    """Ticks first to last (exclusive) of one class; small ones are corrections."""
+    """Ticks first to last (exclusive) of one class; small ones are corrections.
+
+    clear: an annotator would give it a class.
+    """
 
     first: int
     last: int
     cls: Class
     small: bool = False
+    clear: bool = True
 
 
 def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
@@ -138,12 +140,15 @@ def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
     contacts = contact_spans(state)
     spans = _spans(state, contacts, guided=guided)
     marks = _boundaries(state, spans, contacts)
+    decays = _decays(state, contacts)
     if guided:
         marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
-    marks += _decays(state, contacts) + _within_motions(state, spans, guided=guided)
+        spans, marks = _without_doubtful_rests(state, spans, marks)
+        marks, decays = _with_both_ends(marks, decays)
+    marks += decays + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
-    marks = _told_apart(marks)
+    marks = _told_apart(marks, corners_too=guided)
     return {
         "window": [0.0, _time(state, state.t.size - 1)],
         "rule": (GUIDED_RULE if guided else RULE) + TURNING_RULE * state.turns,
@@ -151,7 +156,7 @@ def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
         "segments": [
             {"t0": _time(state, s.first), "t1": _time(state, s.last), "cls": s.cls}
             for s in spans
-            if not s.small
+            if not s.small and s.clear
         ],
         "gripper": gripper,
         "loads": _loads(state, spans),
@@ -396,39 +401,54 @@ def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:
     return {**mark, "tol": round(min(EDGE_TOL_S, max(mark["tol"], gradual)), 3)}
 
 
+def _without_doubtful_rests(
+    state: State, spans: list[Span], marks: list[dict[str, Any]]
+) -> tuple[list[Span], list[dict[str, Any]]]:
+    """Leave open what is a rest by one reading only: below 10 mm/s, but never below 5 mm/s for 0.3 s.
+
+    Such a span has no class, and a start or stop beside it is optional. marks: one for each pair of spans.
+    """
+    speed = uniform_filter1d(state.pace, round(SMOOTH_S / state.dt), mode="nearest")
+    spans = [s if _large(s) or s.small else s._replace(clear=_rests(speed, s, state.dt)) for s in spans]
+    marks = [
+        mark if (before.clear and after.clear) or mark["kind"] not in ("start", "stop") else _optional(mark)
+        for mark, (before, after) in zip(marks, pairwise(spans), strict=True)
+    ]
+    return spans, marks
+
+
+def _rests(speed: Array, span: Span, dt: float) -> bool:
+    """Whether a rest is one by the lower threshold too; the recording's ends may cut it."""
+    slow = runs(speed[span.first : span.last] < START_M_PER_S)
+    longest = max((last - first for first, last in slow), default=0)
+    return longest >= min(round(REST_S / dt), span.last - span.first)
+
+
+def _with_both_ends(
+    marks: list[dict[str, Any]], decays: list[dict[str, Any]]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Accept a release that lasts at its beginning too; the decays that are left."""
+    for mark in marks:
+        begun = [d for d in decays if 0.0 < mark["t"] - d["t"] < DECAY_MOST_S]
+        if mark["kind"] == "contact_off" and begun:
+            mark["t_alt"] = begun[-1]["t"]
+            decays = [d for d in decays if d is not begun[-1]]
+    return marks, decays
+
+
+def _optional(mark: dict[str, Any]) -> dict[str, Any]:
+    return {**mark, "level": "optional"}
+
+
 def _within_motions(state: State, spans: list[Span], *, guided: bool) -> list[dict[str, Any]]:
     """Corners, speed dips and short rests inside of movements."""
-    marks = []
-    for span in spans:
-        if _large(span):
-            marks += _guided_dips(state, span) if guided else _dips(state, span)
+    find, marks = guided_dips if guided else ideal_dips, []
+    for span in filter(_large, spans):
+        for dip in find(_smoothed(state, span), state.dt):
+            tol = CORNER_TOL_S if dip.kind == "corner" else TOL_S
+            level: Level = "optional" if dip.optional else "major"
+            marks.append(_mark(_time(state, span.first + dip.tick), level, dip.kind, tol))
     return marks
-
-
-def _dips(state: State, span: Span) -> list[dict[str, Any]]:
-    velocity = _smoothed(state, span)
-    speed = np.linalg.norm(velocity, axis=1)
-    marks, look = [], round(CORNER_LOOK_S / state.dt)
-    for tick in _clear_minima(speed):
-        corner = _turn_deg(velocity, tick, look) > CORNER_DEG
-        marks.append(_dip(_time(state, span.first + tick), corner=corner))
-    return marks
-
-
-def _guided_dips(state: State, span: Span) -> list[dict[str, Any]]:
-    """Dips and corners of a movement that may be slow; a corner has 10 mm of way on either side."""
-    velocity = _smoothed(state, span)
-    speed = np.linalg.norm(velocity, axis=1)
-    slow = bool(speed.max() < SLOW_M_PER_S)
-    minima = _clear_minima(speed, TRACING_PEAK_M_PER_S if slow else SMALL_M_PER_S)
-    look = round((TRACING_LOOK_S if slow else CORNER_LOOK_S) / state.dt)
-    turned = [tick for tick in minima if _turn_deg(velocity, tick, look) > CORNER_DEG]
-    edges = [0, *turned, len(speed)]
-    legs = [_way(velocity[a:b], state.dt) for a, b in pairwise(edges)]
-    corners = {
-        tick for tick, legs_beside in zip(turned, pairwise(legs), strict=True) if min(legs_beside) >= SMALL_M
-    }
-    return [_dip(_time(state, span.first + tick), corner=tick in corners) for tick in minima]
 
 
 def _smoothed(state: State, span: Span) -> Array:
@@ -437,42 +457,20 @@ def _smoothed(state: State, span: Span) -> Array:
     return smooth
 
 
-def _dip(t: float, *, corner: bool) -> dict[str, Any]:
-    return _mark(t, "major", "corner", CORNER_TOL_S) if corner else _mark(t, "optional", "dip")
+def _told_apart(marks: list[dict[str, Any]], *, corners_too: bool) -> list[dict[str, Any]]:
+    """A turn or a stop within reading uncertainty of a contact that begins or ends is no event of its own.
 
-
-def _clear_minima(speed: Array, least: float = SMALL_M_PER_S) -> list[int]:
-    """Ticks of the lowest speed between two peaks that are clearly faster."""
-    minima = []
-    peak, low = 0.0, 0
-    for tick, value in enumerate(speed):
-        if value < speed[low]:
-            low = tick
-        elif speed[low] < CORNER_DIP * min(peak, value) and min(peak, value) > least:
-            minima.append(low)
-            peak, low = float(value), tick
-        if value > peak:
-            peak, low = float(value), tick
-    return minima
-
-
-def _turn_deg(velocity: Array, tick: int, look: int) -> float:
-    before = velocity[max(0, tick - look) : tick].sum(axis=0)
-    after = velocity[tick : tick + look].sum(axis=0)
-    size = np.linalg.norm(before) * np.linalg.norm(after)
-    return float(np.degrees(np.arccos(np.clip(before @ after / size, -1.0, 1.0)))) if size > 0.0 else 0.0
-
-
-def _told_apart(marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A turn or a stop within reading uncertainty of a contact that begins or ends is no event of its own."""
+    corners_too: nor is a corner near a start or stop, which is the clearer of the two.
+    """
     contacts = [mark["t"] for mark in marks if mark["kind"] in ("contact_on", "contact_off")]
-    return [
-        {**mark, "level": "optional"}
-        if mark["kind"] in ("corner", "start", "stop")
-        and any(abs(mark["t"] - t) <= mark["tol"] for t in contacts)
-        else mark
-        for mark in marks
-    ]
+    edges = [m["t"] for m in marks if m["kind"] in ("start", "stop") and m["level"] == "major"]
+    edges = edges if corners_too else []
+
+    def beside(mark: dict[str, Any]) -> bool:
+        near = any(abs(mark["t"] - t) <= mark["tol"] for t in contacts)
+        return near or (mark["kind"] == "corner" and any(abs(mark["t"] - t) < NEAR_S for t in edges))
+
+    return [_optional(m) if m["kind"] in ("corner", "start", "stop") and beside(m) else m for m in marks]
 
 
 def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:

@@ -18,17 +18,21 @@ LENGTH_FLOOR = 1e-9  # below which a displacement has no direction
 class CornerStart:
     """A weight on the start of a movement, above 1 where the path has a corner.
 
-    The log weight is γ S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the
+    The log weight is γ(v) S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the
     angle between the path over `chord` observations before the start and the path since. r is the speed at
     the start, divided by the lesser of the peaks within `reach` observations before and after. So what only
     curves, or only slows down, starts no movement: it is a via point of the path.
 
     The weight is 0 for the first `chord` observations of a segment, follows the path up to `reach`, and
-    stays. It needs no look at what comes after the segment, so a segment's evidence remains its own. γ
-    exceeds what a start from rest costs the movement at the speed at which people pass corners (0.1 m/s).
+    stays. It needs no look at what comes after the segment, so a segment's evidence remains its own.
 
-    gamma [nats]; pace [unit]: least step at a peak, since a hand at rest has no corners. channel: the
-    position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a corner.
+    γ(v) is what a start costs the movement that begins at speed v: `standing` + (`gamma` − `standing`)
+    min(1, v²/`fast`²). At standstill that is what any start costs, its hazard, its kind and its burst. A
+    movement that does not begin at rest pays for its speed too. So a corner takes no rest's place.
+
+    gamma, standing [nats]; fast [unit] a step, 0 for `gamma` at any speed. pace [unit]: least step at a peak,
+    since a hand at rest has no corners. channel: the position [m], or the rotation [rad], where a turn back,
+    or a turn about another axis, is a corner.
     """
 
     gamma: float
@@ -40,6 +44,8 @@ class CornerStart:
     chord: int = 3
     reach: int = 5
     channel: Channel = "position"
+    standing: float = 0.0
+    fast: float = 0.0
 
     @property
     def memory(self) -> int:
@@ -82,7 +88,9 @@ class CornerStart:
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         turned = (turn - self.turn_deg) / self.turn_width_deg
         dipped = (self.dip - speed / np.where(known, peak, 1.0)) / self.dip_width
-        weight: Array = np.where(known, self.gamma * _logistic(turned) * _logistic(dipped), 0.0)
+        flight = np.minimum(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
+        gamma = self.standing + (self.gamma - self.standing) * flight
+        weight: Array = np.where(known, gamma * _logistic(turned) * _logistic(dipped), 0.0)
         return weight
 
     def log_evidence(self, rows: Rows) -> Array:

@@ -43,6 +43,7 @@ MEMORY_S = 0.5
 # A hand that stops creeps on for a while: motion starts and stops where its speed passes 5 to 10 mm/s.
 CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
+FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 # A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
@@ -50,6 +51,7 @@ HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
+PAUSE_S = 0.3  # shorter rests are part of a movement
 REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
 STROKES_REFRACTORY_S = 0.2
 # Of 1, 0.7, 0.5 and 0.35 the one with which stated probabilities come nearest to the share that is right, on
@@ -60,8 +62,10 @@ CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
 
 
 def guided_motion() -> GuidedMotion:
-    """A hand on a robot: it wanders by 0.5 mm a step, errs by a fifth of its speed, starts by 2 mm."""
-    return GuidedMotion(correlation(MEMORY_S), floor=0.0005, share=0.2, burst=0.002, pace=REST)
+    """A hand on a robot: it wanders by 0.5 mm a step, errs by a tenth of its speed, starts by 2 mm."""
+    return GuidedMotion(
+        correlation(MEMORY_S), floor=0.0005, share=0.1, burst=0.002, pace=REST, away=REST_M_PER_S * PAUSE_S
+    )
 
 
 def even_moves() -> list[Profile]:
@@ -98,7 +102,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerStart(gamma=40.0, pace=SLOW),
+        "corner": CornerStart(gamma=40.0, standing=20.0, fast=FAST, pace=SLOW),
         "still": Walk("position", scale=REST_STEP_M, still=REST),
         "stopped": Walk("position", scale=REST_STEP_M),
         "turning": Pace("rotation", least=REST / HANDS_BREADTH_M),
@@ -217,7 +221,10 @@ def _white(bias_n: float) -> Channels:
 
 def _paceless(bias_n: float) -> Channels:
     """Movement and rest differ by their course alone."""
-    return {"moving": replace(guided_motion(), pace=0.0), "still": Walk("position", scale=REST_STEP_M)}
+    return {
+        "moving": replace(guided_motion(), pace=0.0, away=0.0),
+        "still": Walk("position", scale=REST_STEP_M),
+    }
 
 
 def _frictionless(bias_n: float) -> Channels:

@@ -30,7 +30,8 @@ class GuidedMotion:
 
     correlation: ρ = exp(−step/τ) for a velocity with time constant τ. floor, burst [m]. pace [m] weighs every
     step by 1 − exp(−step²/2 pace²), which is at most 1: a moving hand does not rest. The first observation of
-    all has no step, and is not weighed.
+    all has no step, and is not weighed. away [m] weighs the way of the last `away_steps` steps likewise, once
+    a segment has more observations than that: a hand that moves is elsewhere by then.
     """
 
     correlation: float
@@ -41,11 +42,13 @@ class GuidedMotion:
     nu0: float = 10.0
     scales: tuple[float, ...] = (0.5, 1.0, 2.0)
     pace: float = 0.0
+    away: float = 0.0
+    away_steps: int = 3
 
     def empty(self) -> Rows:
-        """Rows: n, position, last two steps, Σ|ε|², Σ log w, Σ log pace."""
-        vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
-        return np.zeros(0, np.int64), vectors, vectors, vectors, scalars, scalars, scalars
+        """Rows: n, last positions, last two steps, Σ|ε|², Σ log w, Σ log pace."""
+        vectors, scalars, past = np.zeros((0, AXES)), np.zeros(0), np.zeros((0, self.away_steps + 1, AXES))
+        return np.zeros(0, np.int64), past, vectors, vectors, scalars, scalars, scalars
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
@@ -53,18 +56,20 @@ class GuidedMotion:
         n, step_1, step_2, squares, log_scales, paced = (
             append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3, 4, 5, 6)
         )
-        step = z - append(rows[1], rows[1][-1] if joins else z)
+        past = np.concatenate([rows[1][-1][1:], z[None]]) if joins else np.tile(z, (self.away_steps + 1, 1))
+        step = np.tile(z - past[-2], (len(n), 1))
         error = step - 2.0 * self.correlation * step_1 + self.correlation**2 * step_2
         scale2 = self._scale2(n, step_1)
         pace = log_presence((step**2).sum(axis=1), self.pace) if joins else 0.0
+        left = log_presence(((z - past[0]) ** 2).sum(), self.away)
         return (
             n + 1,
-            np.tile(z, (len(n), 1)),
+            np.tile(past, (len(n), 1, 1)),
             step,
             step_1,
             squares + (error**2).sum(axis=1) / scale2,
             log_scales + 0.5 * np.log(scale2),
-            paced + pace,
+            paced + pace + np.where(n >= self.away_steps, left, 0.0),
         )
 
     def _scale2(self, n: NDArray[np.int64], step: Array) -> Array:

@@ -48,7 +48,8 @@ class Entry:
     """A model, and what is true of it.
 
     unit: of the data, in the channel's; size: how far residuals go [unit]; `explains_first`: the first sample
-    is the origin, and its evidence the same constant wherever it lies.
+    is the origin, and its evidence the same constant wherever it lies. unweighed: observations of a segment
+    that get no weight.
     """
 
     model: ChannelModel
@@ -57,6 +58,7 @@ class Entry:
     unit: float = 1.0
     size: float = 0.5
     explains_first: bool = False
+    unweighed: int = 0
 
     def observe(self, values: np.ndarray) -> list[Observed]:
         """Observations of values (n, 3) [unit] in the model's channel."""
@@ -166,6 +168,7 @@ def _guided() -> Iterator[tuple[str, Entry]]:
     one = replace(model, scales=(1.0,), burst_steps=1)
     yield "guided motion, one scale", Entry(one, DENSITY, size=0.8)
     yield "guided motion, pace", Entry(replace(model, pace=0.5), WEIGHTED)
+    yield "guided motion, away", Entry(replace(model, away=1.0), WEIGHTED, unweighed=3)
 
 
 def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
@@ -208,6 +211,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     "held": Held(0.2, change=0.1),
     "friction": Friction(least=2.0, pace=0.002),
     "corner": CornerStart(gamma=30.0, pace=0.0005),
+    "corner, standing": CornerStart(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
     "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoRise(scale=1.0),
     "pace": Pace("rotation", least=0.02, most=0.1),

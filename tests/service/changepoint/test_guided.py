@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -85,6 +87,26 @@ def test_what_only_turns_or_only_slows_down_is_a_via_point(what: str, turn: floa
 
 def test_at_the_rules_own_limits_a_corner_has_half_of_half_its_weight() -> None:
     assert weight_at(bent(45.0, 0.6), 7) == pytest.approx(0.25 * CORNER.gamma, rel=0.35)
+
+
+def test_a_corner_at_standstill_weighs_what_any_start_costs() -> None:
+    """The lesser weight at standstill, the whole one in flight: a corner takes no rest's place."""
+    corner = replace(CORNER, standing=10.0, fast=0.5 * STEP_M)
+    for dip, gamma in ((0.0, 10.0), (0.25, 10.0 + 20.0 * 0.25), (0.5, 30.0)):
+        rows = rows_after(corner, observed(bent(120.0, dip)))
+        whole = weight_at(bent(120.0, dip), 7) / CORNER.gamma
+        assert corner.log_evidence(rows)[7] == pytest.approx(gamma * whole, abs=1e-9)
+
+
+def test_a_movement_that_pauses_is_weighed_by_how_little_it_gets_away() -> None:
+    """The weight is that of the way of three steps, and only where a segment has had three of its own."""
+    model = replace(guided_motion(), pace=0.0)
+    path = np.cumsum(np.full((9, 3), 0.0005), axis=0)
+    with_weights, without = (
+        m.log_evidence(rows_after(m, observed(path))) for m in (model, replace(model, away=0.0))
+    )
+    each = np.log(-np.expm1(-0.5 * 3 * 0.0015**2 / model.away**2))
+    np.testing.assert_allclose(with_weights - without, each * np.maximum(np.arange(6, -3, -1), 0), atol=1e-9)
 
 
 def test_a_hand_at_rest_has_no_corners() -> None:

@@ -33,7 +33,14 @@ from caesura_service.changepoint.kernels.layout import (
     Model,
 )
 from caesura_service.changepoint.lattice import Lattice
-from caesura_service.changepoint.levels import GRAVITY, Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.levels import (
+    GRAVITY,
+    Biased,
+    Carried,
+    Constant,
+    Held,
+    Laden,
+)
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
 from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.parameters import FilterParameters
@@ -58,7 +65,7 @@ def _fits(model: ChannelModel) -> bool:
     """Whether the options of a model are within what the arrays have room for."""
     match model:
         case GuidedMotion():
-            return len(model.scales) <= MOST_SHARES
+            return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
         case CornerStart():
             return model.memory <= PAST and model.chord <= model.reach
         case _:
@@ -290,6 +297,8 @@ def _guided(model: GuidedMotion) -> Record:
         "shares": len(model.scales),
         "share2": scales2,
         "burst2": model.burst**2,
+        "away": model.away,
+        "away_steps": model.away_steps,
         "burst_steps": model.burst_steps,
         "pace": model.pace,
         "offset": -np.log(len(model.scales)),
@@ -301,6 +310,8 @@ def _corner(model: CornerStart) -> Record:
         "model": layout.CORNER,
         "signal": SIGNALS[model.channel],
         "gamma": model.gamma,
+        "standing": model.standing,
+        "fast2": model.fast**2,
         "pace": model.pace,
         "turn": model.turn_deg,
         "turn_width": model.turn_width_deg,

@@ -85,7 +85,11 @@ CHANNEL = np.dtype(
         ("kappa0", "f8"),
         ("burst2", "f8"),
         ("burst_steps", "i8"),
+        ("away", "f8"),
+        ("away_steps", "i8"),
         ("gamma", "f8"),
+        ("standing", "f8"),
+        ("fast2", "f8"),
         ("turn", "f8"),  # [°]
         ("turn_width", "f8"),
         ("dip", "f8"),

@@ -38,10 +38,20 @@ def guided(here, c, joins):
         square, log_scale = innovation(here, channel, int(state.ages[place]) - 1)
         add_step(sums, square, log_scale, place, place + 1)
     paced = log_presence(step_squared_at(state.past, 1, 0), channel.pace) if joins else 0.0
+    left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
     for place in range(living):
-        sums[PACED, place] += paced
+        sums[PACED, place] += paced + left if state.ages[place] > channel.away_steps else paced
     tell_length(here, c)
     mix_scales(here, channel, sums, state.channel[c])
+
+
+@compiled
+def way_squared(past, steps):
+    """Squared length of the way of the last steps."""
+    last, total = past.shape[0] - 1, 0.0
+    for a in range(AXES):
+        total += (past[last, a] - past[last - steps, a]) ** 2
+    return total
 
 
 @compiled
@@ -190,7 +200,9 @@ def corner_weight(sums, past, place, channel):
     turn = math.degrees(math.acos(min(max(product / lengths, -1.0), 1.0)))
     turned = (turn - channel.turn) / channel.turn_width
     dipped = (channel.dip - sums[SPEED, place] / peak) / channel.dip_width
-    return channel.gamma * logistic(turned) * logistic(dipped)
+    flight = min(sums[SPEED, place] ** 2 / channel.fast2, 1.0) if channel.fast2 else 1.0
+    gamma = channel.standing + (channel.gamma - channel.standing) * flight
+    return gamma * logistic(turned) * logistic(dipped)
 
 
 @compiled

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_protocol.messages import App, ViaPoint
+from caesura_protocol.messages import App, Vector, ViaPoint
 
 Array = NDArray[np.float64]
 
@@ -154,12 +154,43 @@ def curve_of(app: App) -> Curve:
     return Curve.through(times, poses, passing=passing)
 
 
-def path_in_words(app: App) -> str:
-    """Its length, and the number of via points where it is not straight; empty without a path."""
+def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
+    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
+
+    change, bend: (4,) its first and second derivatives; its length need not be 1.
+    """
+    size = float(quaternion @ quaternion)
+    turning, turned = _imaginary(change, quaternion) / size, _imaginary(bend, quaternion) / size
+    return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
+
+
+def _imaginary(change: Array, quaternion: Array) -> Array:
+    """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
+    product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
+    return 2.0 * (product + np.cross(quaternion[:3], change[:3]))
+
+
+def turning_at_points(app: App) -> list[Vector]:
+    """Rate of turn [rad/s] of an app's path at its start and each via point; empty without orientations.
+
+    As `knots_of`.
+    """
+    curve = curve_of(app)
+    if curve.values.shape[1] == 3:
+        return []
+    knots = zip(curve.values[:-1, 3:], curve.velocities[:-1, 3:], curve.accelerations[:-1, 3:], strict=True)
+    return [tuple(turning_of(*knot)[0].tolist()) for knot in knots]
+
+
+def path_in_words(app: App, unit: str = " via") -> str:
+    """Its length, and the number of via points where it is not straight; empty without a path.
+
+    unit: what stands after that number.
+    """
     if app.path is None:
         return ""
     length, via = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via)
-    return f"{length}, {via} via" if via else length
+    return f"{length}, {via}{unit}" if via else length
 
 
 def unit(values: Array) -> Array:

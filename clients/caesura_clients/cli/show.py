@@ -138,17 +138,12 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
             str(index),
             app.kind.replace("_", " ").title(),
             "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
-            _path(app),
+            path_in_words(app, unit=""),
             _effort_of_app(app),
             f"{app.t0:.2f}–{app.tn:.2f}",
             f"{app.confidence:.2f}",
         )
     return table
-
-
-def _path(app: App) -> str:
-    """Its length, and the number of via points where it is not straight."""
-    return path_in_words(app).removesuffix(" via")
 
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:

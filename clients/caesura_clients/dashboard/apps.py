@@ -1,10 +1,11 @@
-"""The task program as a timeline: one card an app, everything in words and units."""
+"""The task program as a timeline: one card an app: words, units, and its path drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from caesura_clients.programs.path_drawing import path_svg
 from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
 
@@ -35,7 +36,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
 
 
 def card(number: int, app: App) -> dict[str, Any]:
-    """One app in words. Lines are (name, value with unit)."""
+    """One app in words, with its path drawn. Lines are (name, value with unit); drawing: an svg element."""
     return {
         "number": number,
         "kind": app.kind,
@@ -45,6 +46,7 @@ def card(number: int, app: App) -> dict[str, Any]:
         "confidence": round(app.confidence, 2),
         "segments": list(app.segments),
         "limited": is_limited(app),
+        "drawing": path_svg(app),
         "lines": [[name, value] for name, value in _lines(app) if value],
     }
 

@@ -13,6 +13,7 @@ points are those with which they were passed; what is not stated is estimated fr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,7 @@ from caesura_protocol.messages import App, Vector, ViaPoint
 
 Array = NDArray[np.float64]
 
+TOLD_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
 
@@ -183,14 +185,26 @@ def turning_at_points(app: App) -> list[Vector]:
 
 
 def path_in_words(app: App, unit: str = " via") -> str:
-    """Its length, and the number of via points where it is not straight; empty without a path.
+    """Its length, its turn, and the number of via points where it is not straight; empty without a path.
 
     unit: what stands after that number.
     """
     if app.path is None:
         return ""
-    length, via = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via)
-    return f"{length}, {via}{unit}" if via else length
+    length, via, turn = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via), turn_of(app)
+    turned = f", {math.degrees(turn):.0f}°" if turn >= TOLD_TURN_RAD else ""
+    return f"{length}{turned}, {via}{unit}" if via else length + turned
+
+
+def turn_of(app: App) -> float:
+    """The largest angle [rad] of an app's path from its first orientation; 0 where none is known."""
+    if app.path is None or app.target is None:
+        return 0.0
+    quaternions = knots_of(app)[1][:, 3:]
+    if not quaternions.size:
+        return 0.0
+    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return float(2.0 * np.arccos(np.minimum(np.abs(along @ along[0]), 1.0)).max())
 
 
 def unit(values: Array) -> Array:

@@ -69,8 +69,9 @@ def phases_table(phases: Sequence[Phase], title: str) -> Table:
 
 
 def phase_name(phase: Phase) -> str:
-    """Its kind, with how often it touches, carries or moves, where that is more than once."""
-    return phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+    """Its name and kind, with how often it touches, carries or moves, where that is more than once."""
+    kind = phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+    return kind if phase.name is None else f"{phase.name} ({kind})"
 
 
 def _numbers(first: int, last: int) -> str:

@@ -155,7 +155,7 @@ figure{margin:0}
 svg{display:block;width:100%;min-width:46rem;height:auto}
 .ways{display:grid;grid-template-columns:repeat(auto-fill,minmax(14rem,1fr));gap:.8rem 1.4rem;margin:1.2rem 0}
 svg.way{min-width:0;stroke-width:1.3;color:var(--ink)}
-.way text{font-size:9px;fill:var(--faint);stroke:none}
+.way text{font-size:10.5px;fill:var(--faint);stroke:none}
 .way .frame{stroke:var(--line);stroke-width:1}
 .way .via,.way .target{fill:var(--blue)}
 .way .tool{stroke:var(--blue);stroke-width:1;opacity:.7}

@@ -19,6 +19,7 @@ from caesura_clients.programs.document import ProgramFile
 from caesura_clients.programs.franky_script import franky_script
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppPath, ViaPoint
+from caesura_protocol.paths import path_in_words
 from harness.programs import DOWN, app, as_file, pick_and_place, press
 
 from . import fake_franky
@@ -131,6 +132,14 @@ def test_a_turn_is_passed_through_its_via_points_at_the_taught_rate_and_time() -
     assert half.target.velocity.angular[2] == pytest.approx(-math.pi / 4, rel=0.1)
     assert end.target.velocity.angular.tolist() == [0.0, 0.0, 0.0]
     assert [a["value"] for name, a in calls if name == "turn"][-1] < 1.6  # rad/s; mean 0.8
+
+
+def test_a_turn_is_named_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    program = turning(2.0, by_path=True)
+    made = module_of(program)
+    made.say(1, made.APPS[1])
+    assert "turns 90 degrees  by 1 via points" in capsys.readouterr().out
+    assert path_in_words(program.apps[1]) == "0 mm, 90°, 1 via"
 
 
 @pytest.mark.parametrize("by_path", [True, False])

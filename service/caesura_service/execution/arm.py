@@ -32,6 +32,7 @@ from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
 TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 300.0, 14.0  # likewise
+LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forward near a singularity
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
 FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction that the controller makes up for
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
@@ -158,4 +159,5 @@ class Arm:
             at_tip = tip_jacobian(arm.jacobian, lever)
             mass = mass + self.load_kg * at_tip.T @ at_tip
         jacobian = arm.jacobian
-        return np.asarray(np.linalg.inv(jacobian @ np.linalg.solve(mass, jacobian.T)))
+        mobility = jacobian @ np.linalg.solve(mass, jacobian.T)
+        return np.asarray(np.linalg.inv(mobility + LEAST_MOBILITY * np.eye(6)))

@@ -35,6 +35,7 @@ from caesura_protocol.messages import (
     LimitForce,
     Message,
     Move,
+    NamePhase,
     Open,
     Phase,
     Piece,
@@ -202,6 +203,7 @@ def examples() -> dict[str, Message]:
         Move(t=3.5, to=4.0),
         Relabel(t=1.25, kind="steady"),
         LimitForce(t=1.25, newton=12.5),
+        NamePhase(t=1.25, name="wipe"),
         Undo(),
         Redo(),
     )

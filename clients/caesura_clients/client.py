@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
     Kind,
     LimitForce,
     Move,
+    NamePhase,
     Program,
     Redo,
     Relabel,
@@ -67,7 +68,7 @@ class Caesura:
     def insert(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
-        """End a segment at a time [s] and begin the next; for all seven see `editing.edit`."""
+        """End a segment at a time [s] and begin the next; for all of them see `editing.edit`."""
         return self._edit(station, session, Insert(t=t), author, revision)
 
     def remove(
@@ -100,6 +101,12 @@ class Caesura:
     ) -> Ack:
         """Limit the force [N] of the app in whose time t [s] lies; None: only the cell's limit."""
         return self._edit(station, session, LimitForce(t=t, newton=newton), author, revision)
+
+    def name_phase(
+        self, station: str, session: str, t: float, name: str, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """Name the phase in which a time [s] lies; the program's group of its apps has that name."""
+        return self._edit(station, session, NamePhase(t=t, name=name), author, revision)
 
     def undo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
         """Take the last correction back."""

@@ -35,6 +35,7 @@ import numpy as np
 
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.formats.content import Array, Content
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -61,7 +62,8 @@ class Recording:
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
     wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
     ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
-    which no robot reports are believed. Raises RecordingError where a shape, a name, a unit or a time is off.
+    which no robot reports are believed. setting: what its cell asks of the program.
+    Raises RecordingError where a shape, a name, a unit or a time is off.
     """
 
     t: Array
@@ -73,6 +75,7 @@ class Recording:
     ignored: tuple[str, ...] = field(default=(), compare=False)
     hand_on_robot: HandOnRobot = "unknown"
     declared_units: tuple[Quantity, ...] = field(default=(), compare=False)
+    setting: Setting = UNSET
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -126,7 +129,8 @@ class Recording:
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS}
-        return {key: value for key, value in values.items() if value not in NOT_STATED}
+        asked = {key: repr(value) for key, value in self.setting._asdict().items() if value is not None}
+        return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -150,6 +154,7 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "force_frame": FORCE_FRAMES,
     "length_unit": LENGTH_UNITS,
 }
+STATED = (*OPTIONS, *Setting._fields)  # all that a file may state
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 
@@ -216,17 +221,30 @@ def load_recording(
         if quantity in stated and name in arrays:
             arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
+    asked = {key: _positive(path, key, options.pop(key)) for key in Setting._fields if key in options}
     recording = Recording(
         arrays["t"],
         signals,
         name=path.name,
         ignored=tuple(ignored),
         declared_units=tuple(stated),
+        setting=Setting(**asked),
         **options,  # type: ignore[arg-type]
     )
     if check_units and (found := recording.implausible) is not None:
         raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
     return recording
+
+
+def _positive(path: Path, key: str, value: str) -> float:
+    """A number that a file states. Raises RecordingError where it is none above 0."""
+    try:
+        number = float(value)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < np.inf:
+        raise RecordingError(f"{path}: {key} is {value!r}, expected a number above 0")
+    return number
 
 
 _CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force"}
@@ -259,7 +277,7 @@ def did_you_mean(name: str) -> str | None:
     ('length_unit', None)
     """
     columns = (column for names in COLUMNS_OF_SIGNAL.values() for column in names if len(column) > 2)
-    close = get_close_matches(name.lower(), [*_ARRAYS, *OPTIONS, *columns], n=1, cutoff=0.8)
+    close = get_close_matches(name.lower(), [*_ARRAYS, *STATED, *columns], n=1, cutoff=0.8)
     return close[0] if close else None
 
 
@@ -296,8 +314,8 @@ def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> Co
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
     with np.load(path, allow_pickle=False) as file:
         arrays = {key: np.asarray(file[key], dtype=np.float64) for key in _ARRAYS if key in file.files}
-        options = {key: str(file[key]) for key in OPTIONS if key in file.files}
-        ignored = [key for key in file.files if key not in {*_ARRAYS, *OPTIONS}]
+        options = {key: str(file[key]) for key in STATED if key in file.files}
+        ignored = [key for key in file.files if key not in {*_ARRAYS, *STATED}]
     return Content(arrays, options, ignored)
 
 
@@ -322,9 +340,9 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Co
     if "t" in column:
         arrays["t"] = column["t"]
     known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
-    options = {key: value for key, value in stated.items() if key in OPTIONS}
+    options = {key: value for key, value in stated.items() if key in STATED}
     # Other comments are for people, unless they look like an option.
-    mistyped = [key for key in stated if key not in OPTIONS and did_you_mean(key) in OPTIONS]
+    mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
     return Content(arrays, options, [*mistyped, *(name for name in column if name not in known)])
 
 

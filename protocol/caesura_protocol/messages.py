@@ -34,6 +34,7 @@ Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding", "t
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
+PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
 AppKind = Literal[
     "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
@@ -184,6 +185,14 @@ class LimitForce(Message):
     newton: Newtons | None  # None: only the cell's limit
 
 
+class NamePhase(Message):
+    """The phase in which `t` lies is called this; its apps are a group of that name."""
+
+    do: Literal["name_phase"] = "name_phase"
+    t: Seconds  # [s]
+    name: PhaseName
+
+
 class Undo(Message):
     """Take the last correction back."""
 
@@ -196,7 +205,9 @@ class Redo(Message):
     do: Literal["redo"] = "redo"
 
 
-Action = Annotated[Insert | Remove | Move | Relabel | LimitForce | Undo | Redo, Field(discriminator="do")]
+Action = Annotated[
+    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo, Field(discriminator="do")
+]
 
 
 class Edit(Message):
@@ -284,6 +295,7 @@ class Phase(Message):
     first_segment: Count
     last_segment: Count
     strokes: Annotated[int, Field(ge=1)] = 1  # runs of segments in its contact state
+    name: PhaseName | None = None  # that an operator gave it
 
 
 class Gap(Message):

@@ -13,16 +13,18 @@ points are those with which they were passed; what is not stated is estimated fr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_protocol.messages import App, ViaPoint
+from caesura_protocol.messages import App, Vector, ViaPoint
 
 Array = NDArray[np.float64]
 
+TOLD_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
 
@@ -154,12 +156,55 @@ def curve_of(app: App) -> Curve:
     return Curve.through(times, poses, passing=passing)
 
 
-def path_in_words(app: App) -> str:
-    """Its length, and the number of via points where it is not straight; empty without a path."""
+def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
+    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
+
+    change, bend: (4,) its first and second derivatives; its length need not be 1.
+    """
+    size = float(quaternion @ quaternion)
+    turning, turned = _imaginary(change, quaternion) / size, _imaginary(bend, quaternion) / size
+    return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
+
+
+def _imaginary(change: Array, quaternion: Array) -> Array:
+    """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
+    product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
+    return 2.0 * (product + np.cross(quaternion[:3], change[:3]))
+
+
+def turning_at_points(app: App) -> list[Vector]:
+    """Rate of turn [rad/s] of an app's path at its start and each via point; empty without orientations.
+
+    As `knots_of`.
+    """
+    curve = curve_of(app)
+    if curve.values.shape[1] == 3:
+        return []
+    knots = zip(curve.values[:-1, 3:], curve.velocities[:-1, 3:], curve.accelerations[:-1, 3:], strict=True)
+    return [tuple(turning_of(*knot)[0].tolist()) for knot in knots]
+
+
+def path_in_words(app: App, unit: str = " via") -> str:
+    """Its length, its turn, and the number of via points where it is not straight; empty without a path.
+
+    unit: what stands after that number.
+    """
     if app.path is None:
         return ""
-    length, via = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via)
-    return f"{length}, {via} via" if via else length
+    length, via, turn = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via), turn_of(app)
+    turned = f", {math.degrees(turn):.0f}°" if turn >= TOLD_TURN_RAD else ""
+    return f"{length}{turned}, {via}{unit}" if via else length + turned
+
+
+def turn_of(app: App) -> float:
+    """The largest angle [rad] of an app's path from its first orientation; 0 where none is known."""
+    if app.path is None or app.target is None:
+        return 0.0
+    quaternions = knots_of(app)[1][:, 3:]
+    if not quaternions.size:
+        return 0.0
+    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return float(2.0 * np.arccos(np.minimum(np.abs(along @ along[0]), 1.0)).max())
 
 
 def unit(values: Array) -> Array:

@@ -29,7 +29,7 @@ BATCH_SAMPLES = 20
 
 
 def opening_of(recording: Recording, preset: str | None = None, setting: Setting = UNSET) -> Open:
-    """What a bridge would say of the recording."""
+    """What a bridge states of the recording; what `setting` leaves open is as the recording states it."""
     return Open(
         session="file",
         columns=recording.columns,
@@ -38,7 +38,7 @@ def opening_of(recording: Recording, preset: str | None = None, setting: Setting
         force_frame=recording.force_frame,
         length_unit=recording.length_unit,
         preset=preset,
-        **setting._asdict(),
+        **setting.over(recording.setting)._asdict(),
         declared_units=recording.declared_units,
     )
 
@@ -108,6 +108,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
         declared_units=opening.declared_units,
+        setting=Setting(opening.force_limit_n, opening.path_tolerance_m, opening.path_tolerance_rad),
         name=opening.session,
     )
 

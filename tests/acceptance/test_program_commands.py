@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
+from caesura_clients.programs.groups import Group
 from caesura_clients.recording import load_recording
 from harness.programs import as_file, press
 
@@ -97,3 +98,18 @@ def test_a_file_that_is_no_program_is_named(tmp_path: Path) -> None:
         done = caesura(*command)
         assert done.exit_code == 1
         assert "no.json: " in done.output
+
+
+def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
+    groups = (Group(first=0, last=0, name="free 1"), Group(first=1, last=2, name="contact 1"))
+    file, out = tmp_path / "press.json", tmp_path / "named.json"
+    file.write_text(as_file(press()).model_copy(update={"groups": groups}).as_json(), encoding="utf-8")
+    command = ("program", "--file", file, "--format", "json", "-o", out)
+    done = caesura(*command, "--name-group", "0=reach", "--name-group", "contact 1=pump soap")
+    assert done.exit_code == 0, done.output
+    assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["reach", "pump soap"]
+    for wrong in ("2=more", "reach", "0="):
+        refused = caesura(*command, "--name-group", wrong)
+        assert refused.exit_code == 1
+        assert f"cannot name '{wrong}'" in refused.output
+    assert "needs --format json" in caesura("program", "--file", file, "--name-group", "0=a").output

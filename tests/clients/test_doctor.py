@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -23,6 +24,7 @@ from caesura_clients.doctor.examination import examine_network, examine_recordin
 from caesura_clients.doctor.facts import Facts, Heard, Reported, gather
 from caesura_clients.doctor.findings import Finding, Grade
 from caesura_clients.doctor.reach import no_session
+from caesura_clients.doctor.signal import cells_at_rest
 from caesura_clients.errors import NotLetIn, Unreachable
 from caesura_clients.memory import MemoryNetwork
 from caesura_clients.recording import Recording
@@ -45,6 +47,17 @@ def grades(found: list[Finding], check: str) -> list[Grade]:
 
 def said(found: list[Finding], check: str) -> str:
     return "\n".join(f"{one.found} → {one.remedy}" for one in found if one.check == check)
+
+
+def test_a_time_that_lies_far_off_costs_no_memory():
+    far = Recording(t=np.append(np.arange(40) * 0.01, 1e12), signals={"pos": np.zeros((41, 3))})
+    tracemalloc.start()
+    try:
+        assert len(cells_at_rest(far)) >= 1
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 1e6
 
 
 # --- judgements, without a network ----------------------------------------------------------------------

@@ -23,7 +23,7 @@ from caesura_clients.cli.marking import marking
 from caesura_clients.errors import Absent, CaesuraError, Unreachable
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Edit, Insert, LimitForce, Move, Undo
+from caesura_protocol.messages import Edit, Insert, LimitForce, Move, NamePhase, Undo
 from clients.conftest import free_port
 from clients.examples import LiveSource
 from clients.fake_service import eventually
@@ -199,6 +199,7 @@ def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
 def test_actions_as_they_are_typed():
     assert parse(["move", "3.2", "3.4"]) == Move(t=3.2, to=3.4)
     assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)
+    assert parse(["name-phase", "3.2", "wipe the table"]) == NamePhase(t=3.2, name="wipe the table")
     assert parse(["undo"]) == Undo()
 
 

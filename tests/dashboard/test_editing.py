@@ -21,6 +21,7 @@ ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
         ({"do": "relabel", "t": 3.2, "kind": "hold"}, "The segment at 3.20 s is hold."),
         ({"do": "limit_force", "t": 3.2, "newton": 8}, "The force at 3.20 s is limited to 8 N."),
         ({"do": "limit_force", "t": 3.2, "newton": None}, "The limit is gone."),
+        ({"do": "name_phase", "t": 3.2, "name": "wipe"}, "The phase at 3.20 s is called wipe."),
         ({"do": "undo"}, "Undone."),
         ({"do": "redo"}, "Done again."),
     ],

@@ -50,7 +50,9 @@ def _bounded(annotation: Any, bounds: dict[str, Any]) -> st.SearchStrategy[Any]:
             allow_nan=False,
             allow_infinity=False,
         ),
-        str: lambda: NAMES if "pattern" in bounds else st.text(max_size=20),
+        str: lambda: (
+            NAMES if "pattern" in bounds else st.text(min_size=bounds.get("min_length", 0), max_size=20)
+        ),
         Literal: lambda: st.sampled_from(arguments),
         Union: lambda: st.one_of([of(argument) for argument in arguments]),
         types.UnionType: lambda: st.one_of([of(argument) for argument in arguments]),

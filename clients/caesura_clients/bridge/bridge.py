@@ -41,7 +41,7 @@ from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
-from caesura_clients.programs.safety import Setting
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
@@ -359,6 +359,6 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None, setti
         length_unit=source.length_unit,
         preset=preset,
         bridge=new_bridge_name(),
-        **setting._asdict(),
+        **setting.over(getattr(source, "setting", UNSET))._asdict(),
         declared_units=getattr(source, "declared_units", ()),
     )

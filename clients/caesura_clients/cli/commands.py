@@ -21,22 +21,15 @@ from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
 from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
-    AngleTolerance,
-    AngleUnit,
+    Asked,
     Config,
     Connect,
-    ForceLimit,
-    ForceUnit,
-    HandOnRobot,
-    LengthUnit,
-    PathTolerance,
+    Reading,
     Station,
-    TimeUnit,
-    WrenchSource,
     connected,
+    grouped,
     named,
     reported,
-    setting_of,
 )
 from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
@@ -64,7 +57,9 @@ def register(app: typer.Typer) -> None:
     app.add_typer(sessions)
 
 
+@grouped
 def bridge(
+    *,
     station: Annotated[str, typer.Option(help="Teaching station.")] = DEFAULT_STATION,
     source: Annotated[str, typer.Option(help=f"Where samples come from: {', '.join(SOURCES)}.")] = "file",
     file: Annotated[
@@ -80,18 +75,11 @@ def bridge(
     ] = None,
     session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
-    wrench_source: WrenchSource = None,
-    hand_on_robot: HandOnRobot = None,
-    length_unit: LengthUnit = None,
-    time_unit: TimeUnit = None,
-    angle_unit: AngleUnit = None,
-    force_unit: ForceUnit = None,
+    reading: Reading,
     scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
-    force_limit: ForceLimit = None,
-    path_tolerance: PathTolerance = None,
-    angle_tolerance: AngleTolerance = None,
+    asked: Asked,
     epoch: Annotated[
         int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
     ] = 0,
@@ -109,12 +97,7 @@ def bridge(
     options = SourceOptions(
         file=file,
         pace=_pace(pace),
-        wrench_source=wrench_source,
-        hand_on_robot=hand_on_robot,
-        length_unit=length_unit,
-        time_unit=time_unit,
-        angle_unit=angle_unit,
-        force_unit=force_unit,
+        **reading._asdict(),
         scenario=scenario,
         seed=seed,
         mapping=mapping,
@@ -127,9 +110,7 @@ def bridge(
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     with reported():
         named(station)
-        settings = BridgeSettings(
-            batch_samples=batch, setting=setting_of(force_limit, path_tolerance, angle_tolerance)
-        )
+        settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
         with (
             _opened_source(source, options) as samples,
             connected(endpoint, config, patient=True) as caesura,

@@ -11,16 +11,12 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import (
-    AngleUnit,
     Config,
     Connect,
-    ForceUnit,
-    HandOnRobot,
     Json,
-    LengthUnit,
+    Reading,
     Station,
-    TimeUnit,
-    WrenchSource,
+    grouped,
     named,
     reported,
 )
@@ -33,18 +29,15 @@ STYLES = {"ok": typer.colors.GREEN, "warn": typer.colors.YELLOW, "bad": typer.co
 WIDTH = 12  # of a check's name
 
 
+@grouped
 def doctor(
+    *,
     station: Station = None,
     seconds: Annotated[
         float, typer.Option(min=1.0, max=600.0, help="How long it listens to the stations.")
     ] = LISTEN_S,
     file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
-    wrench_source: WrenchSource = None,
-    hand_on_robot: HandOnRobot = None,
-    length_unit: LengthUnit = None,
-    time_unit: TimeUnit = None,
-    angle_unit: AngleUnit = None,
-    force_unit: ForceUnit = None,
+    reading: Reading,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -57,12 +50,7 @@ def doctor(
         if file is not None:
             recording = load_recording(
                 file,
-                wrench_source=wrench_source,
-                hand_on_robot=hand_on_robot,
-                length_unit=length_unit,
-                time_unit=time_unit,
-                angle_unit=angle_unit,
-                force_unit=force_unit,
+                **reading._asdict(),
                 check_units=False,  # a finding of its own
             )
             found = list(examine_recording(recording))

@@ -19,6 +19,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "move": ("t", "to"),
     "relabel": ("t", "kind"),
     "limit_force": ("t", "newton"),
+    "name_phase": ("t", "name"),
     "undo": (),
     "redo": (),
 }
@@ -39,7 +40,7 @@ def edit(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Correct a session, open or closed: changepoints, kinds of segments, force limits."""
+    """Correct a session, open or closed: changepoints, kinds, force limits, names of phases."""
     wanted = parse(action)
     with reported():
         named(station)

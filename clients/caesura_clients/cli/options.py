@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
@@ -14,7 +16,7 @@ from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
 from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.programs.document import ProgramFile
-from caesura_clients.programs.safety import Safety, Setting, read_safety
+from caesura_clients.programs.safety import UNSET, Safety, Setting, read_safety
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
@@ -69,13 +71,74 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 
 
-def setting_of(force_n: float | None, path_mm: float | None, angle_deg: float | None) -> Setting:
-    """What the options ask of programs."""
-    return Setting(
-        force_n,
-        None if path_mm is None else path_mm / 1000.0,
-        None if angle_deg is None else math.radians(angle_deg),
+class Reading(NamedTuple):
+    """Options with which a recording is read, as `load_recording` takes them."""
+
+    wrench_source: WrenchSource = None
+    hand_on_robot: HandOnRobot = None
+    length_unit: LengthUnit = None
+    time_unit: TimeUnit = None
+    angle_unit: AngleUnit = None
+    force_unit: ForceUnit = None
+
+
+class Asked(NamedTuple):
+    """Options with which a program is made: what the cell asks of it."""
+
+    cell: CellFile = None
+    force_limit: ForceLimit = None
+    path_tolerance: PathTolerance = None
+    angle_tolerance: AngleTolerance = None
+
+    def setting(self) -> Setting:
+        """What they state; a force limit goes before that of the cell's file. Raises CaesuraError."""
+        cell = UNSET if self.cell is None else Setting(read_safety(self.cell).force_n)
+        return Setting(
+            self.force_limit,
+            None if self.path_tolerance is None else self.path_tolerance / 1000.0,
+            None if self.angle_tolerance is None else math.radians(self.angle_tolerance),
+        ).over(cell)
+
+
+GROUPS = (Reading, Asked)
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The same command for typer: a parameter that is a group of options becomes all of them."""
+    signature = inspect.signature(command, eval_str=True)
+    groups = {name: one.annotation for name, one in signature.parameters.items() if one.annotation in GROUPS}
+    parameters = [
+        option
+        for name, one in signature.parameters.items()
+        for option in (_options_of(groups[name]) if name in groups else [one])
+    ]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        made = {
+            name: group(*(given.pop(option) for option in group._fields)) for name, group in groups.items()
+        }
+        command(**given, **made)
+
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[parameter.replace(kind=keyword) for parameter in parameters]
     )
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters} | {
+        "return": None
+    }
+    del run.__wrapped__
+    return run
+
+
+def _options_of(group: Any) -> list[inspect.Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=group._field_defaults[name], annotation=hints[name]
+        )
+        for name in group._fields
+    ]
 
 
 def safety_of(program: ProgramFile, cell: Path | None, force_n: float | None) -> Safety:

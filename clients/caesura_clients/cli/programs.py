@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +32,7 @@ from caesura_clients.programs.document import (
     read_document,
 )
 from caesura_clients.programs.formats import WRITERS
+from caesura_clients.programs.groups import renamed
 from caesura_protocol.messages import Phase
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
@@ -57,6 +59,14 @@ def program(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     cell: CellFile = None,
     force_limit: ForceLimit = None,
+    name_group: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GROUP=NAME",
+            help="Name a group of apps, by its name or number from 0, in --format json; may be repeated. "
+            "A session keeps a name by `caesura edit … name_phase`.",
+        ),
+    ] = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -67,7 +77,8 @@ def program(
     """
     with reported():
         if file is not None:
-            write_program(_in_cell(read_document(file), cell, force_limit), output_format, out)
+            made = _named(_in_cell(read_document(file), cell, force_limit), name_group, output_format)
+            write_program(made, output_format, out)
             return
         phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
@@ -82,13 +93,23 @@ def program(
         elif output_format is ProgramFormat.TABLE and out is None and cell is None and force_limit is None:
             Console().print(program_view(found))
         else:
-            write_program(_in_cell(document(found, phases=phases), cell, force_limit), output_format, out)
+            made = _in_cell(document(found, phases=phases), cell, force_limit)
+            write_program(_named(made, name_group, output_format), output_format, out)
 
 
 def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None) -> ProgramFile:
     if cell is None and force_limit is None:
         return program
     return in_cell(program, safety_of(program, cell, force_limit))
+
+
+def _named(program: ProgramFile, names: Sequence[str] | None, output_format: ProgramFormat) -> ProgramFile:
+    """The program with names for its groups. Raises CaesuraError where they would be lost."""
+    if not names:
+        return program
+    if output_format is not ProgramFormat.JSON:
+        raise CaesuraError(f"--name-group needs --format json: {output_format.value} has no groups")
+    return program.model_copy(update={"groups": renamed(program.groups, names)})
 
 
 def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path | None) -> None:

@@ -69,8 +69,9 @@ def phases_table(phases: Sequence[Phase], title: str) -> Table:
 
 
 def phase_name(phase: Phase) -> str:
-    """Its kind, with how often it touches, carries or moves, where that is more than once."""
-    return phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+    """Its name and kind, with how often it touches, carries or moves, where that is more than once."""
+    kind = phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+    return kind if phase.name is None else f"{phase.name} ({kind})"
 
 
 def _numbers(first: int, last: int) -> str:
@@ -138,17 +139,12 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
             str(index),
             app.kind.replace("_", " ").title(),
             "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
-            _path(app),
+            path_in_words(app, unit=""),
             _effort_of_app(app),
             f"{app.t0:.2f}–{app.tn:.2f}",
             f"{app.confidence:.2f}",
         )
     return table
-
-
-def _path(app: App) -> str:
-    """Its length, and the number of via points where it is not straight."""
-    return path_in_words(app).removesuffix(" via")
 
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:

@@ -1,12 +1,15 @@
-"""The task program as a timeline: one card an app, everything in words and units."""
+"""The task program as a timeline: one card an app: words, units, and its path drawn."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from caesura_clients.programs.path_drawing import path_svg
 from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
+from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
 
 NEWEST = 100  # apps that are drawn
 TITLE: Mapping[AppKind, str] = {
@@ -35,7 +38,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
 
 
 def card(number: int, app: App) -> dict[str, Any]:
-    """One app in words. Lines are (name, value with unit)."""
+    """One app in words, with its path drawn. Lines are (name, value with unit); drawing: an svg element."""
     return {
         "number": number,
         "kind": app.kind,
@@ -45,6 +48,7 @@ def card(number: int, app: App) -> dict[str, Any]:
         "confidence": round(app.confidence, 2),
         "segments": list(app.segments),
         "limited": is_limited(app),
+        "drawing": path_svg(app),
         "lines": [[name, value] for name, value in _lines(app) if value],
     }
 
@@ -77,7 +81,9 @@ def path(app: App) -> str:
     if app.path is None:
         return ""
     via, off = len(app.path.via), f"within {1000 * app.path.deviation_m:.1f} mm"
-    return f"{app.path.length_m:.3f} m, {f'{via} via points, {off}' if via else f'straight {off}'}"
+    turn = turn_of(app)
+    turned = f"turns {math.degrees(turn):.0f}°, " if turn >= TOLD_TURN_RAD else ""
+    return f"{app.path.length_m:.3f} m, {turned}{f'{via} via points, {off}' if via else f'straight {off}'}"
 
 
 def load(app: App) -> str:

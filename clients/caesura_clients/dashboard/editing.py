@@ -80,6 +80,7 @@ _DONE: Mapping[str, str] = {
     "move": "Changepoint moved from {t:.2f} s to {to:.2f} s.",
     "relabel": "The segment at {t:.2f} s is {kind}.",
     "limit_force": "The force at {t:.2f} s is limited to {newton:g} N.",
+    "name_phase": "The phase at {t:.2f} s is called {name}.",
     "undo": "Undone.",
     "redo": "Done again.",
 }

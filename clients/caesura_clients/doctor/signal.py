@@ -168,15 +168,14 @@ def _cells(samples: Samples) -> list[tuple[slice, float]]:
     name = "pos" if "pos" in samples.signals else "q"
     if name not in samples.signals or not len(samples.t):
         return []
-    edges = np.arange(samples.t[0] + CELL_S, samples.t[-1], CELL_S)
-    ends = np.searchsorted(samples.t, edges)
-    whole = np.diff(ends, prepend=0) > 0
-    starts = np.concatenate([[0], ends[:-1]])
-    if whole.sum() < 2:
+    numbers = np.floor((samples.t - samples.t[0]) / CELL_S)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1])
+    starts, ends = starts[:-1], starts[1:]  # the last cell is not whole
+    if len(starts) < 2:
         return []
     values = samples.signals[name]
-    means = np.array([values[i:j].mean(axis=0) for i, j in zip(starts[whole], ends[whole], strict=True)])
+    means = np.array([values[i:j].mean(axis=0) for i, j in zip(starts, ends, strict=True)])
     moved = np.linalg.norm(np.diff(means, axis=0), axis=1)
-    follows = np.diff(np.flatnonzero(whole)) == 1
-    cells = [slice(int(i), int(j)) for i, j in zip(starts[whole][1:], ends[whole][1:], strict=True)]
+    follows = np.diff(numbers[starts]) == 1.0
+    cells = [slice(int(i), int(j)) for i, j in zip(starts[1:], ends[1:], strict=True)]
     return [one for one, near in zip(zip(cells, moved.tolist(), strict=True), follows, strict=True) if near]

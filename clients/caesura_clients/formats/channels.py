@@ -20,6 +20,7 @@ from caesura_protocol.messages import (
     Gap,
     Joints,
     Message,
+    Phase,
     Quaternion,
     Seconds,
     Segment,
@@ -54,6 +55,7 @@ class TaskProgram(Message):
     complete: bool
     apps: tuple[App, ...]
     notes: tuple[str, ...]
+    force_limit_n: float | None = None  # [N] of the cell: no app exerts more
 
 
 class Time(Message):
@@ -110,6 +112,7 @@ CHANNELS: Mapping[str, tuple[str, type[Message]]] = {
     "/state": ("caesura.State", State),
     "/wrench": ("caesura.Wrench", Wrench),
     "/segments": ("caesura.Segment", Segment),
+    "/phases": ("caesura.Phase", Phase),
     "/changepoints": ("caesura.Changepoint", Changepoint),
     "/gaps": ("caesura.Gap", Gap),
     "/program": ("caesura.TaskProgram", TaskProgram),

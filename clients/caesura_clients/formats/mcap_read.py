@@ -21,10 +21,11 @@ from zstandard import ZstdError
 from caesura_clients.formats.channels import State, Wrench
 from caesura_clients.formats.content import Array, Content
 from caesura_clients.formats.mcap_write import METADATA
+from caesura_clients.programs.safety import Setting
 from caesura_protocol.messages import Message
 
 ROS2 = "ros2"  # the profile of a rosbag2
-OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit")
+OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit", *Setting._fields)
 T = TypeVar("T")
 _TOPICS: Mapping[str, type[Message]] = {"/state": State, "/wrench": Wrench}
 

@@ -1,8 +1,8 @@
 """A demonstration as an MCAP file, which Foxglove and Rerun open. Needs the extra `mcap`.
 
 Every message is JSON with a JSON Schema beside it. Its log time is the session's clock set on the time of
-day; both are in the file's metadata, with the station, the preset and the units. A segment, a changepoint
-and a gap stand where they begin, the program at the end, the path at the beginning.
+day; both are in the file's metadata, with the station, the preset and the units. A segment, a phase, a
+changepoint and a gap stand where they begin, the program at the end, the path at the beginning.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from caesura_clients.formats.channels import BASE, CHANNELS, FLANGE, State, TaskProgram, Wrench, schema_of
 from caesura_clients.recording import Recording
-from caesura_protocol.messages import App, Changepoint, Gap, Message, Segment
+from caesura_protocol.messages import App, Changepoint, Gap, Message, Phase, Segment
 
 Array = NDArray[np.float64]
 
@@ -55,10 +55,12 @@ class Demonstration:
     columns: tuple[str, ...]  # as they were sent
     poses: Poses = NOWHERE
     segments: tuple[Segment, ...] = ()
+    phases: tuple[Phase, ...] = ()
     changepoints: tuple[Changepoint, ...] = ()
     gaps: tuple[Gap, ...] = ()
     apps: tuple[App, ...] = ()
     notes: tuple[str, ...] = ()  # of the program
+    force_limit_n: float | None = None  # [N] of the cell
     wrench_note: str = ""
     complete: bool = False  # the session is closed
     more: dict[str, str] = field(default_factory=dict)  # metadata of whoever writes
@@ -173,9 +175,12 @@ def _values(signal: Array) -> list[Any]:
 
 def _results(told: Demonstration) -> list[Entry]:
     end = float(told.recording.t.max())
-    program = TaskProgram(complete=told.complete, apps=told.apps, notes=told.notes)
+    program = TaskProgram(
+        complete=told.complete, apps=told.apps, notes=told.notes, force_limit_n=told.force_limit_n
+    )
     said: Iterable[tuple[float, str, Message]] = (
         *((one.t0, "/segments", one) for one in told.segments),
+        *((one.t0, "/phases", one) for one in told.phases),
         *((one.t, "/changepoints", one) for one in told.changepoints),
         *((one.t0, "/gaps", one) for one in told.gaps),
         (end, "/program", program),

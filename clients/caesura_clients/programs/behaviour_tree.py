@@ -12,9 +12,12 @@ from types import MappingProxyType
 from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
+import numpy as np
+
 from caesura_clients.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.limiting import is_limited
 from caesura_protocol.messages import AppKind, AppPath
+from caesura_protocol.paths import turning_at_points
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
@@ -36,6 +39,7 @@ FORCE = Port("force", DOUBLES, "x;y;z that the robot exerts, base frame [N]")
 WIDTH = Port("width", DOUBLE, "between the fingers [m]")
 LOAD = Port("load", DOUBLE, "what is carried [kg]")
 SPEED = Port("max_speed", DOUBLE, "limit of the flange's speed [m/s]")
+TURN = Port("max_turn", DOUBLE, "limit of the flange's rate of turn [rad/s]")
 MOST = Port("max_force", DOUBLE, "force at which to stop [N]")
 CONTACT = Port("contact_force", DOUBLE, "force from which a contact is one [N]")
 SEARCH = Port("search", DOUBLE, "how far past the target a contact is looked for [m]")
@@ -46,12 +50,15 @@ VIA = Port(
     "via points from the start of the path on, each t;x;y;z;qx;qy;qz;qw;vx;vy;vz: [s] since the start, pose, "
     "velocity [m/s]; nan for what is not known",
 )
+TURNING = Port(
+    "turning", DOUBLES, "x;y;z of the rate of turn at the start and each via point, base frame [rad/s]"
+)
 ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the path [s]")
 LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
 TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
 
-PATH = (VIA, ARRIVES, LENGTH)
-PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, SPEED, MOST)
+PATH = (VIA, TURNING, ARRIVES, LENGTH, SPEED, TURN)
+PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, MOST)
 PORTS: Mapping[AppKind, tuple[Port, ...]] = MappingProxyType(
     {
         "cartesian_motion": PLACE,
@@ -103,11 +110,13 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         FORCE.name: app.force,
         TAUGHT.name: app.force_taught if is_limited(app) else None,
         VIA.name: None if app.path is None else _via(app.path),
+        TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
         LENGTH.name: None if app.path is None else app.path.length_m,
         WIDTH.name: app.gripper_width,
         LOAD.name: app.load_kg,
         SPEED.name: safety.speed_m_per_s,
+        TURN.name: safety.turn_rad_per_s,
         MOST.name: safety.felt_force_n,
         CONTACT.name: safety.contact_n,
         SEARCH.name: safety.search_m,

@@ -6,6 +6,7 @@ is a template (`franky_template.py.txt`) with these filled in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
 from pprint import pformat
 from typing import Any
@@ -13,12 +14,15 @@ from typing import Any
 from caesura_clients.programs.document import ProgramFile, ProgramStep
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.limiting import is_limited
+from caesura_protocol.messages import Vector
+from caesura_protocol.paths import turning_at_points
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
 MARK_LIMITS, MARK_APPS, MARK_NAME = "# <LIMITS>", "# <APPS>", "<NAME>"
 CONSTANTS = {
     "MAX_SPEED_M_PER_S": ("speed_m_per_s", "of the flange, never faster"),
+    "MAX_TURN_RAD_PER_S": ("turn_rad_per_s", "of the flange, never faster"),
     "CONTACT_SPEED_M_PER_S": ("contact_speed_m_per_s", "where a contact is looked for"),
     "MAX_FORCE_N": ("most_force_n", "that an app may ask for"),
     "STOP_FORCE_N": ("felt_force_n", "of anything: the robot stops"),
@@ -62,12 +66,10 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         row.pop("force_taught", None)
     if app.path is not None:
         points, began = (app.path.start, *app.path.via), app.path.start.t
+        turning: Sequence[Vector | None] = turning_at_points(app) or [None] * len(points)
         row["path"] = [
-            (
-                round(one.t - began, 3),
-                *map(_rounded, (one.position, one.orientation, one.velocity)),
-            )
-            for one in points
+            (round(one.t - began, 3), *map(_rounded, (one.position, one.orientation, one.velocity, turns)))
+            for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
     return row

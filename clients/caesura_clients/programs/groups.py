@@ -8,8 +8,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from caesura_protocol.messages import App, Phase
+from caesura_clients.errors import CaesuraError
+from caesura_protocol.messages import App, Phase, PhaseName
 
+LONGEST_NAME = 64  # [characters], as the field says
 AppNumber = Annotated[int, Field(ge=0)]
 
 
@@ -20,11 +22,11 @@ class Group(BaseModel):
 
     first: AppNumber
     last: AppNumber
-    name: Annotated[str, Field(min_length=1, max_length=64)]
+    name: PhaseName
 
 
 def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]:
-    """Return a group for each phase that has apps, named by its kind and number: `free 1`, `contact 1`, ….
+    """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
 
     An app belongs to the phase of its first segment; one without segments to the phase in whose time it lies.
     A single phase makes no group.
@@ -38,9 +40,28 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
         members = [index for index, owner in enumerate(owners) if owner == number]
         if members:
             counts[phase.kind] += 1
-            name = f"{phase.kind} {counts[phase.kind]}"
+            name = phase.name or f"{phase.kind} {counts[phase.kind]}"
             groups.append(Group(first=members[0], last=members[-1], name=name))
     return tuple(groups)
+
+
+def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
+    """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 0.
+
+    Raises CaesuraError for any other text, and for a group that is not there.
+    """
+    found = list(groups)
+    for given in names:
+        old, separator, new = (part.strip() for part in given.partition("="))
+        known = [one.name for one in found]
+        number = known.index(old) if old in known else int(old) if old.isdecimal() else -1
+        if not separator or not 0 <= number < len(found):
+            there = ", ".join(f"{i} {name!r}" for i, name in enumerate(known)) or "none"
+            raise CaesuraError(f"cannot name {given!r}: expected GROUP=NAME with one of the groups {there}")
+        if not 1 <= len(new) <= LONGEST_NAME:
+            raise CaesuraError(f"cannot name {given!r}: expected a name of 1 to {LONGEST_NAME} characters")
+        found[number] = found[number].model_copy(update={"name": new})
+    return tuple(found)
 
 
 def _phase_of(app: App, phases: Sequence[Phase]) -> int:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from caesura_clients.errors import CaesuraError
 from caesura_protocol.messages import Vector
 
+PLANNED_SHARE = 0.9  # of a limit of speed or turn that a movement may reach
 STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is stopped
 
 
@@ -18,9 +19,11 @@ class Safety(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    speed_m_per_s: float = 0.6  # never faster
-    contact_speed_m_per_s: float = 0.05  # where a contact is looked for
-    turn_rad_per_s: float = 1.5
+    speed_m_per_s: Annotated[float, Field(gt=0.0)] = 0.6  # never faster
+    contact_speed_m_per_s: float = 0.03  # where a contact is looked for: a rigid one is met with it
+    turn_rad_per_s: Annotated[float, Field(gt=0.0)] = (
+        2.5  # of the flange: a Panda's own limit (libfranka, Cartesian rotation)
+    )
     force_n: Annotated[float, Field(gt=0.0)] | None = (
         None  # the cell's limit of what a program may ask for; None: it has none
     )
@@ -43,6 +46,11 @@ class Safety(BaseModel):
         stops = STOP_SHARE * self.felt_force_n
         return stops if self.force_n is None else min(self.force_n, stops)
 
+    def slower(self, speed_m_per_s: float, turn_rad_per_s: float) -> float:
+        """Factor of time, 1 or more, with which a movement of such peaks keeps to the limits."""
+        fastest = max(speed_m_per_s / self.speed_m_per_s, turn_rad_per_s / self.turn_rad_per_s)
+        return max(1.0, fastest / PLANNED_SHARE)
+
 
 DEFAULT = Safety()
 
@@ -56,6 +64,10 @@ class Setting(NamedTuple):
     force_limit_n: float | None = None
     path_tolerance_m: float | None = None
     path_tolerance_rad: float | None = None
+
+    def over(self, other: Setting) -> Setting:
+        """Return this setting, completed by another where it states nothing."""
+        return Setting(*(theirs if own is None else own for own, theirs in zip(self, other, strict=True)))
 
 
 UNSET = Setting()

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import (
-    AngleUnit,
-    ForceUnit,
-    HandOnRobot,
-    LengthUnit,
-    TimeUnit,
-    WrenchSource,
-    reported,
-)
+from caesura_clients.cli.options import Asked, Reading, grouped, reported
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recording import Recording, load_recording, needing
@@ -28,16 +21,14 @@ from caesura_service.recordings import opening_of
 STATION = "file"  # what a file that came from no station is said to be of
 
 
+@grouped
 def export_recording(
     file: RecordingFile,
+    *,
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
     preset: PresetName = DEFAULT_PRESET,
-    wrench_source: WrenchSource = None,
-    hand_on_robot: HandOnRobot = None,
-    length_unit: LengthUnit = None,
-    time_unit: TimeUnit = None,
-    angle_unit: AngleUnit = None,
-    force_unit: ForceUnit = None,
+    reading: Reading,
+    asked: Asked,
     mapping: Mapping = None,
 ) -> None:
     """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.
@@ -47,16 +38,8 @@ def export_recording(
     """
     with reported():
         check_writable(out, ".mcap")
-        recording = load_recording(
-            file,
-            wrench_source=wrench_source,
-            hand_on_robot=hand_on_robot,
-            length_unit=length_unit,
-            time_unit=time_unit,
-            angle_unit=angle_unit,
-            force_unit=force_unit,
-            mapping=mapping,
-        )
+        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        recording = replace(recording, setting=asked.setting().over(recording.setting))
         try:
             if out.suffix == ".mcap":
                 _write_mcap(out, recording, preset)

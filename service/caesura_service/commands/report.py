@@ -9,16 +9,9 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import (
-    AngleUnit,
-    ForceUnit,
-    HandOnRobot,
-    LengthUnit,
-    TimeUnit,
-    WrenchSource,
-    reported,
-)
+from caesura_clients.cli.options import Asked, Reading, grouped, reported
 from caesura_clients.errors import BadSource, CaesuraError
+from caesura_clients.programs.safety import Setting
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
@@ -27,36 +20,26 @@ from caesura_service.report.content import Content, gather
 from caesura_service.truth import Truth, read_annotation, truth_file
 
 
+@grouped
 def report(
     file: RecordingFile,
+    *,
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .pdf, .png or .html.")],
     preset: PresetName = DEFAULT_PRESET,
     truth: Annotated[
         Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
     ] = None,
-    wrench_source: WrenchSource = None,
-    hand_on_robot: HandOnRobot = None,
-    length_unit: LengthUnit = None,
-    time_unit: TimeUnit = None,
-    angle_unit: AngleUnit = None,
-    force_unit: ForceUnit = None,
+    reading: Reading,
+    asked: Asked,
     mapping: Mapping = None,
 ) -> None:
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
     with reported():
         _writable(out)
-        recording = load_recording(
-            file,
-            wrench_source=wrench_source,
-            hand_on_robot=hand_on_robot,
-            length_unit=length_unit,
-            time_unit=time_unit,
-            angle_unit=angle_unit,
-            force_unit=force_unit,
-            mapping=mapping,
-        )
+        recording = load_recording(file, **reading._asdict(), mapping=mapping)
         beside = truth_file(file)
-        _report(recording, out, preset, truth or (beside if beside.is_file() else None))
+        annotation = truth or (beside if beside.is_file() else None)
+        _report(recording, out, preset, annotation, asked.setting())
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
@@ -66,17 +49,18 @@ def _writable(out: Path) -> None:
         raise CaesuraError(f"cannot write {out}: no such directory")
 
 
-def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
-    content = _gathered(recording, preset, None if annotation is None else read_annotation(annotation))
+def _report(recording: Recording, out: Path, preset: str, annotation: Path | None, setting: Setting) -> None:
+    truth = None if annotation is None else read_annotation(annotation)
+    content = _gathered(recording, preset, truth, setting)
     try:
         _writers().write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _gathered(recording: Recording, preset: str, truth: Truth | None) -> Content:
+def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: Setting) -> Content:
     try:
-        return gather(recording, preset, truth)
+        return gather(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:
         raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 

@@ -11,19 +11,7 @@ import typer
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from caesura_clients.cli.options import (
-    AngleTolerance,
-    AngleUnit,
-    ForceLimit,
-    ForceUnit,
-    HandOnRobot,
-    LengthUnit,
-    PathTolerance,
-    TimeUnit,
-    WrenchSource,
-    reported,
-    setting_of,
-)
+from caesura_clients.cli.options import Asked, Reading, grouped, reported
 from caesura_clients.cli.show import apps_table, ignored_line, phases_table, segments_table
 from caesura_clients.errors import BadSource
 from caesura_clients.programs.safety import UNSET, Setting
@@ -37,8 +25,10 @@ from caesura_service.session.view import View
 SHOWN_GAPS = 5
 
 
+@grouped
 def segment(
     file: RecordingFile,
+    *,
     preset: PresetName = DEFAULT_PRESET,
     threshold: Annotated[
         float | None,
@@ -47,34 +37,16 @@ def segment(
     json_out: Annotated[
         Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
     ] = None,
-    wrench_source: WrenchSource = None,
-    hand_on_robot: HandOnRobot = None,
-    length_unit: LengthUnit = None,
-    force_limit: ForceLimit = None,
-    path_tolerance: PathTolerance = None,
-    angle_tolerance: AngleTolerance = None,
-    time_unit: TimeUnit = None,
-    angle_unit: AngleUnit = None,
-    force_unit: ForceUnit = None,
+    reading: Reading,
+    asked: Asked,
     mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
     with reported():
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise BadSource(f"cannot write {json_out}: no such directory")
-        recording = load_recording(
-            file,
-            wrench_source=wrench_source,
-            hand_on_robot=hand_on_robot,
-            length_unit=length_unit,
-            time_unit=time_unit,
-            angle_unit=angle_unit,
-            force_unit=force_unit,
-            mapping=mapping,
-        )
-        view = segmented(
-            recording, preset, threshold, setting_of(force_limit, path_tolerance, angle_tolerance)
-        )
+        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        view = segmented(recording, preset, threshold, asked.setting())
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))

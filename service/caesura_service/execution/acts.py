@@ -15,10 +15,10 @@ from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind
-from caesura_protocol.paths import Curve
+from caesura_protocol.paths import Curve, turning_of
 from caesura_service.execution.arm import Arm, Felt, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
-from caesura_service.execution.motion import course, rotation_of, turning_of
+from caesura_service.execution.motion import course, press_direction, rotation_of
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
@@ -31,12 +31,11 @@ SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
 MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
-ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of the press
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
 SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
-SINK_M_PER_S, BEYOND_M = 0.05, 0.008  # with which it goes on past that depth, and how far
+SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
@@ -65,9 +64,7 @@ class Acting:
             self.press(min(STANDING_N, self.safety.most_force_n), seconds)
             return
         for _ in range(round(seconds / DT)):
-            self.tick(
-                replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
-            )
+            self.tick(self.setpoint.still)
 
     def send_fingers(self, width_m: float) -> None:
         """Move the fingers to a width [m], or to what is between them, and let everything settle."""
@@ -96,10 +93,9 @@ class Acting:
     def go(self, app: App, *, until: Array | None = None) -> None:
         """Follow an app's path; or until something is felt in a direction (3,), past its target if need."""
         self.let_go()
-        start, seconds = self.setpoint, _seconds(app)
         search = self._search_speed(app, until)
-        arriving = None if until is None else search * until
-        path = course(app, start.position, start.rotation, seconds, arriving)
+        path = self.course(app, _seconds(app), None if until is None else search * until)
+        seconds = float(path.t[-1])
         search_s = 0.0 if until is None else self.safety.search_m / search
         weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
         for k in range(1, round((seconds + search_s) / DT) + 1):
@@ -118,22 +114,23 @@ class Acting:
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
-        path: to slide along meanwhile; what of it leads along the contact is left to the force.
+        path: to follow across that direction meanwhile; along it the force decides. The direction turns with
+        the tool.
         """
-        along = self.along
-        if along is None:
+        if self.along is None:
             raise Stopped(NOTHING_TO_PRESS)
         aside = np.zeros(3) if aside is None else aside
         rise = min(RISE_S, 0.4 * seconds)
-        place, begun, began_n = self.setpoint.position, self.felt.position, self._pressed_n
-        still = replace(self.setpoint, velocity=np.zeros(3), acceleration=np.zeros(3), turning=np.zeros(3))
+        along, in_tool = self.along, self.setpoint.rotation.T @ self.along
+        began_n, sunk = self._pressed_n, 0.0
+        still = self.setpoint.still
         for k in range(1, round(seconds / DT) + 1):
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._on(path, k * DT)
-            deep = along * (along @ (setpoint.position - place))
+            along = setpoint.rotation @ in_tool
             push = along * (want + self._correction_n) + share * aside
-            felt = self.tick(replace(setpoint, position=setpoint.position - deep, push=push, along=along))
+            felt = self.tick(replace(setpoint, push=push, along=along))
             self._pressed_n = want
             wrong = want + float(along @ felt.force)
             self._correction_n = float(
@@ -143,8 +140,11 @@ class Acting:
                     FORCE_CORRECTION_N,
                 )
             )
-            if float(along @ (felt.position - begun)) > self.safety.search_m:
+            sunk += DT * float(along @ felt.twist[:3])
+            if sunk > self.safety.search_m:
                 raise Stopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
+        deep = along * (along @ (self.felt.position - self.setpoint.position))
+        self.along, self.setpoint.position = along, self.setpoint.position + deep
 
     def sink(self, depth_m: float, force_n: float, seconds: float) -> None:
         """Push in what gives way, by a depth [m] along the contact, or until it pushes back with a force."""
@@ -175,6 +175,15 @@ class Acting:
         self.along, self._pressed_n, self._correction_n = None, 0.0, 0.0
         self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
 
+    def course(self, app: App, seconds: float, arriving: Array | None = None) -> Curve:
+        """The path of an app from where the robot is, in its seconds, or slower where a limit asks for it."""
+        here = self.setpoint
+        path = course(app, here.position, here.rotation, seconds, arriving)
+        slower = self.safety.slower(*path.peaks())
+        if slower == 1.0:
+            return path
+        return course(app, here.position, here.rotation, slower * seconds, arriving)
+
     def _on(self, path: Curve, t: float) -> Setpoint:
         """Where a path is at a time [s]; without orientation it keeps the one that it has."""
         value, velocity, acceleration = path.at(t)
@@ -182,7 +191,8 @@ class Acting:
         if len(value) == 7:
             x, y, z, w = value[3:].tolist()
             setpoint.rotation = rotation_of((x, y, z, w))
-            setpoint.turning = turning_of(value[3:], velocity[3:])
+            turning = turning_of(value[3:], velocity[3:], acceleration[3:])
+            setpoint.turning, setpoint.angular_acceleration = turning
         return setpoint
 
     def _search_speed(self, app: App, until: Array | None) -> float:
@@ -218,15 +228,6 @@ def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
     position = acting.setpoint.position if app.target is None else np.array(app.target)
     rotation = acting.setpoint.rotation if app.orientation is None else rotation_of(app.orientation)
     return position, rotation
-
-
-def press_direction(rotation: Array, force: Array | None) -> Array:
-    """Direction (3,) of a press: the tool's axis, or the force's own where the two do not go together."""
-    axis: Array = rotation[:, 2]
-    if force is None:
-        return axis
-    own: Array = force / np.linalg.norm(force)
-    return axis if float(axis @ own) > ALIGNED else own
 
 
 def _seconds(app: App) -> float:
@@ -268,8 +269,9 @@ def _apply(acting: Acting, app: App, following: App | None) -> None:
         acting.sink(depth, straight, sinking)
         seconds -= sinking
     path = None
-    if slides or app.path is not None:
-        path = course(app, acting.setpoint.position, acting.setpoint.rotation, seconds)
+    if app.target is not None:
+        path = acting.course(app, seconds)
+        seconds = float(path.t[-1])
     acting.press(straight, seconds, None if slides else aside, path)
 
 

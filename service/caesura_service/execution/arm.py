@@ -1,9 +1,9 @@
 """A simulated Panda under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
 
 The arm, its friction and what it touches are those of the simulated teacher (`guiding`, `contact`). In place
-of a hand a controller moves it: stiffness and damping about a setpoint, the mass that is felt at the flange
-fed forward, most of the joints' friction made up for, and a force of its own. Along the direction in which a
-force is controlled there is no stiffness.
+of a hand a controller moves it: stiffness and damping about a setpoint, the inertia at the flange fed forward
+(Khatib 1987: Λ = (J M⁻¹ Jᵀ)⁻¹), most of the joints' friction made up for, and a force of its own. Along the
+direction in which a force is controlled there is no stiffness.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_clients.bridge.teacher.contact import Touch
 from caesura_clients.bridge.teacher.guiding import (
     FALL,
     FRICTION_NM,
@@ -27,12 +26,13 @@ from caesura_clients.bridge.teacher.guiding import (
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_clients.bridge.teacher.shapes import contact_with
 from caesura_service.execution.world import World
-from caesura_service.robot import Robot
+from caesura_service.robot import HandDynamics, Robot
 
-STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 2000.0, 220.0
-TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 60.0, 6.0
-FELT_MASS_KG = 7.0  # that is fed forward: what the arm weighs at its flange, roughly
+STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
+TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 300.0, 14.0  # likewise
+LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forward near a singularity
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
 FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction that the controller makes up for
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
@@ -44,7 +44,7 @@ class Setpoint:
 
     position, velocity, acceleration: (3,) of the flange; rotation: (3, 3); push: (3,) [N] of its own;
     along: (3,) the direction in which force is controlled instead of place, zeros for none; turning: (3,)
-    [rad/s].
+    [rad/s]; angular_acceleration: (3,) [rad/s²].
     """
 
     position: Array
@@ -54,6 +54,12 @@ class Setpoint:
     push: Array = field(default_factory=lambda: np.zeros(3))
     along: Array = field(default_factory=lambda: np.zeros(3))
     turning: Array = field(default_factory=lambda: np.zeros(3))
+    angular_acceleration: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def still(self) -> Setpoint:
+        """The same place, at rest."""
+        return Setpoint(self.position, self.rotation, push=self.push, along=self.along)
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class Arm:
 
     def __init__(self, robot: Robot, world: World, *, friction: float = 1.0) -> None:
         self.world = world
-        self._robot, self._touch = robot, Touch(world.surfaces)
+        self._robot, self._contact = robot, contact_with(world.surfaces)
         self._friction_nm = friction * FRICTION_NM
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
@@ -97,21 +103,25 @@ class Arm:
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
         held_kg = self.world.held_kg
-        contact = np.array(
-            self._touch.force(*tip_motion(arm.position_base, twist, lever), DT, GRAVITY * held_kg)
-        )
-        wrench = self._wrench(setpoint, arm.position_base, arm.rotation_base, twist)
+        spin = float(twist[3:] @ arm.rotation_base[:, 2])
+        tip = tip_motion(arm.position_base, twist, lever)
+        contact, torque_nm, _ = self._contact(*tip, spin, DT, GRAVITY * held_kg)
+        turning = torque_nm * arm.rotation_base[:, 2]
+        wrench = self._wrench(setpoint, arm, twist, lever)
         outside = contact + held_kg * FALL
         posture = POSTURE_NM_PER_RAD * (self._home - self._q) - POSTURE_NMS_PER_RAD * self._v
         eased = FRICTION_EASED * self._friction_nm * self._v / (np.abs(self._v) + EASED_RAD_PER_S)
         task = arm.jacobian.T @ np.linalg.solve(arm.jacobian @ arm.jacobian.T, arm.jacobian @ posture)
         given = wrench + at_flange(outside, lever)
+        given[3:] += turning
         change = velocity_change(
             arm, self._v, given, self._friction_nm, held_kg, lever, posture - task + eased
         )
         if held_kg > 0.0:
             outside = outside - held_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
-        row = np.concatenate([self._q, self._v, twist, at_flange(outside, lever), wrench, contact])
+        environment = at_flange(outside, lever)
+        environment[3:] += turning
+        row = np.concatenate([self._q, self._v, twist, environment, wrench, contact])
         self._rows.append(np.append(row, (self.world.width_m, held_kg)))
         self._v = self._v + change
         self._q = self._q + DT * self._v
@@ -128,15 +138,26 @@ class Arm:
         t = np.arange(len(rows)) / TICKS_PER_S
         return Trace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 
-    def _wrench(self, want: Setpoint, position: Array, rotation: Array, twist: Array) -> Array:
-        force = STIFFNESS_N_PER_M * (want.position - position)
-        force += DAMPING_NS_PER_M * (want.velocity - twist[:3]) + FELT_MASS_KG * want.acceleration
+    def _wrench(self, want: Setpoint, arm: HandDynamics, twist: Array, lever: Array) -> Array:
+        """What the controller does to the flange (6,) [N, Nm]."""
+        ahead = self._inertia(arm, lever) @ np.concatenate([want.acceleration, want.angular_acceleration])
+        force = STIFFNESS_N_PER_M * (want.position - arm.position_base)
+        force += DAMPING_NS_PER_M * (want.velocity - twist[:3]) + ahead[:3]
         if want.along.any():
             force -= want.along * (want.along @ force + PRESS_DAMPING_NS_PER_M * (want.along @ twist[:3]))
         force += want.push
         force[2] += GRAVITY * self.load_kg
-        turn = want.rotation @ rotation.T
+        turn = want.rotation @ arm.rotation_base.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        return np.concatenate(
-            [force, TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (want.turning - twist[3:])]
-        )
+        torque = TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (want.turning - twist[3:]) + ahead[3:]
+        return np.concatenate([force, torque])
+
+    def _inertia(self, arm: HandDynamics, lever: Array) -> Array:
+        """Inertia (6, 6) of the arm at its flange, with the load that it knows of."""
+        mass = arm.mass_matrix
+        if self.load_kg > 0.0:
+            at_tip = tip_jacobian(arm.jacobian, lever)
+            mass = mass + self.load_kg * at_tip.T @ at_tip
+        jacobian = arm.jacobian
+        mobility = jacobian @ np.linalg.solve(mass, jacobian.T)
+        return np.asarray(np.linalg.inv(mobility + LEAST_MOBILITY * np.eye(6)))

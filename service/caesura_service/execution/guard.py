@@ -34,6 +34,7 @@ class Guard:
     def look(self, felt: Felt) -> None:
         """Raises Stopped where a limit is reached."""
         self._scalar("speed", float(np.linalg.norm(felt.twist[:3])), self._safety.speed_m_per_s, "m/s")
+        self._scalar("turn", float(np.linalg.norm(felt.twist[3:])), self._safety.turn_rad_per_s, "rad/s")
         self._scalar("force", float(np.linalg.norm(felt.force)), self._safety.felt_force_n, "N")
         ahead = felt.position + BRAKING_S * felt.twist[:3]
         self._between("position", ahead, self._low, self._high, "m")

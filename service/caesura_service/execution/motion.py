@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_protocol.messages import App
 from caesura_protocol.paths import Curve, knots_of
 
-PEAK = 1.875  # speed of a minimum-jerk movement at its middle, over its mean
+ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
 LEAST_S = 1e-3
 FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
@@ -19,7 +21,8 @@ def course(
 ) -> Curve:
     """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.
 
-    arriving: (3,) [m/s] at its target. A robot that is more than `ASTRAY_M` away from where the path was
+    arriving: (3,) [m/s] at its target, None where it rests there.
+    The speed is that which was taught. A robot that is more than `ASTRAY_M` away from where the path was
     taught to start goes there first; else it goes to the first via point. Without a path, straight.
     """
     path, target = app.path, position if app.target is None else np.array(app.target)
@@ -41,14 +44,14 @@ def course(
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
-    if len(times) == 2:
-        return Curve.through(times, values, arriving=arriving)
-    return _paced(Curve.through(times, values, passing=passing), arriving)
+    curve = Curve.through(times, values, passing=passing, arriving=arriving)
+    return curve if arriving is None or len(times) == 2 else _paced(curve, arriving)
 
 
-def _paced(curve: Curve, arriving: Array | None) -> Curve:
+def _paced(curve: Curve, arriving: Array) -> Curve:
     """The same path in the same time, with one rise and fall of the speed along it: minimum jerk.
 
+    Towards a contact a hand is faster than a robot may be, so the taught speed is not followed there.
     The way along it counts a turn as `TURNED_M` a radian.
     """
     poses = curve.sampled(FINE)
@@ -57,7 +60,7 @@ def _paced(curve: Curve, arriving: Array | None) -> Curve:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1) + turned)])
     if along[-1] < 1e-6:
         return curve
-    seconds, end = float(curve.t[-1]), 0.0 if arriving is None else float(np.linalg.norm(arriving))
+    seconds, end = float(curve.t[-1]), float(np.linalg.norm(arriving))
     law = Curve.through([0.0, seconds], [[0.0] * 3, [along[-1], 0.0, 0.0]], arriving=(end, 0.0, 0.0))
     ticks = np.linspace(0.0, seconds, 501)
     reached = np.maximum.accumulate([law.at(t)[0][0] for t in ticks])
@@ -71,7 +74,16 @@ def _paced(curve: Curve, arriving: Array | None) -> Curve:
     return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
 
 
-def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:
+def press_direction(rotation: Array, force: Array | None) -> Array:
+    """Direction (3,) of a press: the tool's axis, or the force's own where the two do not go together."""
+    axis: Array = rotation[:, 2]
+    if force is None:
+        return axis
+    own: Array = force / np.linalg.norm(force)
+    return axis if float(axis @ own) > ALIGNED else own
+
+
+def rotation_of(quaternion: Sequence[float] | Array) -> Array:
     """Rotation (3, 3) of a quaternion x y z w, which need not have length 1."""
     x, y, z, w = np.asarray(quaternion) / np.linalg.norm(quaternion)
     return np.array(
@@ -81,13 +93,6 @@ def rotation_of(quaternion: tuple[float, float, float, float]) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def turning_of(quaternion: Array, change: Array) -> Array:
-    """Angular velocity (3,) [rad/s] in the base frame of a quaternion (4,) that changes by (4,) a second."""
-    axis, w = quaternion[:3], quaternion[3]
-    turning: Array = 2.0 * (w * change[:3] - change[3] * axis + np.cross(axis, change[:3]))
-    return turning / float(quaternion @ quaternion)
 
 
 def quaternion_of(rotation: Array) -> Array:

@@ -9,11 +9,9 @@ import numpy as np
 from caesura_clients.bridge.teacher.contact import Surface
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
-from caesura_clients.bridge.teacher.scenarios import Scenario, tips
-from caesura_clients.bridge.teacher.shapes import SHAPED
-from caesura_clients.errors import CaesuraError
+from caesura_clients.bridge.teacher.scenarios import Scenario
 from caesura_clients.programs.safety import DEFAULT, Safety
-from caesura_service.execution.limits import Cell, Obstacle
+from caesura_service.execution.limits import Cell
 
 GRIP_REACH_M = 0.04  # the object is between the fingers within this distance from where it stands
 SETTLED_M = 1e-4
@@ -29,20 +27,9 @@ class Thing:
 
 
 class World:
-    """What stands around the robot, and what its fingers do. What they let go stays where it is.
-
-    Raises CaesuraError for a scenario with a surface that is not level: the arm would touch a level one.
-    """
+    """What stands around the robot, and what its fingers do. What they let go stays where it is."""
 
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
-        shaped = [
-            type(surface).__name__.lower() for surface in scenario.surfaces if isinstance(surface, SHAPED)
-        ]
-        if shaped:
-            raise CaesuraError(
-                f"scenario {scenario.name!r} has a {shaped[0]}, and the simulated cell has level surfaces "
-                "alone: choose another scenario"
-            )
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start
         self._thing = _thing_of(scenario, load_kg)
@@ -76,10 +63,7 @@ class World:
 
     def cell(self, safety: Safety = DEFAULT) -> Cell:
         """What a check knows of it."""
-        obstacles = [
-            Obstacle(s.touch_height_m - tips(0.0), s.center_m, s.radius_m, s.travel_m) for s in self.surfaces
-        ]
-        return Cell(safety, tuple(obstacles), self.start)
+        return Cell(safety, self.surfaces, self.start)
 
 
 def _thing_of(scenario: Scenario, load_kg: float) -> Thing | None:

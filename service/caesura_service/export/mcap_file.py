@@ -46,10 +46,12 @@ def told_of(taught: Taught) -> Demonstration:
         columns=opening.columns,
         poses=_poses(taught),
         segments=tuple(view.segments),
+        phases=tuple(view.phases),
         changepoints=tuple(view.changepoints),
         gaps=view.gaps,
         apps=tuple(view.apps),
         notes=taught.notes,
+        force_limit_n=view.force_limit_n,
         wrench_note=view.wrench.note,
         complete=taught.complete,
     )

@@ -21,6 +21,7 @@ class Resolution(Message):
     none: tuple[Run, ...] = ()
     label: tuple[int, str] | None = None
     force: tuple[float, float | None] | None = None  # [s], [N]
+    name: tuple[float, str] | None = None  # [s], of a phase
 
 
 class Edit(messages.Edit):

@@ -19,11 +19,11 @@ from rich.text import Text
 
 from caesura_clients.programs.safety import Safety, Setting
 from caesura_protocol.messages import App, AppKind
-from caesura_service.judge.roundtrip import FORCE_LIMIT_N, SCENARIOS
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 TAUGHT_SEEDS = (500, 502)
 MOST_OPERATORS = 3
+SCENARIOS, FORCE_LIMIT_N = ("pick_and_place", "dispenser"), 10.0
 CELL = Safety(force_n=FORCE_LIMIT_N)
 NUMBERS = ("t0", "tn", "load_kg", "gripper_width", "confidence")
 VECTORS = ("target", "orientation", "joints", "force")
@@ -83,6 +83,7 @@ def violations(trace: Any, safety: Safety) -> list[str]:
     speeds = robot.velocity_limits
     checks = (
         ("speed [m/s]", np.linalg.norm(trace.twist[:, :3], axis=1), 0.0, safety.speed_m_per_s),
+        ("turn [rad/s]", np.linalg.norm(trace.twist[:, 3:], axis=1), 0.0, safety.turn_rad_per_s),
         ("force [N]", np.linalg.norm(trace.contact, axis=1), 0.0, safety.felt_force_n),
         ("position [m]", positions, np.array(safety.workspace_low), np.array(safety.workspace_high)),
         ("joints [rad]", trace.q, low, high),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,12 +28,18 @@ from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 Array = NDArray[np.float64]
 
-SCENARIOS = ("pick_and_place", "dispenser")
+LIMITS_N: Mapping[str, float] = MappingProxyType(  # of the simulated cell, by scenario
+    {
+        "pick_and_place": 10.0,
+        "dispenser": 10.0,
+        **dict.fromkeys(("screwing", "peg", "pouring", "circle", "contour", "peeling"), 20.0),
+    }
+)
+SCENARIOS = tuple(LIMITS_N)
 TARGET_M, FORCE_SHARE = 0.01, 0.15
 PATH_M, PATH_RAD = 0.005, math.radians(2.0)
 EVERY = 10  # ticks of 1 ms, of which one is compared
 AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
-FORCE_LIMIT_N = 10.0  # of the simulated cell
 REST_N = 1e-6
 
 
@@ -73,10 +80,11 @@ def travel(case: Case) -> Trip:
 
     teaching = Teaching(case.scenario, seed=case.seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
-    taught = segment_recording(recording, setting=Setting(force_limit_n=FORCE_LIMIT_N))
+    limit_n = LIMITS_N[case.scenario]
+    taught = segment_recording(recording, setting=Setting(force_limit_n=limit_n))
     place = Place(teaching.scenario, teaching.person, case.seed)
     try:
-        done = execute(taught.apps, place, Safety(force_n=FORCE_LIMIT_N))
+        done = execute(taught.apps, place, Safety(force_n=limit_n))
     except RefusedError as refused:
         return Trip(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps

@@ -13,8 +13,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, takewhile
 from types import MappingProxyType
 
@@ -39,6 +40,7 @@ from caesura_service.program.steps import (
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
+INSERTED_M = 0.01  # from which depth on what is pushed in before a release is an app of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
@@ -199,10 +201,13 @@ def _turns(group: _Group) -> Iterable[App]:
 
 
 def _contacts(group: _Group) -> Iterable[App]:
-    """What the gripper does during the contact, or else the force."""
+    """What the gripper does during the contact, or else the force; both where a peg is pushed in first."""
+    inserted = _inserted(group)
+    if inserted:
+        yield _press(replace(group, steps=inserted))
+        group = replace(group, steps=group.steps[len(inserted) :])
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
-    held = [step for step in group.steps if step.segment.kind == "contact"] or group.steps
-    hardest = max(held, key=lambda step: length(step.force))
+    hardest = _hardest(group.steps)
     mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
     for grip in mine:
         group.grips.remove(grip)
@@ -213,12 +218,32 @@ def _contacts(group: _Group) -> Iterable[App]:
     if first.segment.kind == "sliding" and pushed_in(first.segment) > ARRIVES_M and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
-        changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
-        if end is not None:
-            changes |= end.where
-            if group.paths is not None and group.paths.turning(t0, end.t):
-                changes["path"] = group.paths.between(t0, end.t)
-        yield group.app("apply_force", group.steps, **changes)
+        yield _press(group)
+
+
+def _press(group: _Group) -> App:
+    """The hardest press of its steps; with its path where it turns or pushes something in."""
+    hardest = _hardest(group.steps)
+    changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
+    if end is not None:
+        changes |= end.where
+        t0 = group.steps[0].segment.t0
+        if group.paths is not None and group.paths.turning(t0, end.t):
+            changes["path"] = group.paths.between(t0, end.t)
+    return group.app("apply_force", group.steps, **changes)
+
+
+def _hardest(steps: Sequence[Step]) -> Step:
+    held = [step for step in steps if step.segment.kind == "contact"] or steps
+    return max(held, key=lambda step: length(step.force))
+
+
+def _inserted(group: _Group) -> list[Step]:
+    """Steps that push something in before the fingers first move, such as a peg into its hole."""
+    first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
+    before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
+    depth = sum(pushed_in(step.segment) for step in before)
+    return before if depth > INSERTED_M else []
 
 
 def _slides(group: _Group) -> Iterable[App]:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_clients.programs.safety import UNSET, Setting
 from caesura_clients.recording import Recording
 from caesura_service.recordings import segment_recording
 from caesura_service.report.replay import Belief, Replay, replay
@@ -94,13 +95,15 @@ class Content:
     truth: Truth | None
 
 
-def gather(recording: Recording, preset: str, truth: Truth | None = None) -> Content:
-    """Segment a recording and collect what there is to show.
+def gather(
+    recording: Recording, preset: str, truth: Truth | None = None, setting: Setting = UNSET
+) -> Content:
+    """Segment a recording and collect what there is to show; setting: what is asked of its program.
 
     Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented, and for a
     recording too short for a single observation.
     """
-    view = segment_recording(recording, preset)
+    view = segment_recording(recording, preset, setting=setting)
     if not view.segments:
         raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
     replayed = replay(recording, preset)

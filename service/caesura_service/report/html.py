@@ -15,6 +15,8 @@ from string import Template
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
+from caesura_clients.programs.path_drawing import path_svg
+from caesura_protocol.paths import path_in_words
 from caesura_service.report.content import Content
 from caesura_service.report.figures import path_page, run_length_page, signals_page, style
 from caesura_service.report.tables import Column, Table, notes, program_table, segments_table
@@ -44,12 +46,25 @@ def html_page(content: Content) -> str:
         ),
         segments=_table(segments_table(content.view)),
         program=_table(program_table(content.view)),
+        ways=_ways(content),
         notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view)),
         path=_figure(path_page(content), "path"),
         run_length="".join(
             _figure(run_length_page(content, window), f"run-length-{i}") for i, window in enumerate(windows)
         ),
     )
+
+
+def _ways(content: Content) -> str:
+    """The path of each app that has one."""
+    drawn = ((index, app, path_svg(app)) for index, app in enumerate(content.view.apps))
+    figures = "".join(
+        f"<figure>{svg}<figcaption>{index} {escape(app.kind.replace('_', ' ').title())}, "
+        f"{escape(path_in_words(app))}</figcaption></figure>"
+        for index, app, svg in drawn
+        if svg
+    )
+    return f'<div class="ways">{figures}</div>' if figures else ""
 
 
 def _figure(figure: Figure, name: str) -> str:
@@ -138,6 +153,13 @@ p,figcaption{color:var(--faint);font-size:.875rem;margin:.5rem 0;max-width:60rem
 figure{margin:0}
 .wide{overflow-x:auto;-webkit-overflow-scrolling:touch}
 svg{display:block;width:100%;min-width:46rem;height:auto}
+.ways{display:grid;grid-template-columns:repeat(auto-fill,minmax(14rem,1fr));gap:.8rem 1.4rem;margin:1.2rem 0}
+svg.way{min-width:0;stroke-width:1.3;color:var(--ink)}
+.way text{font-size:10.5px;fill:var(--faint);stroke:none}
+.way .frame{stroke:var(--line);stroke-width:1}
+.way .via,.way .target{fill:var(--blue)}
+.way .tool{stroke:var(--blue);stroke-width:1;opacity:.7}
+.way .scale{stroke:var(--faint);fill:none;stroke-width:1}
 table{border-collapse:collapse;font-size:.875rem;font-variant-numeric:tabular-nums;white-space:nowrap;width:100%}
 th{border-bottom:1.5px solid var(--ink);vertical-align:bottom}
 th span{color:var(--faint);font-weight:400}
@@ -158,6 +180,7 @@ $signals
 $segments
 <h2>Task program</h2>
 $program
+$ways
 $notes
 <h2>Path in space</h2>
 $path

@@ -6,8 +6,8 @@ Rules
 - What is removed is gone: from the changepoint before it to the one after it there is none. Were only its
   own place forbidden, what made it one would put it right beside.
 - Of two that speak of one observation the later one counts.
-- A kind and a force limit hold for the segment, or the app, that covers the middle of what they were given
-  to: they are found again there after its ends have moved.
+- A kind, a force limit and a name hold for the segment, the app or the phase that covers the middle of what
+  they were given to: they are found again there after its ends have moved.
 - Undo takes the last one away, redo puts it back, and a new one ends what could be put back.
 """
 
@@ -25,6 +25,8 @@ from caesura_protocol.messages import (
     Insert,
     LimitForce,
     Move,
+    NamePhase,
+    Phase,
     Redo,
     Relabel,
     Remove,
@@ -32,7 +34,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import Edit, Resolution
 
-Change = Insert | Remove | Move | Relabel | LimitForce
+Change = Insert | Remove | Move | Relabel | LimitForce | NamePhase
 
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
@@ -49,6 +51,7 @@ class Correction:
     none: tuple[int, ...] = ()  # none starts there
     label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
+    name: tuple[float, str] | None = None  # [s] and what the phase that covers it is called
 
     def recorded(self) -> Resolution:
         """The same as the journal has it."""
@@ -58,13 +61,14 @@ class Correction:
             none=tuple(_runs(self.none)),
             label=self.label,
             force=self.force,
+            name=self.name,
         )
 
 
 def correction_of(recorded: Resolution) -> Correction:
     """A correction as it was recorded."""
     none = tuple(index for first, stop in recorded.none for index in range(first, stop))
-    return Correction(recorded.inserted, recorded.starts, none, recorded.label, recorded.force)
+    return Correction(recorded.inserted, recorded.starts, none, recorded.label, recorded.force, recorded.name)
 
 
 def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
@@ -107,6 +111,7 @@ class Shown:
     spans: Sequence[Span]
     kinds: Sequence[str]
     apps: Sequence[App]
+    phases: Sequence[Phase]
     force_limit_n: float | None = None  # [N] of the cell
 
 
@@ -170,6 +175,7 @@ class Heeded:
         self._certain: set[int] = set()
         self._labels = [one.label for one in corrections if one.label is not None]
         self._forces = [one.force for one in corrections if one.force is not None]
+        self._names = [one.name for one in corrections if one.name is not None]
 
     def start(self, index: int, until: float) -> bool | None:
         """Does a segment start at observation `index`? None: nobody said.
@@ -200,6 +206,11 @@ class Heeded:
         given = [newton for t, newton in self._forces if app.t0 <= t <= app.tn]
         return given[-1] if given else None
 
+    def named(self, phase: Phase) -> Phase:
+        """Return the phase with the name that it was given."""
+        given = [name for t, name in self._names if phase.t0 <= t < phase.tn]
+        return phase.model_copy(update={"name": given[-1]}) if given else phase
+
     @property
     def limits_forces(self) -> bool:
         """Has somebody limited a force?"""
@@ -221,6 +232,8 @@ def resolved(action: Change, shown: Shown) -> Correction:
             return _relabelled(t, kind, shown)
         case LimitForce(t=t, newton=newton):
             return Correction(force=(_limited(t, newton, shown), newton))
+        case NamePhase(t=t, name=name):
+            return Correction(name=(_named(t, shown), name))
 
 
 def _check_time(t: float, shown: Shown, *, ahead: bool = False) -> None:
@@ -275,6 +288,13 @@ def _limited(t: float, newton: float | None, shown: Shown) -> float:
         spans = [[round(app.t0, 3), round(app.tn, 3)] for app in near]
         raise _nothing_near("no app exerts a force there", t, spans)
     return 0.5 * (near[0].t0 + near[0].tn)
+
+
+def _named(t: float, shown: Shown) -> float:
+    """[s] The middle of the phase that is meant."""
+    _check_time(t, shown)
+    phase = next((phase for phase in shown.phases if phase.t0 <= t < phase.tn), shown.phases[-1])
+    return 0.5 * (phase.t0 + phase.tn)
 
 
 def _nothing_near(what: str, t: float, nearest: list[Any]) -> ProtocolError:

@@ -292,8 +292,8 @@ class SegmentationPipeline:
         settled = self._division.settled
         segments = [part.segment for part in (*settled.since(self._phases.settled), *parts)]
         decided, rest = self._phases.look(segments, len(settled), finished=self._finished)
-        self._decided_phases.extend(decided)
-        return KeptShown(self._decided_phases, rest)
+        self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
+        return KeptShown(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 
     def _apps(self, unsettled: list[Part]) -> Sequence[App]:
         first = self._program.first
@@ -335,6 +335,7 @@ class SegmentationPipeline:
             spans=spans,
             kinds=self.kinds,
             apps=self._view.apps,
+            phases=self._view.phases,
             force_limit_n=self._opening.force_limit_n,
         )
 

@@ -93,6 +93,7 @@ class CartesianMotion(_Motion):
 class Twist:
     def __init__(self, linear_velocity: Any = None, angular_velocity: Any = None) -> None:
         self.linear = np.array(linear_velocity, dtype=float).reshape(3)
+        self.angular = np.zeros(3) if angular_velocity is None else np.array(angular_velocity, dtype=float)
 
 
 class CartesianState:
@@ -133,9 +134,12 @@ class CartesianImpedanceTrackingMotion(_Motion):
 
 
 class DoubleDynamicsLimit:
+    def __init__(self, name: str, most: float) -> None:
+        self._name, self._most = name, most  # what a Panda can
+
     def set(self, value: float) -> None:
-        assert 0.0 < value <= 1.7  # what a Panda can
-        _note("limit", value=value)
+        assert 0.0 < value <= self._most
+        _note(self._name, value=value)
 
 
 class RobotState:
@@ -156,7 +160,8 @@ class Robot:
     def __init__(self, fci_hostname: str) -> None:
         _note("robot", host=fci_hostname)
         self.state = RobotState()
-        self.translation_velocity_limit = DoubleDynamicsLimit()
+        self.translation_velocity_limit = DoubleDynamicsLimit("limit", 1.7)
+        self.rotation_velocity_limit = DoubleDynamicsLimit("turn", 2.5)
         self.current_pose = RobotPose()
 
     def recover_from_errors(self) -> bool:

@@ -7,8 +7,8 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from caesura_clients.programs.behaviour_tree import PORTS, action_name, behaviour_tree
-from caesura_protocol.messages import App
-from harness.programs import as_file, pick_and_place, press
+from caesura_protocol.messages import App, AppPath, ViaPoint
+from harness.programs import DOWN, app, as_file, pick_and_place, press
 
 
 def tree(apps: tuple[App, ...]) -> Xml.Element:
@@ -51,3 +51,20 @@ def test_what_an_app_does_not_say_is_left_out() -> None:
 
 def test_every_kind_of_app_has_ports() -> None:
     assert set(PORTS) == set(App.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
+
+
+def test_the_limit_and_the_taught_rate_of_a_turn_stand_in_the_tree() -> None:
+    half, turned = (-0.38268343, 0.92387953, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
+    start, via = (
+        ViaPoint(t=t, position=(0.3, 0.0, 0.3), orientation=q) for t, q in ((0.0, DOWN), (1.0, half))
+    )
+    path = AppPath(
+        start=start, via=(via,), tn=2.0, length_m=0.0, deviation_m=0.0, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 0.0, 2.0, (0.3, 0.0, 0.3), orientation=turned, path=path)
+    (node,) = tree((moving,)).iterfind("BehaviorTree/Sequence/*")
+    assert node.attrib["max_turn"] == "2.5"
+    rates = [float(one) for one in node.attrib["turning"].split(";")]
+    assert rates[:3] == [0.0, 0.0, 0.0]
+    assert rates[5] == pytest.approx(-0.785, rel=0.1)  # rad/s about the vertical, half way

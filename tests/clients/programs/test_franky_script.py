@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import inspect
+import math
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from caesura_clients.programs import franky_script as writer
 from caesura_clients.programs.document import ProgramFile
 from caesura_clients.programs.franky_script import franky_script
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppPath, ViaPoint
-from harness.programs import DOWN, as_file, pick_and_place, press
+from caesura_protocol.paths import path_in_words
+from harness.programs import DOWN, app, as_file, pick_and_place, press
 
 from . import fake_franky
 
@@ -105,6 +109,63 @@ def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> No
     (first, _) = motions(run(as_file(curved(speed=0.96))))[1].waypoints
     assert first.target.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
     assert first.minimum_time.milliseconds == 2000
+
+
+def turning(seconds: float, *, by_path: bool) -> ProgramFile:
+    """A turn by 90° in place, after a movement."""
+    first, turned = press()[2], (0.0, 1.0, 0.0, 0.0)
+    moving = app("cartesian_motion", first.tn, first.tn + seconds, first.target, orientation=turned)
+    half = Rotation.from_quat([DOWN, turned]).mean().as_quat().tolist()
+    path = AppPath(
+        start=ViaPoint(t=moving.t0, position=first.target, orientation=DOWN),
+        via=(ViaPoint(t=moving.t0 + 0.5 * seconds, position=first.target, orientation=half),),
+        tn=moving.tn, length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    return as_file((first, moving.model_copy(update={"path": path}) if by_path else moving))
+
+
+def test_a_turn_is_passed_through_its_via_points_at_the_taught_rate_and_time() -> None:
+    calls = run(turning(2.0, by_path=True))
+    half, end = motions(calls)[-1].waypoints
+    assert half.minimum_time.milliseconds == end.minimum_time.milliseconds == 1000
+    assert np.linalg.norm(half.target.velocity.angular) == pytest.approx(math.pi / 4, rel=0.1)
+    assert half.target.velocity.angular[2] == pytest.approx(-math.pi / 4, rel=0.1)
+    assert end.target.velocity.angular.tolist() == [0.0, 0.0, 0.0]
+    assert [a["value"] for name, a in calls if name == "turn"][-1] < 1.6  # rad/s; mean 0.8
+
+
+def test_a_turn_is_named_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    program = turning(2.0, by_path=True)
+    made = module_of(program)
+    made.say(1, made.APPS[1])
+    assert "turns 90 degrees  by 1 via points" in capsys.readouterr().out
+    assert path_in_words(program.apps[1]) == "0 mm, 90°, 1 via"
+
+
+@pytest.mark.parametrize("by_path", [True, False])
+def test_no_turn_is_faster_than_the_limit_however_short_it_was_taught(by_path: bool) -> None:
+    program = turning(0.4, by_path=by_path)
+    slow = program.model_copy(update={"safety": Safety(turn_rad_per_s=1.0)})
+    calls = run(slow)
+    assert [a["value"] for name, a in calls if name == "turn"][-1] == 1.0
+    if by_path:
+        half, end = motions(calls)[-1].waypoints
+        seconds = (half.minimum_time.milliseconds + end.minimum_time.milliseconds) / 1000
+        assert seconds > math.pi / 2  # at 1 rad/s
+        assert np.linalg.norm(half.target.velocity.angular) <= 1.0
+
+
+def test_a_press_that_turns_is_slowed_to_the_limit() -> None:
+    program = turning(0.4, by_path=True)
+    touch, pressed, _ = press()
+    path = program.apps[1].path.model_copy(update={"tn": program.apps[1].tn})
+    turned = program.apps[1].model_copy(update={"kind": "apply_force", "force": pressed.force, "path": path})
+    slow = as_file((touch, turned)).model_copy(update={"safety": Safety(turn_rad_per_s=1.0)})
+    tracked = next(
+        m for m in motions(run(slow)) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion)
+    )
+    poses = Rotation.from_quat([one.target.quaternion for one in tracked.references[1:]])
+    assert (poses[1:] * poses[:-1].inv()).magnitude().max() <= 1.0 * 0.02 + 1e-6  # rad a period
 
 
 def test_a_press_that_slides_follows_its_path_across_the_force() -> None:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
-from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, Gap
 from caesura_service.execution.checks import Taught, check
@@ -32,16 +32,6 @@ def robot() -> Robot:
 
 def cell(scenario: str) -> Cell:
     return World(SCENARIOS[scenario], 0.25).cell()
-
-
-@pytest.mark.parametrize(
-    ("scenario", "surface"), [("screwing", "screw"), ("peg", "hole"), ("contour", "barrel")]
-)
-def test_a_cell_with_a_surface_that_is_not_level_is_refused(scenario: str, surface: str):
-    with pytest.raises(
-        CaesuraError, match=f"scenario '{scenario}' has a {surface}, and the simulated cell has"
-    ):
-        cell(scenario)
 
 
 def changed(apps: Apps, index: int, **fields: Any) -> Apps:
@@ -70,7 +60,6 @@ def without(index: int) -> Callable[[Apps], Apps]:
         (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 5 .*target y -0.900 m .*workspace, -0.75"),
         (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 5 .*joint 1 at 4.000 rad, limits -2.897"),
         (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 5 .*joints lead \d+ mm"),
-        (lambda a: changed(a, 5, tn=10.5), r"app 5 .*would reach \d\.\d\d m/s in its 0.40 s, at most 0.54"),
         (
             lambda a: changed(a, 5, target=(-0.02, -0.562, 0.05)),
             r"app 5 .*\d+ mm inside of what stands there",
@@ -94,6 +83,66 @@ def test_what_cannot_be_run_is_refused_by_name(
 ) -> None:
     report = check(spoil(pick_and_place()), cell("pick_and_place"), robot=robot)
     assert any(re.search(said, str(one)) for one in report.errors), [*map(str, report.errors)]
+
+
+def turned(seconds: float) -> Apps:
+    """A program of version 1: two places and a turn by 90° between them, about the tool."""
+    there, half = (-0.02, -0.56, 0.3), (0.0, 1.0, 0.0, 0.0)
+    first = app("cartesian_motion", 0.0, 2.0, there)
+    return first, app("cartesian_motion", 2.0, 2.0 + seconds, there, orientation=half)
+
+
+def slid(seconds: float) -> Apps:
+    """A press of version 1 that turns by 90° while it presses."""
+    touch, pressed, leave = press()
+    turning = pressed.model_copy(update={"tn": pressed.t0 + seconds, "orientation": (0.0, 1.0, 0.0, 0.0)})
+    return touch, turning, leave.model_copy(update={"t0": turning.tn, "tn": turning.tn + 2.0})
+
+
+@pytest.mark.parametrize(
+    ("apps", "said"),
+    [
+        (changed(pick_and_place(), 5, tn=10.5), r"app 5 .*0.40 s, 0.54 m/s are allowed: it is slowed down"),
+        (
+            turned(1.0),
+            r"app 1 .*: reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s .* slowed down to 1.\d\d s",
+        ),
+        (slid(1.0), r"app 1 \(apply_force\): reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s are allowed"),
+    ],
+)
+def test_what_was_taught_faster_than_the_limits_is_said_to_be_slowed(
+    apps: Apps, said: str, robot: Robot
+) -> None:
+    report = check(apps, robot=robot)
+    assert report.passed
+    (warning,) = report.warnings
+    assert re.search(said, str(warning)), str(warning)
+    assert warning.value is not None
+    assert warning.limit is not None
+    assert warning.value > warning.limit
+
+
+def test_a_turn_that_the_robot_can_do_passes_without_a_word(robot: Robot) -> None:
+    assert check(turned(1.7), robot=robot).findings == ()  # at most 2 rad/s
+
+
+@pytest.mark.parametrize(("aside", "passes"), [(0.13, True), (0.10, False)])
+def test_the_fingertips_of_a_tilted_tool_decide_what_is_free(
+    aside: float, passes: bool, robot: Robot
+) -> None:
+    """Over the flank of a barrel the flange may be lower than with fingers down."""
+    tilt = math.radians(35.0)
+    tip = np.array((0.46, -aside, 0.2 * math.cos(tilt) + 0.26 - 0.1034 - 0.2))  # on the barrel at 0.115
+    tool = Rotation.from_rotvec((tilt, 0.0, 0.0)) * Rotation.from_quat((1.0, 0.0, 0.0, 0.0))
+    flange = tip - 0.1034 * tool.as_matrix()[:, 2]
+    high = flange - 0.05 * tool.as_matrix()[:, 2]
+    x, y, z, w = tool.as_quat().tolist()
+    apps = [
+        app("cartesian_motion", 2.0 * k, 2.0 * k + 2.0, tuple(place.tolist()), orientation=(x, y, z, w))
+        for k, place in enumerate((high, flange))
+    ]
+    report = check(apps, World(SCENARIOS["contour"], 0.25).cell(), robot=robot)
+    assert report.passed == passes, [*map(str, report.errors)]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,11 @@ from caesura_clients.bridge.teacher.person import THESIS
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.programs.safety import DEFAULT, Safety
 from caesura_protocol.messages import App
+from caesura_service.execution.arm import Arm
 from caesura_service.execution.executor import Done, Place, execute, run
 from caesura_service.execution.findings import RefusedError
+from caesura_service.execution.guard import Guard, Stopped
+from caesura_service.execution.world import World
 from caesura_service.judge.mutations import violations
 from caesura_service.recordings import segment_recording
 from caesura_service.robot import Robot, load_panda
@@ -115,7 +119,6 @@ def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("safety", "said"),
     [
-        (Safety(speed_m_per_s=0.1), r"0: speed 0\.095\d* m/s reaches the limit of 0.1 m/s"),
         (Safety(workspace_low=(-0.75, -0.75, 0.27)), "0: position 3: 0.27"),
     ],
 )
@@ -124,6 +127,32 @@ def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, ro
     assert re.match(said, stopped(down, PRESSING, robot, safety))
     done = run(down, PRESSING, safety, robot)
     assert violations(done.trace, safety) == []
+
+
+@pytest.mark.parametrize(
+    ("safety", "axes"),
+    [(Safety(speed_m_per_s=0.02), slice(0, 3)), (Safety(turn_rad_per_s=0.5), slice(3, 6))],
+)
+def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
+    safety: Safety, axes: slice, robot: Robot
+) -> None:
+    aside = app("cartesian_motion", 0.0, 2.0, (-0.03, -0.56, 0.33), orientation=(0.0, 1.0, 0.0, 0.0))
+    taught, slowed = (execute((aside,), PRESSING, one, robot=robot) for one in (DEFAULT, safety))
+    fastest = [float(np.linalg.norm(done.trace.twist[:, axes], axis=1).max()) for done in (taught, slowed)]
+    limit = safety.speed_m_per_s if axes.start == 0 else safety.turn_rad_per_s
+    assert fastest[0] > limit > fastest[1] > 0.8 * limit
+    (t0, tn), (s0, sn) = *taught.spans, *slowed.spans
+    assert tn - t0 == pytest.approx(2.0, abs=0.01)
+    assert sn - s0 > 2.5
+
+
+@pytest.mark.parametrize(("row", "said"), [(0, "speed 0.6"), (4, "turn 2.4")])
+def test_the_guard_stops_what_is_too_fast_all_the_same(row: int, said: str, robot: Robot) -> None:
+    acting = Arm(robot, World(PRESSING.scenario, 0.25))
+    twist = np.zeros(6)
+    twist[row] = 0.6 if row < 3 else 2.4
+    with pytest.raises(Stopped, match=said):
+        Guard(acting, DEFAULT).look(replace(acting.felt, twist=twist))
 
 
 def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:

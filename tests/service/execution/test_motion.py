@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from tests.harness.programs import DOWN, app
 
 from caesura_protocol.messages import AppPath, ViaPoint
-from caesura_service.execution.motion import course, quaternion_of, rotation_of, turning_of
+from caesura_protocol.paths import Curve, turning_of
+from caesura_service.execution.motion import course, quaternion_of, rotation_of
 
 CORNER = (0.3, -0.4, 0.3)
 
@@ -24,7 +25,14 @@ def test_the_angular_velocity_is_that_of_the_rotation() -> None:
     first, turning, step = Rotation.from_quat(DOWN), np.array([0.3, -0.2, 0.5]), 1e-6
     after = Rotation.from_rotvec(step * turning) * first
     change = (after.as_quat() - first.as_quat()) / step
-    assert_allclose(turning_of(first.as_quat(), change), turning, atol=1e-5)
+    assert_allclose(turning_of(first.as_quat(), change, np.zeros(4))[0], turning, atol=1e-5)
+
+
+def test_the_angular_acceleration_is_that_of_the_angular_velocity() -> None:
+    turned = (DOWN, (0.0, 1.0, 0.0, 0.0), (0.3, 0.8, 0.5, 0.1))
+    curve = Curve.through([0.0, 0.5, 2.0], [[*CORNER, *one] for one in turned])
+    rates = [turning_of(*(part[3:] for part in curve.at(t))) for t in (0.899, 0.9, 0.901)]
+    assert_allclose((rates[2][0] - rates[0][0]) / 0.002, rates[1][1], rtol=1e-3, atol=1e-3)
 
 
 def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time_of_the_app() -> None:
@@ -46,14 +54,16 @@ def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time
     assert far.t[-1] == 4.0
 
 
-def test_on_a_path_the_speed_rises_and_falls_once() -> None:
+def test_towards_a_contact_the_speed_rises_and_falls_once() -> None:
     half = ViaPoint(t=3.0, position=(0.3, -0.45, 0.3), orientation=DOWN, velocity=(0.0, 0.01, 0.0))
     path = AppPath(
         start=ViaPoint(t=2.0, position=(0.3, -0.5, 0.3), orientation=DOWN), via=(half,), tn=4.0, length_m=0.1,
         deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
     moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.4, 0.3), path=path)
-    curve = course(moving, np.array(path.start.position), rotation_of(DOWN), 2.0)
+    taught = course(moving, np.array(path.start.position), rotation_of(DOWN), 2.0)
+    assert_allclose(taught.at(1.0)[1][:3], (0.0, 0.01, 0.0), atol=1e-12)  # elsewhere it is as it was taught
+    curve = course(moving, np.array(path.start.position), rotation_of(DOWN), 2.0, np.zeros(3))
     speeds = np.array([np.linalg.norm(curve.at(t)[1][:3]) for t in np.linspace(0.0, 2.0, 41)])
     assert (np.diff(speeds)[:18] > 0.0).all()
     assert (np.diff(speeds)[-18:] < 0.0).all()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
@@ -18,10 +20,11 @@ from caesura_clients.cli import build
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.mcap_write import Demonstration, write_mcap
 from caesura_clients.formats.write import write_csv
+from caesura_clients.programs.safety import Setting
 from caesura_clients.recording import Recording, load_recording
 from caesura_service.export.mcap_file import write_mcap as write_session
 from caesura_service.export.taught import taught_from
-from caesura_service.recordings import as_json, segment_recording
+from caesura_service.recordings import as_json, recording_of, segment_recording
 from harness.demonstrations import guided
 from service.export.test_mcap import kept
 
@@ -141,3 +144,37 @@ def test_a_damaged_file_is_refused(tmp_path):
     (tmp_path / "bad.mcap").write_bytes(whole)
     with pytest.raises(CaesuraError, match="not a readable mcap file"):
         load_recording(tmp_path / "bad.mcap")
+
+
+def test_an_exported_session_keeps_the_limit_and_the_tolerances_of_its_cell(tmp_path: Path) -> None:
+    recording = load_recording(DATA / "dispenser.npz")
+    asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05}
+    journal = kept(recording, **asked)
+    write_session(tmp_path / "taught.mcap", taught_from(journal, "cell-1", "s1"))
+    recording_of(journal.replay("cell-1", "s1")).save(tmp_path / "taught.npz")
+    write_csv(tmp_path / "taught.csv", load_recording(tmp_path / "taught.npz"))
+    for suffix in ("mcap", "npz", "csv"):
+        read = load_recording(tmp_path / f"taught.{suffix}")
+        assert read.setting._asdict() == asked
+        assert read.ignored == ()
+    forces = [app.force for app in segment_recording(read).apps if app.force is not None]
+    assert [np.linalg.norm(force) for force in forces] == pytest.approx([10.0, 10.0])
+    other = segment_recording(read, setting=Setting(force_limit_n=15.0))
+    assert other.force_limit_n == 15.0  # what is asked for goes before what the file states
+
+
+def test_an_export_with_a_limit_has_it_in_its_program_and_its_phases(tmp_path: Path) -> None:
+    out, cell = tmp_path / "wiped.mcap", tmp_path / "cell.json"
+    cell.write_text('{"force_n": 10.0}', encoding="utf-8")
+    command = ["export", str(DATA / "wiping.npz"), "-o", str(out), "--cell", str(cell)]
+    done = CliRunner().invoke(build(), command)
+    assert done.exit_code == 0, done.output
+    found: dict[str, list[Any]] = {"/program": [], "/phases": []}
+    with out.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(list(found)):
+            found[channel.topic].append(json.loads(message.data))
+    (program,) = found["/program"]
+    assert program["force_limit_n"] == 10.0
+    pressed = [app["force"] for app in program["apps"] if "force" in app]
+    assert max(np.linalg.norm(force) for force in pressed) == pytest.approx(10.0)
+    assert [phase["kind"] for phase in found["/phases"]] == ["free", "contact", "free"]

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from caesura_clients.programs.groups import groups_of
 from caesura_clients.recording import load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -19,6 +20,7 @@ from caesura_protocol.messages import (
     Insert,
     LimitForce,
     Move,
+    NamePhase,
     Open,
     Redo,
     Relabel,
@@ -33,6 +35,7 @@ from caesura_service.session.corrections import (
     Correction,
     Corrections,
     Heeded,
+    correction_of,
 )
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.view import Pipeline, View
@@ -178,6 +181,21 @@ def test_a_limited_force_is_found_again_by_its_time_and_its_direction_stays():
     assert wiped.corrected([limited, lifted]).view == wiped.view
 
 
+def test_a_named_phase_keeps_its_name_and_gives_it_to_its_group():
+    wiped = whole("wiping")
+    (wipe,) = [phase for phase in wiped.view.phases if phase.kind == "contact"]
+    named = wiped.resolve(NamePhase(t=wipe.t0 + 0.1, name="wipe the table"))
+    again = correction_of(named.recorded())  # as the journal keeps it
+    for corrections in ([named], [wiped.resolve(Insert(t=wipe.t0 - 1.0)), again]):
+        view = wiped.corrected(corrections).view
+        assert [phase.name for phase in view.phases] == [None, "wipe the table", None]
+        groups = groups_of(view.apps, view.phases)
+        assert [group.name for group in groups] == ["free 1", "wipe the table", "free 2"]
+    other = wiped.resolve(NamePhase(t=wipe.tn - 0.1, name="polish"))
+    assert wiped.corrected([named, other]).view.phases[1].name == "polish"
+    assert wiped.corrected([]).view.phases == wiped.view.phases
+
+
 def test_the_later_of_two_corrections_counts(shown: Pipeline):
     inserted = shown.resolve(Insert(t=3.02))
     once = shown.corrected([inserted])
@@ -192,7 +210,14 @@ def test_the_later_of_two_corrections_counts(shown: Pipeline):
 
 
 @pytest.mark.parametrize(
-    "action", [Insert(t=99.0), Remove(t=-1.0), Move(t=4.15, to=99.0), LimitForce(t=99.0, newton=1.0)]
+    "action",
+    [
+        Insert(t=99.0),
+        Remove(t=-1.0),
+        Move(t=4.15, to=99.0),
+        LimitForce(t=99.0, newton=1.0),
+        NamePhase(t=99.0, name="a"),
+    ],
 )
 def test_a_time_outside_the_demonstration_is_refused_with_its_ends(shown: Pipeline, action: Action):
     error = refusal(shown, action)
@@ -278,6 +303,7 @@ def _action(seed: np.random.Generator, view: View, *, finished: bool) -> Action:
         Move(t=near, to=t),
         Relabel(t=t, kind=str(seed.choice(KINDS))),  # type: ignore[arg-type]
         LimitForce(t=t, newton=float(seed.uniform(0.0, 10.0))),
+        NamePhase(t=t, name=str(seed.choice(["reach", "wipe"]))),
         Undo(),
         Redo(),
     ]

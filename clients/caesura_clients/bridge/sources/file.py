@@ -26,6 +26,7 @@ class FileSource(PacedSource):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.recording = recording
+        self.setting = recording.setting
         super().__init__(
             lambda: pieces(recording.matrix()),
             columns=recording.columns,

@@ -70,6 +70,11 @@ class Surface:
         return self.touch_height_m
 
     @property
+    def yields_m(self) -> float:
+        """Depth [m] to which it can be pushed in."""
+        return self.travel_m
+
+    @property
     def _force_at_stop(self) -> float:
         return self.preload_n + self.spring_n_per_m * self.travel_m if self.travel_m else 0.0
 

@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_clients.bridge.teacher.contact import Touch
 from caesura_clients.bridge.teacher.effort import Effort
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
-from caesura_clients.bridge.teacher.shapes import SHAPED, ShapedTouch
+from caesura_clients.bridge.teacher.shapes import contact_with
 from caesura_service.robot import HandDynamics, Robot
 
 GRAVITY = 9.81
@@ -70,9 +69,7 @@ class Guiding:
 
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
-        shaped = any(isinstance(surface, SHAPED) for surface in plan.scenario.surfaces)
-        self._touch = None if shaped else Touch(plan.scenario.surfaces)
-        self._shaped = ShapedTouch(plan.scenario.surfaces)
+        self._contact = contact_with(plan.scenario.surfaces)
         rate_per_s = plan.person.force_rate_per_s
         self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
@@ -112,7 +109,8 @@ class Guiding:
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
         tip = tip_motion(arm.position_base, twist, lever)
-        contact, torque_nm, normal_n = self._contact(arm, twist, tip, load_kg)
+        spin = float(twist[3:] @ arm.rotation_base[:, 2])
+        contact, torque_nm, normal_n = self._contact(*tip, spin, DT, GRAVITY * load_kg)
         self._feel(tick, load_kg, normal_n, torque_nm)
         outside = contact + load_kg * FALL
         turning = torque_nm * arm.rotation_base[:, 2]
@@ -130,16 +128,6 @@ class Guiding:
         row[35:38], row[38] = tip[1], normal_n
         self._v = self._v + change
         self._q = self._q + DT * self._v
-
-    def _contact(
-        self, arm: HandDynamics, twist: Array, tip: tuple[list[float], Vector], load_kg: float
-    ) -> tuple[Array, float, float]:
-        """Force (3,) [N] at the fingertips, torque [Nm] about the tool's axis, and normal force [N]."""
-        if self._touch is not None:
-            force = np.array(self._touch.force(*tip, DT, GRAVITY * load_kg))
-            return force, 0.0, float(force[2])
-        spin = float(twist[3:] @ arm.rotation_base[:, 2])
-        return self._shaped.touch(*tip, spin, DT, GRAVITY * load_kg)
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold the place it wants, and what it adds to that."""

@@ -6,14 +6,14 @@ and sinks by its pitch; a hole gives way under force and guides sideways what is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import hypot, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from caesura_clients.bridge.teacher.contact import BRISTLE_N_PER_M, BRISTLE_NS_PER_M, Surface
+from caesura_clients.bridge.teacher.contact import BRISTLE_N_PER_M, BRISTLE_NS_PER_M, Surface, Touch
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 
 ENGAGEMENT_NM_PER_RAD = 40.0  # stiffness of a tool in a screw's head
@@ -48,6 +48,11 @@ class Hole(Surface):
     floor_m: float = 0.025
     resistance_n: float = 10.0
     resistance_n_per_m: float = 150.0
+
+    @property
+    def yields_m(self) -> float:
+        """Depth [m] to which a peg can be pushed in."""
+        return self.floor_m
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,23 @@ class Felt(NamedTuple):
 
 
 NOTHING = Felt(np.zeros(3), 0.0, 0.0)
+Contact = Callable[[Sequence[float], Sequence[float], float, float, float], Felt]
+
+
+def contact_with(surfaces: Sequence[Surface]) -> Contact:
+    """Return what surfaces do to a tool's tip, as `ShapedTouch.touch`; level ones by the faster `Touch`."""
+    if any(isinstance(surface, SHAPED) for surface in surfaces):
+        return ShapedTouch(surfaces).touch
+    level = Touch(surfaces)
+
+    def touch(
+        position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
+    ) -> Felt:
+        del spin
+        force = np.array(level.force(position, velocity, dt, load_n))
+        return Felt(force, 0.0, float(force[2]))
+
+    return touch
 
 
 class ShapedTouch:

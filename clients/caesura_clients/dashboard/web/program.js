@@ -17,6 +17,7 @@ export default {
         <li v-for="app in program.apps" :key="app.number" class="app">
           <h3>{{ app.number }} · {{ app.title }}</h3>
           <p class="when">{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
+          <div v-if="app.drawing" v-html="app.drawing"></div>
           <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>
           <p v-if="app.limited" class="limited">force limited</p>
           <p class="confidence"><span aria-hidden="true" class="bar"><i :style="{ width: 100 * app.confidence + '%' }"></i></span>

@@ -9,13 +9,15 @@ import numpy as np
 
 from caesura_clients.bridge.teacher.guiding import POSTURE
 from caesura_clients.bridge.teacher.intentions import Array
+from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_clients.programs.safety import PLANNED_SHARE
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
 from caesura_service.execution.checks.order import CARRIES, CONTACT_APPS
 from caesura_service.execution.findings import Finding
 from caesura_service.execution.limits import Cell
-from caesura_service.execution.motion import PEAK, course, quaternion_of, rotation_of
+from caesura_service.execution.motion import course, press_direction, quaternion_of, rotation_of
 from caesura_service.robot import Robot
 
 REACH_M, REACH_RAD = 1e-3, 1e-2
@@ -26,7 +28,7 @@ BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
 LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
-SPEED_SHARE = 0.9  # of the limit that may be planned
+DEPTH_PARTS = 8  # pieces of a leg in which its depth is summed
 SEEDS = (
     POSTURE,
     (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
@@ -77,14 +79,17 @@ class _Looking:
         if app.target is not None and not reasons:
             joints, reason = self._reached(app, app.target, here)
             reasons += [reason] if reason else []
+        path = None
         if reasons:
-            after = replace(after, place=None)  # nobody knows where it would be
-        elif app.target is not None and app.kind in MOVES and here.place is not None:
+            after = replace(after, place=None)  # where it would be is not known
+        elif app.target is not None and here.place is not None and app.kind in (*MOVES, "apply_force"):
             path = _path(app, here)
-            reasons += [*self._speed(path), *self._way(path, here, joints, ends=ends)]
         if app.kind == "apply_force":
-            reasons += self._press(app, here)
+            reasons += self._press(app, here, path)
+        elif path is not None:
+            reasons += self._way(path, here, joints, ends=ends)
         found = [Finding("error", index, app.kind, reason) for reason in reasons]
+        found += [] if path is None else self._pace(index, app, path)
         return found, replace(after, joints=joints)
 
     def _joints(self, app: App) -> Iterator[str]:
@@ -132,15 +137,21 @@ class _Looking:
             f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
         )
 
-    def _speed(self, path: Curve) -> Iterator[str]:
-        seconds, limit = float(path.t[-1]), SPEED_SHARE * self._safety.speed_m_per_s
+    def _pace(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
+        """A movement that was taught faster than the limits is done slower."""
         speed, turn = path.peaks()
-        if speed > limit:
-            yield f"would reach {speed:.2f} m/s in its {seconds:.2f} s, at most {limit:.2f} m/s are allowed"
-        if turn > self._safety.turn_rad_per_s:
-            yield (
-                f"would turn with {turn:.2f} rad/s, at most {self._safety.turn_rad_per_s:g} rad/s are allowed"
-            )
+        slower, seconds = self._safety.slower(speed, turn), float(path.t[-1])
+        if slower == 1.0:
+            return
+        limits = self._safety.speed_m_per_s, self._safety.turn_rad_per_s
+        peak, limit, unit = max(
+            zip((speed, turn), limits, ("m/s", "rad/s"), strict=True), key=lambda one: one[0] / one[1]
+        )
+        reason = (
+            f"reaches {peak:.2f} {unit} in its {seconds:.2f} s, {PLANNED_SHARE * limit:.2f} {unit} are "
+            f"allowed: it is slowed down to {slower * seconds:.2f} s"
+        )
+        yield Finding("warning", index, app.kind, reason, peak, PLANNED_SHARE * limit)
 
     def _way(self, path: Curve, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
         """Along the path to the target: is it within reach, and free?"""
@@ -149,47 +160,42 @@ class _Looking:
         start, q = points[0, :3], joints
         for pose in points[::-1]:
             point = pose[:3]
-            if reason := self._blocked(point, start, here, ends=ends):
+            turned = pose[3:] if len(pose) == 7 else _quaternion(None, here)
+            if reason := self._blocked(point, turned, start, here, ends=ends):
                 yield reason
                 return
             if (point < self._low_place).any() or (point > self._high_place).any():
                 yield f"its way leads through {_mm(point)}, which is outside of the workspace"
                 return
             if q is not None:
-                turned = pose[3:] if len(pose) == 7 else _quaternion(None, here)
                 q, left, turn = self._robot.nearest_joints(point, turned, q)
                 if left > REACH_M or turn > REACH_RAD or not self._inside(q):
                     yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
                     return
 
-    def _blocked(self, point: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
-        top = self._cell.top_at(float(point[0]), float(point[1]))
-        if top is None or point[2] >= top - DEPTH_M - (self._cell.yields_at(point) if ends else 0.0):
+    def _blocked(self, point: Array, turned: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
+        """Why a pose of the flange is not free: its fingertips are in something."""
+        x, y, z = (point + FINGERS_BELOW_FLANGE_M * rotation_of(turned)[:, 2]).tolist()
+        top = self._cell.top_at(x, y)
+        if top is None or z >= top - DEPTH_M - (self._cell.yields_at(x, y) if ends else 0.0):
             return None
         aside = float(np.linalg.norm(point[:2] - start[:2]))
         if here.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
             return None
-        inside = 1000 * (top - point[2])
+        inside = 1000 * (top - z)
         return f"its way leads through {_mm(point)}, {inside:.0f} mm inside of what stands there"
 
-    def _press(self, app: App, here: _Here) -> Iterator[str]:
+    def _press(self, app: App, here: _Here, path: Curve | None) -> Iterator[str]:
         force = np.array(app.force)
         rotation = here.rotation if app.orientation is None else rotation_of(app.orientation)
         if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
             yield "pulls on what it touches: its force points away from the tool"
-        if app.target is None or here.place is None:
+        if path is None:
             return
-        way = np.subtract(app.target, here.place)
-        along = force / np.linalg.norm(force)
-        deep = float(along @ way)
+        deep = _depth(path, force, rotation)
         if deep > self._safety.search_m:
             most = 1000 * self._safety.search_m
             yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
-        aside = float(np.linalg.norm(way - along * deep))
-        limit = SPEED_SHARE * self._safety.speed_m_per_s
-        speed = PEAK * aside / (app.tn - app.t0) if app.path is None else _path(app, here).peaks()[0]
-        if speed > limit:
-            yield f"would slide with {speed:.2f} m/s, at most {limit:.2f} m/s are allowed"
 
     def _inside(self, q: Array) -> bool:
         return bool(((q >= self._low) & (q <= self._high)).all())
@@ -212,6 +218,20 @@ def _path(app: App, here: _Here) -> Curve:
         taught = app.path.start.orientation if app.path is not None else None
         rotation = rotation_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
     return course(app, here.place, rotation, app.tn - app.t0)
+
+
+def _depth(path: Curve, force: Array, rotation: Array | None) -> float:
+    """How deep [m] a path presses: its way along the direction of the press, which turns with the tool."""
+    if rotation is None:
+        along = force / np.linalg.norm(force)
+        return float(np.max((path.values[:, :3] - path.values[0, :3]) @ along))
+    points = path.sampled(DEPTH_PARTS)
+    along = press_direction(rotation, force)
+    if points.shape[1] == 3:
+        return float(np.max((points - points[0]) @ along))
+    first = rotation_of(points[0, 3:]).T @ along
+    turned = np.array([rotation_of(pose[3:]) @ first for pose in points])
+    return float(np.max(np.cumsum(np.vecdot(np.diff(points[:, :3], axis=0), turned[1:]))))
 
 
 def _quaternion(app: App | None, here: _Here) -> Array:

@@ -15,7 +15,7 @@ from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.edge.rates import SENDERS
 from caesura_service.session.ports import AskReplay, ReplayEnded
 
-NOBODY = "?"  # no name, so it is no station's
+UNKNOWN = "?"  # the station of keys that name none
 OCTETS = "application/octet-stream"
 MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
 
@@ -152,7 +152,7 @@ def sender_of(key: str) -> Sender:
     try:
         return Sender(key, parse_station_key(key)[0])
     except ProtocolError:
-        return Sender(NOBODY, None)
+        return Sender(UNKNOWN, None)
 
 
 def station_of(source: str) -> str:

@@ -34,9 +34,9 @@ from caesura_service.edge.arrivals import (
     content_of_error,
     sources_of,
 )
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import Inbox
 from caesura_service.edge.network import QUERY_TIMEOUT_S
-from caesura_service.edge.rates import WorkBudget
 from caesura_service.session.ports import AskReplay, Publish
 
 logger = logging.getLogger(__name__)
@@ -57,10 +57,10 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], work: WorkBudget) -> None:
+    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
-        self._inbox, self._work = inbox, work
+        self._inbox, self._budgets = inbox, budgets
         self._under_way = 0
         self._waiting: dict[tuple[str, str], AskReplay] = {}
 
@@ -68,7 +68,7 @@ class Outgoing:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
         message = publish.message
         if isinstance(message, SessionStatus):
-            message = as_pressed(message, self._inbox)
+            message = as_told(message, self._inbox, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
@@ -124,7 +124,9 @@ class Outgoing:
             arrival = Samples(content_of(reply.ok), asked.ask.station)
             station = asked.ask.station
             size = len(arrival.content.payload)
-            has_room = not self._work.is_spent(station) and self._inbox.offer(arrival, station, size, station)
+            has_room = self._budgets.refuse_work(station) is None and self._inbox.offer(
+                arrival, station, size, station
+            )
             asked.dropped += not has_room
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
@@ -148,10 +150,11 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def as_pressed(status: SessionStatus, inbox: Inbox[Arrival]) -> SessionStatus:
-    """The status with what the queue knows: is there more for the station than can be done?"""
+def as_told(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
+    """The status of a session with what the edge knows of its station: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
-    return status.model_copy(update={"overloaded": True}) if pressed else status
+    known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
+    return status.model_copy(update=known)
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:

@@ -25,7 +25,7 @@ from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Command as Wanted
 from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
-    NOBODY,
+    UNKNOWN,
     Arrival,
     Command,
     Content,
@@ -38,9 +38,10 @@ from caesura_service.edge.arrivals import (
     sender_of,
     station_of,
 )
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import WHOLE, Inbox
 from caesura_service.edge.outgoing import Outgoing, answer, refuse
-from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit, WorkBudget
+from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
@@ -73,7 +74,7 @@ class Worker(Threaded):
         steward: Steward,
         inbox: Inbox[Arrival],
         outgoing: Outgoing,
-        budget: WorkBudget,
+        budgets: Budgets,
         clock: Callable[[], float],
     ) -> None:
         self.messages = 0  # taken from the inbox so far
@@ -83,8 +84,8 @@ class Worker(Threaded):
         self._steward = steward
         self._inbox = inbox
         self._outgoing = outgoing
-        self._budget = budget
-        self._told: set[str] = set()  # stations that know that they have used up their budget
+        self._budgets = budgets
+        self._refused: set[str] = set()  # stations whose status says that their work is used up
         self._clock = clock
         self._complaints = RateLimit(COMPLAINTS)
         super().__init__("caesura-worker", inbox.wake)
@@ -128,7 +129,7 @@ class Worker(Threaded):
         self._inbox.spent(took_s)
         if isinstance(arrival, Samples | Ended | Command | Unfinished):
             lane = _lane_of(arrival)
-            self._budget.spend(lane, took_s)
+            self._budgets.spend(lane, took_s)
             self._registry.spent(lane, took_s)
 
     def _do_a_slice(self, arrival: Arrival) -> str | None:
@@ -168,11 +169,11 @@ class Worker(Threaded):
 
     def _tell_of_budget(self, station: str) -> None:
         """Where a station's messages are dropped because of its work, its session says so, once."""
-        if not self._budget.is_spent(station):
-            self._told.discard(station)
-        elif station not in self._told and len(self._told) < SENDERS:
-            self._told.add(station)
-            self.say(self._registry.refuse(station, self._budget.refusal(station)))
+        if (refusal := self._budgets.exhausted(station)) is None:
+            self._refused.discard(station)
+        elif station not in self._refused and len(self._refused) < SENDERS:
+            self._refused.add(station)
+            self.say(self._registry.refuse(station, refusal))
 
     def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
@@ -272,11 +273,11 @@ def _lane_of(arrival: Samples | Ended | Command | Unfinished) -> str:
         case Unfinished(lane):
             return lane
         case Samples(_, station):
-            return station or NOBODY
+            return station or UNKNOWN
         case Ended(asked):
             return asked.ask.station
         case Command(content):
-            return sender_of(content.key).station or NOBODY
+            return sender_of(content.key).station or UNKNOWN
 
 
 def _batch(content: Content) -> SampleBatch | Heartbeat:

@@ -103,16 +103,17 @@ def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(conf
         Peer(service.endpoint) as peer,
     ):
         peer.command(opening())
-        with pytest.raises(ProtocolError, match=r"work: 0.0001 s at once and 0.001 s a second") as no:
+        with pytest.raises(ProtocolError, match=r"of work: .* of 0.0001 s .* 0.001 come back") as no:
             open_again_and_again(peer)
-        assert (no.value.code, no.value.limit) == ("overloaded", WORK.per_s)
+        assert (no.value.code, no.value.limit) == ("overloaded", WORK.burst)
+        assert no.value.value > WORK.burst, "what it has used"
         peer.command(opening("s2"), "cell-2")
         peer.send(batches(1)[0])
         status = peer.until_service(
             lambda status: status.dropped > 0 and "cell-1" in str(status.last_refusal)
         )
         assert status.refused["overloaded"] >= 2, "the command, and that batches are dropped for that reason"
-        assert "used up its work" in peer.snapshot().status.last_refusal.message
+        assert "used up its budget of work" in peer.snapshot().status.last_refusal.message
         assert service.registry.counting.of_station["cell-1"].work_s > 0.0
         assert not peer.snapshot("s2", "cell-2").status.refused
 

@@ -131,7 +131,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "what a station used is not charged",
         f"{EDGE}/worker.py",
-        "            self._budget.spend(lane, took_s)\n",
+        "            self._budgets.spend(lane, took_s)\n",
         "",
         (
             "tests/service/edge/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",

@@ -84,8 +84,16 @@ SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
 SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
 SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
-SELECT_KEPT = """
-SELECT station, session, touched, size, closed FROM sessions WHERE station != '' ORDER BY touched"""
+# What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.
+SELECT_SHARES = """
+SELECT station, sum(size), sum(iif(closed, 0, size)), count(*), sum(closed != 0), min(touched)
+FROM sessions WHERE station != '' GROUP BY station"""
+SELECT_OLD = """
+SELECT station, session, touched FROM sessions
+WHERE station != '' AND touched < ? ORDER BY closed = 0, touched LIMIT ?"""
+SELECT_OLDEST_CLOSED = """
+SELECT session, size FROM sessions WHERE station = ? AND closed ORDER BY touched LIMIT ?"""
+SELECT_KEYS = "SELECT station, session FROM sessions WHERE station != ''"
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
 # `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone
 # through from its beginning: what is new is found by its place.

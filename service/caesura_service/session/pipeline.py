@@ -212,7 +212,11 @@ class SegmentationPipeline:
             opening.path_tolerance_rad or TOLERANCE_RAD,
         )
         return GrowingProgram(
-            self._history.moment, self._preset.least_segment_s, paths, opening.force_limit_n
+            self._history.moment,
+            self._preset.least_segment_s,
+            paths,
+            opening.force_limit_n,
+            limited=self._limited if self._heeded.limits_forces else None,
         )
 
     def _begin(self, *, tared: bool) -> None:
@@ -307,8 +311,7 @@ class SegmentationPipeline:
         if self._program.paths is not None:  # the last segment goes on, and so does its path
             growing = bool(steps) and not self._finished
             self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
-        apps = self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
-        return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
+        return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
 
     def _limited(self, app: App) -> App:
         limit_n = self._heeded.force_limit(app)

@@ -136,7 +136,7 @@ class Registry:
         self.custody.leave(station)
         self._reviving.leave(station)
         with suppress(JournalError):  # which the journal has said already
-            self._journal.commit()
+            self._journal.flush()
         if (left := self._stations.pop(station, None)) is not None:
             self._hushed.difference_update(left.values())
             self._show()

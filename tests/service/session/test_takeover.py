@@ -76,7 +76,9 @@ class Instance:
         return answer(self.registry.command(STATION, opening(), 0.0))
 
     def close(self) -> Ack | ProtocolError:
-        return answer(self.registry.command(STATION, closing(COUNT - 1), 0.0))
+        ended = answer(self.registry.command(STATION, closing(COUNT - 1), 0.0))
+        self.journal.flush()  # as its thread does soon
+        return ended
 
     @property
     def standing(self) -> Standing:

@@ -17,6 +17,7 @@ class Mutation(NamedTuple):
     text: str  # which the file has exactly once
     replacement: str
     tests: tuple[str, ...]
+    row: str = ""  # of `make faults`, where one catches it too
 
 
 MUTATIONS: tuple[Mutation, ...] = (
@@ -26,6 +27,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        self._records.append(batch, now)\n        samples, said = self._content(batch)\n",
         "        samples, said = self._content(batch)\n",
         ("tests/service/session/test_disturbances.py::test_a_rebuilt_session_goes_on_like_the_original",),
+        row="histories",
     ),
     Mutation(
         "a batch that came early is not journalled",
@@ -42,6 +44,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         '        """What is acknowledged is safe. Raises JournalError."""\n        self._records.commit()\n',
         '        """What is acknowledged is safe. Raises JournalError."""\n',
         ("tests/service/journal/test_sqlite.py::test_an_acknowledgement_is_given_for_what_is_safe",),
+        row="histories",
     ),
     Mutation(
         "an edit is processed before it is written",
@@ -145,6 +148,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         (
             "tests/service/session/test_editing.py::test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is",
         ),
+        row="histories",
     ),
     Mutation(
         "an edit is applied twice at a takeover",
@@ -162,5 +166,37 @@ MUTATIONS: tuple[Mutation, ...] = (
             "tests/service/session/test_session.py::"
             "test_closing_before_everything_is_there_asks_for_the_rest_and_is_no_refusal",
         ),
+    ),
+    Mutation(
+        "an edit is not journalled",
+        f"{SESSION}/session.py",
+        "        self._records.append(self._applied(edit, corrections), now)\n",
+        "        self._applied(edit, corrections)\n",
+        ("tests/service/session/test_editing.py",),
+        row="histories",
+    ),
+    Mutation(
+        "an edit is lost at a restart",
+        f"{SESSION}/session.py",
+        "    self._demonstration.repeat(edit, record.at)\n                    case Open()",
+        "    pass\n                    case Open()",
+        ("tests/service/session/test_editing.py",),
+        row="histories",
+    ),
+    Mutation(
+        "an undo takes no revision",
+        f"{SESSION}/corrections.py",
+        "        return Corrections(active, undone, self.revision + 1)\n",
+        "        return Corrections(active, undone, self.revision + (not isinstance(action, Undo)))\n",
+        ("tests/service/session/test_editing.py",),
+        row="histories",
+    ),
+    Mutation(
+        "an edit leaves what was undone to be redone",
+        f"{SESSION}/corrections.py",
+        "            active, undone = (*self.active, resolve(action)), ()\n",
+        "            active, undone = (*self.active, resolve(action)), self.undone\n",
+        ("tests/service/session/test_editing.py",),
+        row="histories",
     ),
 )

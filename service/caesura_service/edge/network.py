@@ -27,6 +27,7 @@ from typing import Any
 import zenoh
 
 from caesura_clients.diagnosis import why_not
+from caesura_clients.transport import reason
 from caesura_service.security import exposure
 from caesura_service.security.zenoh_files import ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
 
@@ -128,8 +129,15 @@ def _config(file: Path | None) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
+    """Raises NetworkError for an endpoint that is none."""
     for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            if not key.endswith("/endpoints"):
+                raise
+            what = f"{', '.join(value)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+            raise NetworkError(what) from error
 
 
 def _reader(config: zenoh.Config) -> exposure.Read:

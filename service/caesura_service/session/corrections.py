@@ -49,6 +49,7 @@ class Correction:
     none: tuple[int, ...] = ()  # none starts there
     label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
+    anew: bool = False  # was it resolved once more, because the journal has only what was asked for?
 
     def recorded(self) -> Resolution:
         """The same as the journal has it."""
@@ -150,6 +151,12 @@ class Corrections:
 
         return self.after(edit.action, known)
 
+    def as_anew(self) -> Corrections:
+        """The last one was resolved once more at a restart."""
+        if not self.active:
+            return self
+        return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))
+
     def passed_over(self) -> Corrections:
         """An edit that cannot be made again has counted nevertheless."""
         return replace(self, revision=self.revision + 1)
@@ -168,6 +175,7 @@ class Heeded:
         self._known = known
         self._inserted = sorted(inserted, reverse=True)
         self._certain: set[int] = set()
+        self.anew = sum(one.anew for one in corrections)  # corrections that were resolved once more
         self._labels = [one.label for one in corrections if one.label is not None]
         self._forces = [one.force for one in corrections if one.force is not None]
 

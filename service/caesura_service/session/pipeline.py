@@ -355,9 +355,16 @@ class SegmentationPipeline:
         )
 
     def _notes(self) -> tuple[str, ...]:
-        """The wrench source in use, and the gaps."""
-        note = self._source.note
-        return (note, self._gaps.note(self._began)) if self._gaps.all else (note,)
+        """The wrench source in use, the gaps, and corrections that may not be what they were."""
+        notes = [self._source.note]
+        if self._gaps.all:
+            notes.append(self._gaps.note(self._began))
+        if anew := self._heeded.anew:
+            notes.append(
+                f"{anew} corrections were resolved anew at a restart, from a journal of an older version: "
+                "look at them again"
+            )
+        return tuple(notes)
 
 
 @lru_cache(maxsize=1024)

@@ -46,6 +46,7 @@ SECONDS, ROWS = 10.0, 100  # of a demonstration, and samples of a batch
 PACE_S, THINK_S = 0.1, 0.05  # between two batches, and before an edit, at most
 ANSWER_S = 1.0
 HELD_UP_S = 1.5
+COMMIT_S = 1.0  # that a batch may wait to be written: long, so that a kill takes what only seems to be safe
 PATIENCE_S = 60.0
 Key = tuple[str, str]
 Fate = Literal["acknowledged", "refused", "unknown"]
@@ -163,7 +164,7 @@ def disturb(
     """One thing after the other until everything is written: kills, cuts, lines that are held up."""
     counts: Counter[str] = Counter()
     while not done():
-        what = rng.choice(["killed", "cut", "held up", "held up"])
+        what = rng.choice(["killed", "killed", "cut", "held up"])
         counts[what] += 1
         some = rng.sample(lines, k=rng.randint(1, len(lines) - 1))
         time.sleep(rng.uniform(0.2, 1.0))
@@ -185,7 +186,7 @@ def disturb(
 def histories(directory: Path, seed: int = SEED) -> Row:
     """All of it, and what the model says of it."""
     rng, history, over = random.Random(seed), History(), threading.Event()
-    service = Service(directory)
+    service = Service(directory, "--journal-commit-s", f"{COMMIT_S:g}")
     with ExitStack() as stack:
         stack.callback(service.kill)
         service.start()

@@ -4,7 +4,7 @@ Every callback of the network only enqueues: one that works would stop all recep
 the network's thread, and what was put is gathered before a command: in a thread for each declaration a close
 overtook the batches before it in one of six runs, and was refused and repeated.
 
-In the beginning sessions are taken, then declared, then told of by our token, so that others let go only of
+In the beginning sessions are taken, then declared, then announced by our token, so that others let go only of
 what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang
 the interpreter.
 """
@@ -58,7 +58,7 @@ class Edge:
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
     ) -> None:
-        """stop: set by whoever no longer wants to wait for a router."""
+        """stop: set when the process no longer waits for a router."""
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
@@ -162,7 +162,7 @@ class Edge:
         self._inbox.offer(Samples(content, station), source, len(content.payload), lane)
 
     def _turn_away(self, source: str, why: str) -> None:
-        """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
+        """Dropped like what finds no room: counted, in the session's status, and asked for again."""
         self._inbox.turn_away(source)
         if self._complaints.allows(source):
             logger.warning("%s: %s; messages are dropped until then", source, why)

@@ -1,7 +1,7 @@
-"""What the service says: results to everybody, questions to bridges, answers to queries.
+"""What the service says: results to all readers, questions to bridges, answers to queries.
 
 Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
-because mixing them would reorder, and one publisher, which sends nothing as long as nobody listens.
+because mixing them would reorder, and one publisher, which sends nothing as long as there is no reader.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The thread that does the work: takes what arrived, lets the registry decide, says what comes of it.
 
 The inbox says whose turn it is, by how long the work of each station took; here that is measured. What takes
-longer than a slice goes on when it is its station's turn again. What is to be done without anybody having
-sent something, as taking stations over, has lanes of its own.
+longer than a slice goes on when it is its station's turn again. What is to be done without a message,
+as taking stations over, has lanes of its own.
 
 Whatever goes wrong with one arrival ends there: the sender of a command is answered, and the log has it, once
 in ten seconds for each station. Time enters the sessions only here.
@@ -79,7 +79,10 @@ class Worker(Threaded):
     ) -> None:
         self.messages = 0  # taken from the inbox so far
         self._chores: set[str] = set()  # lanes of our own that have a turn coming
-        self._news, self._pressed = 0, frozenset[str]()  # of the inbox, as far as sessions have told of it
+        self._news, self._pressed = (
+            0,
+            frozenset[str](),
+        )  # of the inbox, as far as statuses have it
         self._registry = registry
         self._steward = steward
         self._inbox = inbox
@@ -180,7 +183,7 @@ class Worker(Threaded):
             step(*given)
         except Exception:
             if self._complaints.allows(_cause(*given)):
-                logger.exception("an arrival was lost to an error of ours")
+                logger.exception("an arrival was lost to an error of the service")
 
     def _take(self, arrival: Samples | Ended | Command) -> None:
         self.messages += 1
@@ -254,7 +257,7 @@ class Worker(Threaded):
 
 @contextmanager
 def _answered(query: zenoh.Query) -> Iterator[None]:
-    """An error of ours asks the sender of a command to try again, and is raised."""
+    """An error of the service asks the sender of a command to try again, and is raised."""
     try:
         yield
     except Exception as error:

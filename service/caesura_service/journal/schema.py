@@ -77,7 +77,7 @@ COLUMNS_4 = (
 COLUMN_COUNTS = {"sessions": 10, "records": 8, "outcomes": 5, "stations": 3}
 HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 
-# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more; one
+# A session of no station is one that is being dropped (`dropping.py`), which no query finds any more; one
 # whose name has a dot is damaged and set aside.
 KNOWN = "station != '' AND session NOT LIKE '%.%'"
 SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
@@ -282,7 +282,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     check(database, path)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         database.execute(f"PRAGMA {pragma}")
-    with transaction(database):  # whoever cannot write shall know now
+    with transaction(database):  # a process that cannot write fails here
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
         for table, column, kind in COLUMNS_4:

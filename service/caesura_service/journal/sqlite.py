@@ -335,7 +335,7 @@ class SqliteJournal:
         try:
             self._put_off = 0
             shares = self._look()
-            gone = dict.fromkeys(self._seen_since_last_look(), "deleted by somebody")
+            gone = dict.fromkeys(self._seen_since_last_look(), "deleted by another process")
             overdue = self._overdue(shares, now)
         finally:
             self._writing.release()

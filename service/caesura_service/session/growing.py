@@ -19,8 +19,8 @@ from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Paths,
 from caesura_service.session.kept import Kept, Shown
 from caesura_service.session.slices import give_way
 
-# Steps without a quiet place: far more than anybody teaches (the hour of tests/bench/hour.py has 18 at
-# most), and few enough that a view of what nobody taught costs no more after an hour of it.
+# Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
+# most), and few enough that a view of other samples costs no more after an hour.
 MOST_UNQUIET = 500
 
 
@@ -91,7 +91,7 @@ class GrowingProgram:
     ) -> int:
         """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
 
-        Of MOST_UNQUIET steps the last one passes for quiet, wherever somebody looks from.
+        Of MOST_UNQUIET steps the last one passes for quiet, from wherever the steps begin.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
         for i in range(last, begin, -1):

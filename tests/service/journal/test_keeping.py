@@ -244,7 +244,7 @@ def test_a_session_that_another_process_deletes_can_no_longer_be_asked_for(path)
         with SqliteJournal(path, alone=False) as other:
             other.forget(STATION, "s1")
         gone = [one for second in range(2, 20) for one in forgotten(registry, float(second))]
-        assert gone == [("s1", "deleted by somebody")]
+        assert gone == [("s1", "deleted by another process")]
         assert names(registry) == ["s2"]
 
 

@@ -327,7 +327,7 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     b.take()
     assert b.registry.tick(1e6) == []
     a.journal.forget(STATION, NAME)
-    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by somebody")]
+    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by another process")]
     assert b.registry.board.sessions == {}
 
 

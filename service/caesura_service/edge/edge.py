@@ -30,6 +30,7 @@ from caesura_service.edge.arrivals import UNKNOWN, Arrival, Content, Samples, Wa
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
@@ -88,7 +89,8 @@ class Edge:
                 program=self._answers.program,
             )
             steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
-            outgoing = Outgoing(network, self._inbox, self.budgets)
+            lanes = stack.enter_context(Lanes())
+            outgoing = Outgoing(network, self._inbox, self.budgets, lanes)
             self._worker = Worker(self._registry, steward, self._inbox, outgoing, self.budgets, self._clock)
             self._worker.say(steward.begin(who_is_there(network)))
             self._declare(stack, network)

@@ -29,7 +29,7 @@ import zenoh
 from caesura_clients.diagnosis import why_not
 from caesura_clients.transport import reason
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
+from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
 
 logger = logging.getLogger(__name__)
 
@@ -98,7 +98,12 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     _check_is_for_a_router(config, settings.config_file)
     endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
-    _insert(config, {"mode": "router", "listen/endpoints": [patient(one) for one in endpoints]})
+    own = {
+        "mode": "router",
+        "listen/endpoints": [patient(one) for one in endpoints],
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
+    }
+    _insert(config, own)
     _allow_open_files()
     return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
 

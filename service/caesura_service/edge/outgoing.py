@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from functools import partial
 
 import zenoh
 
@@ -16,6 +17,7 @@ from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
+    Ack,
     Changepoints,
     Message,
     Posterior,
@@ -36,6 +38,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import QUERY_TIMEOUT_S
 from caesura_service.session.ports import AskReplay, Publish
 
@@ -57,10 +60,10 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets) -> None:
+    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets, lanes: Lanes) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
-        self._inbox, self._budgets = inbox, budgets
+        self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], AskReplay] = {}
 
@@ -95,11 +98,13 @@ class Outgoing:
         while self._waiting and self._under_way < QUESTIONS:
             ask = self._waiting.pop(next(iter(self._waiting)))
             self._under_way += 1
-            try:
-                self._ask(ask)
-            except zenoh.ZError:
-                logger.exception("%s was not asked", ask)
+            if not self._lanes.submit(ask.station, partial(self._ask, ask)):
                 self._end(Asked(ask))
+
+    def answer(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
+        """Reply to a command of a station; where too many of its answers wait, its client asks again."""
+        if not self._lanes.submit(station, partial(_answered, query, key, reply)):
+            query.drop()  # type: ignore[no-untyped-call]
 
     def _ask(self, ask: AskReplay) -> None:
         """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
@@ -109,14 +114,18 @@ class Outgoing:
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
             lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
         )
-        self._network.get(
-            selector,
-            handler,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.DATA_LOW,
-            timeout=QUERY_TIMEOUT_S,
-        )
+        try:
+            self._network.get(
+                selector,
+                handler,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.DATA_LOW,
+                timeout=QUERY_TIMEOUT_S,
+            )
+        except zenoh.ZError:
+            logger.exception("%s was not asked", ask)
+            self._end(asked)
 
     def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -162,6 +171,14 @@ def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Progra
     if isinstance(message, Program):
         return station_key(message.station, "program")
     return session_key(message.station, message.session, STREAMS[type(message)])
+
+
+def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
+    with query:
+        if isinstance(reply, ProtocolError):
+            refuse(query, reply)
+        else:
+            answer(query, key, reply)
 
 
 def answer(query: zenoh.Query, key: str, message: Message) -> None:

@@ -12,18 +12,15 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVarTuple
-
-import zenoh
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
+from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
 from caesura_protocol.messages import Command as Wanted
-from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
     UNKNOWN,
     Arrival,
@@ -40,7 +37,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import WHOLE, Inbox
-from caesura_service.edge.outgoing import Outgoing, answer, refuse
+from caesura_service.edge.outgoing import Outgoing
 from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
@@ -194,8 +191,7 @@ class Worker(Threaded):
                 self._outgoing.ended()
                 self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
             case Command():
-                with arrival.query:
-                    self._take_command(arrival)
+                self._take_command(arrival)
 
     def _take_samples(self, content: Content, station: str | None) -> None:
         try:
@@ -208,13 +204,20 @@ class Worker(Threaded):
         self.say(self._registry.samples(station, message, self._clock()))
 
     def _take_command(self, arrival: Command) -> None:
-        with _answered(arrival.query):
+        try:
             outputs = self._carry_out(arrival.content)
+        except Exception as error:
+            why = f"not carried out: {type(error).__name__}"
+            self._answer(arrival, ProtocolError("internal", why))
+            raise
         for output in outputs:
             if isinstance(output, Answer):
-                _reply(arrival.query, arrival.content.key, output)
+                self._answer(arrival, output.reply)
             else:
                 self.say([output])
+
+    def _answer(self, arrival: Command, reply: Ack | ProtocolError) -> None:
+        self._outgoing.answer(arrival.query, arrival.content.key, _lane_of(arrival), reply)
 
     def _carry_out(self, content: Content) -> list[Output]:
         """What comes of a command, with one answer to it."""
@@ -255,16 +258,6 @@ class Worker(Threaded):
                     raise TypeError("an answer without a question")
 
 
-@contextmanager
-def _answered(query: zenoh.Query) -> Iterator[None]:
-    """An error of the service asks the sender of a command to try again, and is raised."""
-    try:
-        yield
-    except Exception as error:
-        refuse(query, ProtocolError("internal", f"not carried out: {type(error).__name__}"))
-        raise
-
-
 def _cause(*given: object) -> str:
     """Whose message was given; empty for what is no message."""
     return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
@@ -292,10 +285,3 @@ def _batch(content: Content) -> SampleBatch | Heartbeat:
 def _command(content: Content) -> Wanted:
     content.check_size()
     return decode(content.payload, content.encoding, Control).command
-
-
-def _reply(query: zenoh.Query, key: str, output: Answer) -> None:
-    if isinstance(output.reply, ProtocolError):
-        refuse(query, output.reply)
-    else:
-        answer(query, key, output.reply)

@@ -75,6 +75,11 @@ class History:
     wrong: list[str] = field(default_factory=list)
 
     @property
+    def progress(self) -> int:
+        """Answers that a writer went on with, or batches that they were for."""
+        return sum(self.reached.values()) + len(self.openings) + len(self.closed)
+
+    @property
     def acknowledged(self) -> int:
         """Edits."""
         return sum(one.fate == "acknowledged" for one in self.operations if one.edit)
@@ -159,11 +164,20 @@ def carried_out(transport: ZenohTransport, key: Key, made: Edit, over: threading
 
 
 def disturb(
-    service: Service, lines: Sequence[Proxy], rng: random.Random, done: Callable[[], bool]
+    service: Service,
+    lines: Sequence[Proxy],
+    rng: random.Random,
+    history: History,
+    done: Callable[[], bool],
 ) -> Counter[str]:
-    """One thing after the other until everything is written: kills, cuts, lines that are held up."""
+    """One thing after the other until everything is written: kills, cuts, lines that are held up.
+
+    Before the next one a writer has been answered, however slow the machine: else no session would end.
+    """
     counts: Counter[str] = Counter()
     while not done():
+        before = history.progress
+        eventually(lambda before=before: done() or history.progress > before, PATIENCE_S)  # type: ignore[misc]
         what = rng.choice(["killed", "killed", "cut", "held up"])
         counts[what] += 1
         some = rng.sample(lines, k=rng.randint(1, len(lines) - 1))
@@ -202,7 +216,7 @@ def histories(directory: Path, seed: int = SEED) -> Row:
             pool.submit(edit, transport, f"editor-{number}", history, random.Random(seed + number), over)
             for number, transport in enumerate(transports[WRITERS:])
         ]
-        counts = disturb(service, lines, rng, lambda: all(writer.done() for writer in writers))
+        counts = disturb(service, lines, rng, history, lambda: all(writer.done() for writer in writers))
         for writer in writers:
             writer.result()
         before = history.acknowledged

@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
     Ack,
     App,
     AppPath,
+    Budget,
     Changepoint,
     Changepoints,
     Close,
@@ -50,6 +51,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
     Snapshot,
+    StationBudgets,
     Undo,
     ViaPoint,
     WrenchReport,
@@ -125,6 +127,13 @@ def examples() -> dict[str, Message]:
     journal = JournalReport(
         kind="sqlite", commit_s=0.0625, size=1048576, size_limit=10_000_000_000, waiting=4096
     )
+    budgets = StationBudgets(
+        station="cell-1",
+        work=Budget(per_s=0.5, at_once=60.0, used=1.25, refused=0),
+        messages=Budget(per_s=5000.0, at_once=10000.0, used=10.0, refused=0),
+        bytes=Budget(per_s=16e6, at_once=32e6, used=20480.0, refused=0),
+        commands=Budget(per_s=500.0, at_once=1000.0, used=1000.0, refused=17),
+    )
     status = SessionStatus(
         **OF_RESULT,
         seq=41,
@@ -143,6 +152,7 @@ def examples() -> dict[str, Message]:
         last_refusal=refusal,
         hypotheses=37,
         capped=0,
+        budgets=budgets,
     )
     via = ViaPoint(
         t=1.75,
@@ -226,6 +236,8 @@ def examples() -> dict[str, Message]:
         posterior,
         wrench,
         refusal,
+        budgets.work,
+        budgets,
         status,
         via,
         path,
@@ -253,6 +265,7 @@ def examples() -> dict[str, Message]:
             dropped=0,
             journal=journal,
             time=1767225600.25,
+            budgets=(budgets,),
         ),
         Piece(encoding="application/msgpack;caesura.Ack.v1", whole=7, number=1, count=2, payload=b"\x01\x02"),
         Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),

@@ -42,6 +42,10 @@ _ABOUT_ITS: tuple[tuple[str, str], ...] = (
 )
 
 
+class _NoRoomError(Exception):
+    """The router closes the connection before anything is said, as Zenoh does with one too many."""
+
+
 def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
     """The error to raise after a failed attempt. NotLetIn where waiting will not help.
 
@@ -58,6 +62,9 @@ def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreach
         return Unreachable(f"no router at {endpoint}{tried}; is the service running?")
     except socket.gaierror:
         return Unreachable(f"no router at {endpoint}{tried}: there is no host {host}; check the name")
+    except _NoRoomError:
+        full = "more connections wait there, or are open, than it takes"
+        return Unreachable(f"{endpoint} closes every connection at once{tried}: {full}; try again")
     except OSError as error:
         return Unreachable(f"no router at {endpoint}{tried}: {error.strerror or error}; check the network")
     return NotLetIn(f"{endpoint} does not let us in: {said}")
@@ -69,8 +76,19 @@ def _look(protocol: str, host: str, port: int, read: Read) -> str:
         if protocol == "tls":
             found = _tls_verdict(plain, host, read)
         else:
+            _check_stays(plain)
             found = "it speaks TLS: write tls/" if _speaks_tls(plain) else None
     return found or _about_the_password(read)
+
+
+def _check_stays(link: socket.socket) -> None:
+    """Raises _NoRoomError where it is closed already; one that is content waits for the first message."""
+    link.settimeout(VERDICT_S)
+    try:
+        if not link.recv(1, socket.MSG_PEEK):
+            raise _NoRoomError
+    except TimeoutError:
+        link.settimeout(TIMEOUT_S)
 
 
 def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
@@ -92,10 +110,11 @@ def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
 
 
 def _last_word(link: ssl.SSLSocket) -> str | None:
-    """What it says of our certificate once the handshake is over; who is content waits for us."""
+    """What it says of our certificate once the handshake is over; one that is content waits for us."""
     link.settimeout(VERDICT_S)
     try:
-        link.recv(1)
+        if not link.recv(1):
+            raise _NoRoomError
     except ssl.SSLError as error:
         return _alert(error)
     except OSError:

@@ -250,7 +250,7 @@ def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
         said = [str(config_file)] * (config_file is not None) + [f"endpoint {endpoint!r}"] * bool(endpoint)
-        what = f"{' with '.join(said)}: {_reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+        what = f"{' with '.join(said)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
         raise CaesuraError(what) from error
     return config
 
@@ -288,7 +288,7 @@ def _translated(where: str) -> Iterator[None]:
     try:
         yield
     except zenoh.ZError as error:
-        raise Unreachable(f"{where}: {_reason(error)}") from error
+        raise Unreachable(f"{where}: {reason(error)}") from error
 
 
 @contextmanager
@@ -299,10 +299,10 @@ def _undeclared(undeclare: Callable[[], object]) -> Iterator[None]:
         undeclare()
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """What zenoh says, on one line, without the place in its own sources.
 
-    >>> _reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
+    >>> reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
     'no such thing'
     """
     text = str(error).partition(" at /")[0]

@@ -29,6 +29,11 @@ SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapsh
 ServicePart = Literal["alive", "status"]
 
 
+def is_name(text: str) -> bool:
+    """Is it a valid name of a station, a session or an instance?"""
+    return _NAME.fullmatch(text) is not None
+
+
 def check_name(name: str, what: str) -> str:
     """The name itself. Raises ProtocolError `malformed` where it is not a valid name."""
     if not _NAME.fullmatch(name):

@@ -23,6 +23,7 @@ MAX_BATCH_SPAN_S = 60.0  # first to last sample of a batch
 MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a sequence number
 MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
+MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 
 LengthUnit = Literal["m", "cm", "mm"]
@@ -60,6 +61,7 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 Count = Annotated[int, Field(ge=0, lt=1 << 53)]
 Seconds = Annotated[float, Field(allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
 Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
@@ -367,6 +369,28 @@ class Refusal(Message):
     message: str
 
 
+class Budget(Message):
+    """What a station may use of one thing, and what it has used; in the unit of the thing."""
+
+    per_s: Amount  # so much comes back every second
+    at_once: Amount  # so much may be used at once, after a pause
+    used: Amount  # of `at_once`, now; work may pass it, because what it takes is known afterwards
+    refused: Count  # messages that were dropped or refused because of it, since the service started
+
+
+class StationBudgets(Message):
+    """What one station may use of an instance of the service. What it sends beyond that is held back.
+
+    Samples that are dropped are asked for again; commands are refused as `overloaded`.
+    """
+
+    station: Name
+    work: Budget  # [s] of the worker's time
+    messages: Budget  # samples and heartbeats; replayed ones do not count
+    bytes: Budget  # of these
+    commands: Budget
+
+
 class SessionStatus(Result):
     """How the session is doing."""
 
@@ -393,6 +417,7 @@ class SessionStatus(Result):
     undoable: bool = False  # is there a correction to take back?
     redoable: bool = False  # is there one that was taken back?
     length_unit: LengthUnit = "m"  # of the samples' positions; results are in metres
+    budgets: StationBudgets | None = None  # of its station; an older service does not tell
 
 
 class ViaPoint(Message):
@@ -498,6 +523,8 @@ class ServiceStatus(Message):
     journal: JournalReport | None = None  # an older instance does not tell
     overloaded: bool = False  # more than it can do arrives; said before anything is dropped
     time: Seconds | None = None  # [s] of day (UTC) there, when it said so; an older instance does not tell
+    # Of the stations that come nearest to a limit, or that were refused something, fullest first.
+    budgets: Annotated[tuple[StationBudgets, ...], Field(max_length=MAX_BUDGETS, fail_fast=True)] = ()
 
 
 class Piece(Message):

@@ -71,7 +71,7 @@ class Service:
             stop=stop,
         )
         self.ready = False  # joined and declared: it can be found
-        self._observed = Observed(self.registry, self.status, lambda: self.ready)
+        self._observed = Observed(self.registry, self.status, lambda: self.ready, self._edge.budgets.of)
         self.web = None if self.config.metrics is None else web_of(self.config.metrics, self._observed)
         self._stack = ExitStack()
 

@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from prometheus_client import generate_latest
 
 from caesura_protocol.messages import JournalReport, ServiceStatus
+from caesura_service.edge.budgets import Budgets
+from caesura_service.edge.rates import RateSettings
 from caesura_service.journal import MemoryJournal
 from caesura_service.observing.metrics import Observed, metrics_of
 from caesura_service.observing.watched import WatchedRegistry
@@ -67,7 +69,7 @@ def scrape(registry: WatchedRegistry) -> float:
         dropped=0,
         journal=journal,
     )
-    page = metrics_of(Observed(registry, lambda: status, lambda: True))
+    page = metrics_of(Observed(registry, lambda: status, lambda: True, Budgets(RateSettings()).of))
     began = time.process_time()
     generate_latest(page)
     return 1e3 * (time.process_time() - began)

@@ -64,9 +64,19 @@ def test_a_time_that_lies_far_off_costs_no_memory():
 
 
 def service(**changes: object) -> Reported:
-    well = {"version": our_version(), "time": NOW + 0.001, "overloaded": False}
+    held = example(ServiceStatus).budgets[0]
+    none = held.model_copy(update={"commands": held.commands.model_copy(update={"refused": 0})})
+    well = {"version": our_version(), "time": NOW + 0.001, "overloaded": False, "budgets": (none,)}
     status = example(ServiceStatus).model_copy(update={**well, **changes})
     return Reported(status, NOW, NOW + 0.002)
+
+
+def test_a_station_that_was_held_back_is_named_with_its_budget():
+    assert "no station was held back" in said(list(judge(well())), "budget")
+    held = service(budgets=example(ServiceStatus).budgets)
+    found = list(judge(replace(well(), reported=[held])))
+    assert grades(found, "budget") == ["warn"]
+    assert "commands 1000 of 1000 (500 a second), 17 held back" in said(found, "budget")
 
 
 def status(**changes: object) -> SessionStatus:

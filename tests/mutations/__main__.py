@@ -1,5 +1,7 @@
 """`python -m mutations [WORD…]`: breaks the code in one place at a time; the tests named must notice.
 
+With `--rows` the row of `make faults` that the table names must notice, which takes minutes for each.
+
 Everything happens in a temporary copy of the sources, which is first on the path of the tests and of their
 children. A mutation is caught where a test fails, and not where pytest finds no test or breaks. Exits 1 where
 one survives.
@@ -27,6 +29,8 @@ SOURCES = ("service", "protocol", "clients")
 COPIED = (*SOURCES, "tests", "data", "scripts", "pyproject.toml")
 PASSED, FAILED = 0, 1  # pytest's exit codes
 DEADLINE_S = 120.0  # of the tests of one mutation
+ROW_DEADLINE_S = 600.0
+SHOWN = 200  # characters of what a row says
 CONSOLE = Console(width=150)
 
 
@@ -36,19 +40,25 @@ def main() -> int:
     parser.add_argument(
         "words", nargs="*", metavar="WORD", help="only those whose names contain one of these"
     )
-    words = parser.parse_args().words
-    chosen = [one for one in MUTATIONS if not words or any(word in one.name for word in words)]
+    parser.add_argument("--rows", action="store_true", help="by rows of `make faults`, not by tests")
+    options = parser.parse_args()
+    words = options.words
+    chosen = [
+        one
+        for one in MUTATIONS
+        if (one.row or not options.rows) and (not words or any(word in one.name for word in words))
+    ]
     if not chosen:
         parser.error(f"no mutation has one of {words} in its name")
     with tempfile.TemporaryDirectory() as directory:
         copy = Path(directory)
         for name in COPIED:
             (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, copy / name)
-        check(copy, chosen)
+        check(copy, chosen, with_tests=not options.rows)
         shown, survived = Table("mutation", "file", "caught by", "time [s]"), 0
         for mutation in chosen:
             began = time.monotonic()
-            caught_by = tried(copy, mutation)
+            caught_by = tried(copy, mutation, by_row=options.rows)
             survived += caught_by is None
             took = f"{time.monotonic() - began:.1f}"
             shown.add_row(mutation.name, Path(mutation.file).name, caught_by or "NOT CAUGHT", took)
@@ -58,7 +68,7 @@ def main() -> int:
     return 1 if survived else 0
 
 
-def check(copy: Path, chosen: list[Mutation]) -> None:
+def check(copy: Path, chosen: list[Mutation], *, with_tests: bool) -> None:
     """The copy is what is tested, and its tests pass as it is. Raises RuntimeError."""
     imported = "import caesura_service; print(caesura_service.__file__)"
     where = run(copy, "-c", imported).stdout.strip()
@@ -66,22 +76,30 @@ def check(copy: Path, chosen: list[Mutation]) -> None:
         raise RuntimeError(f"the tests would import {where}, expected a file below {copy}")
     for mutation in chosen:
         mutated(copy, mutation)
+    if not with_tests:
+        return
     ended = run(copy, *pytest(dict.fromkeys(test for one in chosen for test in one.tests)))
     if ended.returncode != PASSED:
         raise RuntimeError(f"the tests do not pass before anything is mutated:\n{ended.stdout}{ended.stderr}")
 
 
-def tried(copy: Path, mutation: Mutation) -> str | None:
-    """The first test that fails; None where all pass. Raises RuntimeError where pytest says neither."""
+def tried(copy: Path, mutation: Mutation, *, by_row: bool) -> str | None:
+    """The first test, or the row, that fails; None where all pass. Raises RuntimeError for neither."""
     file = copy / mutation.file
     whole = file.read_text()
     file.write_text(mutated(copy, mutation))
     try:
-        ended = run(copy, *pytest(mutation.tests))
+        if by_row and mutation.row:
+            ended = run(copy, "-m", "faults.suite", mutation.row, deadline_s=ROW_DEADLINE_S)
+        else:
+            ended = run(copy, *pytest(mutation.tests))
     finally:
         file.write_text(whole)
     if ended.returncode not in {PASSED, FAILED}:
         raise RuntimeError(f"{mutation.name}: pytest broke:\n{ended.stdout}{ended.stderr}")
+    if by_row:
+        said = ended.stdout.partition("wrong: ")[2] or ended.stderr[-SHOWN:]
+        return None if ended.returncode == PASSED else f"{mutation.row}: {' '.join(said.split())[:SHOWN]}"
     failed = [line for line in ended.stdout.splitlines() if line.startswith("FAILED")]
     return failed[0].split("::")[1].split(" ")[0].split("[")[0] if failed else None
 
@@ -101,7 +119,7 @@ def pytest(tests: Iterable[str]) -> list[str]:
     return ["-m", "pytest", *options, *tests]
 
 
-def run(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run(copy: Path, *arguments: str, deadline_s: float = DEADLINE_S) -> subprocess.CompletedProcess[str]:
     """Python in the copy. Raises TimeoutExpired."""
     path = os.pathsep.join(str(copy / name) for name in (*SOURCES, "tests"))
     environment = {**os.environ, "PYTHONPATH": path}
@@ -111,7 +129,7 @@ def run(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=DEADLINE_S,
+        timeout=deadline_s,
         check=False,
     )
 

@@ -17,6 +17,7 @@ class Mutation(NamedTuple):
     text: str  # which the file has exactly once
     replacement: str
     tests: tuple[str, ...]
+    row: str = ""  # of `make faults`, where one catches it too
 
 
 MUTATIONS: tuple[Mutation, ...] = (
@@ -26,6 +27,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        self._records.append(batch, now)\n        samples, said = self._content(batch)\n",
         "        samples, said = self._content(batch)\n",
         ("tests/service/session/test_disturbances.py::test_a_rebuilt_session_goes_on_like_the_original",),
+        row="histories",
     ),
     Mutation(
         "a batch that came early is not journalled",
@@ -131,7 +133,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "what a station used is not charged",
         f"{EDGE}/worker.py",
-        "            self._budget.spend(lane, took_s)\n",
+        "            self._budgets.spend(lane, took_s)\n",
         "",
         (
             "tests/service/edge/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
@@ -162,5 +164,33 @@ MUTATIONS: tuple[Mutation, ...] = (
             "tests/service/session/test_session.py::"
             "test_closing_before_everything_is_there_asks_for_the_rest_and_is_no_refusal",
         ),
+    ),
+    Mutation(
+        "an edit is not journalled",
+        f"{SESSION}/session.py",
+        "        self._records.append(self._applied(edit, corrections), now)\n",
+        "        self._applied(edit, corrections)\n",
+        (
+            "tests/service/session/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+        ),
+        row="histories",
+    ),
+    Mutation(
+        "an edit is lost at a restart",
+        f"{SESSION}/session.py",
+        "    self._demonstration.repeat(edit, record.at)\n                    case Open()",
+        "    pass\n                    case Open()",
+        (
+            "tests/service/session/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+        ),
+        row="histories",
+    ),
+    Mutation(
+        "an undo takes no revision",
+        f"{SESSION}/corrections.py",
+        "        return Corrections(active, undone, self.revision + 1)\n",
+        "        return Corrections(active, undone, self.revision + (not isinstance(action, Undo)))\n",
+        ("tests/service/session/test_editing.py::test_undo_and_redo_are_edits_too",),
+        row="histories",
     ),
 )

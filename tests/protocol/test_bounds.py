@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 
 from caesura_protocol.bounds import HEADER_BYTES, TEXT_BYTES
 from caesura_protocol.codec import MESSAGE_TYPES, decode, encode, encoding_of
-from caesura_protocol.errors import MAX_MESSAGE, ProtocolError
+from caesura_protocol.errors import ERROR_CODES, MAX_MESSAGE, ProtocolError
 from caesura_protocol.messages import (
+    MAX_BUDGETS,
     MAX_COLUMNS,
     MAX_GAPS,
     MAX_MESSAGE_BYTES,
+    Budget,
     Changepoint,
     Changepoints,
     Error,
@@ -28,6 +30,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
     Snapshot,
+    StationBudgets,
     WrenchReport,
 )
 from caesura_service.session.standing import Tally
@@ -205,3 +208,11 @@ def test_an_array_is_not_allocated_on_the_word_of_its_header(header, size):
     payload = nest_of(header, size, 1000)
     for model in (Snapshot, Changepoints):
         assert peak_of(lambda model=model: read(payload, model)) < 2 * len(payload) + MOST_BYTES
+
+
+def test_a_status_that_lists_as_many_stations_as_it_may_is_read():
+    most = Budget(per_s=5000.5, at_once=1e4, used=9999.99, refused=1 << 52)
+    uses = dict.fromkeys(("work", "messages", "bytes", "commands"), most)
+    budgets = tuple(StationBudgets(station=f"{n:0>64}", **uses) for n in range(MAX_BUDGETS))
+    status = SERVICE.model_copy(update={"budgets": budgets, "refused": dict.fromkeys(ERROR_CODES, 1)})
+    assert decode(*encode(status), ServiceStatus) == status

@@ -12,6 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from caesura_clients.budgets import budgets_in_words
 from caesura_clients.query import SessionInfo
 from caesura_clients.recording import Recording, did_you_mean
 from caesura_protocol.limiting import force_in_words
@@ -94,6 +95,7 @@ def status_line(status: SessionStatus) -> Text:
         parts.append(f"{status.dropped} messages dropped and asked for again")
     if status.gaps:
         parts.append(_gaps(status))
+    parts += budgets_in_words(status.budgets)
     if status.last_refusal is not None:
         parts.append(f"{sum(status.refused.values())} refused, last: {_why(status.last_refusal)}")
     return Text(" · ".join(parts), style="dim")

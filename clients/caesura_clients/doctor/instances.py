@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 
+from caesura_clients.budgets import budgets_in_words, held_back
 from caesura_clients.doctor.facts import Facts, Reported
 from caesura_clients.doctor.findings import Finding, bad, ok, warn
 from caesura_protocol.keys import ROOT
@@ -54,10 +55,11 @@ def check_credentials(facts: Facts) -> Iterator[Finding]:
 
 
 def check_instance(reported: Reported) -> Iterator[Finding]:
-    """Clock, journal and queue of one instance."""
+    """Clock, journal, queue and budgets of one instance."""
     yield _clock(reported)
     for check in (_journal, _queue):
         yield check(reported.status)
+    yield from _budgets(reported.status)
 
 
 def check_owners(facts: Facts) -> Iterator[Finding]:
@@ -129,6 +131,20 @@ def _queue(status: ServiceStatus) -> Finding:
     if status.dropped:
         return warn("queue", said, f"{remedy}; what was dropped was asked for again")
     return ok("queue", said)
+
+
+def _budgets(status: ServiceStatus) -> Iterator[Finding]:
+    """Which stations were held back; without any, what the busiest one has used of what it may."""
+    held = [one for one in status.budgets if held_back(one)]
+    for one in held:
+        said = f"{status.instance}: {' · '.join(budgets_in_words(one))}"
+        remedy = "this station alone is held back: look for a bridge or a script that sends in a loop"
+        yield warn("budget", said, remedy, station=one.station)
+    if status.budgets and not held:
+        busiest = status.budgets[0]
+        used = " · ".join(budgets_in_words(busiest, least=0.0))
+        said = f"{status.instance}: no station was held back; the busiest is {busiest.station}: {used}"
+        yield ok("budget", said)
 
 
 def _counted(facts: Facts) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Tells everybody that the service is overloaded, before anything is dropped, and when it is over.
+"""Publishes that the service is overloaded, before anything is dropped, and when it is over.
 
 In a thread of its own: whatever keeps the worker may be what overloads it. It is said when it begins, every
 REPEAT_S while it lasts, with what was dropped meanwhile, and when it ends; the log has the first and last.

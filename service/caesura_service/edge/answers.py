@@ -21,7 +21,7 @@ from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.edge.arrivals import (
-    NOBODY,
+    UNKNOWN,
     Arrival,
     Command,
     Content,
@@ -29,9 +29,10 @@ from caesura_service.edge.arrivals import (
     sender_of,
     sources_of,
 )
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import Inbox, QueueSettings
-from caesura_service.edge.outgoing import answer, as_pressed, refuse
-from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings, WorkBudget
+from caesura_service.edge.outgoing import answer, as_told, refuse
+from caesura_service.edge.rates import COMPLAINTS, Rate, RateLimit
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, program_of, snapshot_of
@@ -50,18 +51,16 @@ class Answers(Threaded):
         registry: Registry,
         work: Inbox[Arrival],
         status: Callable[[], ServiceStatus],
-        budget: WorkBudget,
-        *,
-        rates: RateSettings | None = None,
+        budgets: Budgets,
+        questions: Rate,
     ) -> None:
-        """work: the worker's inbox; budget: the worker's time that each station may use."""
-        rates = rates or RateSettings()
-        self._questions, self._commands = RateLimit(rates.questions), RateLimit(rates.commands)
+        """work: the worker's inbox; questions: how many are answered, of all readers together."""
+        self._questions = RateLimit(questions)
         self._complaints = RateLimit(COMPLAINTS)
         self.turned_away = 0  # commands that were refused because of an overload
         self._counting = threading.Lock()
         self._registry = registry
-        self._work, self._budget = work, budget
+        self._work, self._budgets = work, budgets
         self._status = status
         self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
             QueueSettings(capacity=QUESTIONS, shares=1)
@@ -87,12 +86,9 @@ class Answers(Threaded):
 
     def command(self, query: zenoh.Query) -> None:
         """Enqueue a command for the worker; under pressure look at it first."""
-        source, station = sender_of(str(query.key_expr))
-        if not self._commands.allows(source):
-            self._refuse_command(query, "too many commands a second", self._commands.rates[0].per_s)
-        elif self._budget.is_spent(station or NOBODY):
-            refusal = self._budget.refusal(station or NOBODY)
-            self._refuse_command(query, refusal.message, self._budget.rate.per_s)
+        station = sender_of(str(query.key_expr)).station
+        if (refusal := self._budgets.refuse_command(station or UNKNOWN)) is not None:
+            self._refuse_command(query, refusal)
         elif station is not None and self._work.is_pressed(*sources_of(station)):
             self._enqueue(self._admit, query)
         else:
@@ -145,14 +141,17 @@ class Answers(Threaded):
 
     def _pass_on(self, command: Command) -> None:
         station = sender_of(command.content.key).station
-        if not self._work.command(command, station or NOBODY):
+        if not self._work.command(command, station or UNKNOWN):
             most = self._work.settings.commands
-            self._refuse_command(command.query, "too many commands of the station are waiting", most)
+            why = f"{most} commands of station {station} are waiting: try again"
+            refusal = ProtocolError("overloaded", why, value=most, limit=most)
+            self._refuse_command(command.query, refusal)
 
-    def _refuse_command(self, query: zenoh.Query, why: str, limit: float) -> None:
+    def _refuse_command(self, query: zenoh.Query, refusal: ProtocolError) -> None:
         with self._counting:
             self.turned_away += 1
-        _refuse_overload(query, why, limit)
+        with query:
+            refuse(query, refusal)
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:
@@ -164,7 +163,7 @@ class Answers(Threaded):
 
     def _snapshot(self, standing: Standing) -> Snapshot:
         snapshot = snapshot_of(standing)
-        return snapshot.model_copy(update={"status": as_pressed(snapshot.status, self._work)})
+        return snapshot.model_copy(update={"status": as_told(snapshot.status, self._work, self._budgets)})
 
     def _answer_program(self, query: zenoh.Query) -> None:
         with query:

@@ -15,7 +15,7 @@ from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.edge.rates import SENDERS
 from caesura_service.session.ports import AskReplay, ReplayEnded
 
-NOBODY = "?"  # no name, so it is no station's
+UNKNOWN = "?"  # the station of keys that name none
 OCTETS = "application/octet-stream"
 MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
 
@@ -53,7 +53,7 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Somebody asked a station's `control` key. The query is answered by whoever takes the arrival."""
+    """A query on a station's `control` key. The worker answers it."""
 
     content: Content
     query: zenoh.Query
@@ -69,7 +69,7 @@ class Asked:
     refusal: Content | None = field(default=None)
 
     def ended(self) -> ReplayEnded:
-        """What it comes to. An answer that is no refusal of ours, like a timeout, counts as none."""
+        """What it comes to. An answer that is no refusal of the protocol, like a timeout, counts as none."""
         error = self._error()
         known = error is not None and error.code in {"evicted", "unknown_session"}
         oldest = error.limit if error and known and isinstance(error.limit, int) else None
@@ -115,7 +115,7 @@ class Linked:
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """From here on tokens are told of."""
+    """From here on tokens that come and go are reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def sender_of(key: str) -> Sender:
     try:
         return Sender(key, parse_station_key(key)[0])
     except ProtocolError:
-        return Sender(NOBODY, None)
+        return Sender(UNKNOWN, None)
 
 
 def station_of(source: str) -> str:
@@ -161,7 +161,7 @@ def station_of(source: str) -> str:
     >>> [station_of(source) for source in sources_of("cell-1")]
     ['cell-1', 'cell-1']
     """
-    return source.split("/")[-2] if "/" in source else source  # whatever anybody put in a key: no parsing
+    return source.split("/")[-2] if "/" in source else source  # of any key, valid or not: no parsing
 
 
 def content_of(message: zenoh.Sample) -> Content:

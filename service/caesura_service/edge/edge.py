@@ -4,7 +4,7 @@ Every callback of the network only enqueues: one that works would stop all recep
 the network's thread, and what was put is gathered before a command: in a thread for each declaration a close
 overtook the batches before it in one of six runs, and was refused and repeated.
 
-In the beginning sessions are taken, then declared, then told of by our token, so that others let go only of
+In the beginning sessions are taken, then declared, then announced by our token, so that others let go only of
 what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang
 the interpreter.
 """
@@ -26,13 +26,15 @@ from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
-from caesura_service.edge.arrivals import NOBODY, Arrival, Content, Samples, Watching, sender_of
+from caesura_service.edge.arrivals import UNKNOWN, Arrival, Content, Samples, Watching, sender_of
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.gathering import Gathering
 from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
-from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings, WorkBudget
+from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
 from caesura_service.edge.scope import Scope
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.worker import Worker
@@ -57,7 +59,7 @@ class Edge:
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
     ) -> None:
-        """stop: set by whoever no longer wants to wait for a router."""
+        """stop: set when the process no longer waits for a router."""
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
@@ -69,10 +71,9 @@ class Edge:
         self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
-        self._rates = RateLimit(rates.samples, rates.volume)
-        self._work = WorkBudget(rates.work)
+        self.budgets = Budgets(rates)
         self._complaints = RateLimit(COMPLAINTS)
-        self._answers = Answers(registry, self._inbox, self.status, self._work, rates=rates)
+        self._answers = Answers(registry, self._inbox, self.status, self.budgets, rates.questions)
         self._gathering = Gathering(self._take_samples)
         self._stack = ExitStack()
 
@@ -88,8 +89,9 @@ class Edge:
                 program=self._answers.program,
             )
             steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
-            outgoing = Outgoing(network, self._inbox, self._work)
-            self._worker = Worker(self._registry, steward, self._inbox, outgoing, self._work, self._clock)
+            lanes = stack.enter_context(Lanes())
+            outgoing = Outgoing(network, self._inbox, self.budgets, lanes)
+            self._worker = Worker(self._registry, steward, self._inbox, outgoing, self.budgets, self._clock)
             self._worker.say(steward.begin(who_is_there(network)))
             self._declare(stack, network)
             self._worker.say(self._registry.restate(None))
@@ -125,6 +127,7 @@ class Edge:
             journal=self._registry.journal_report(),
             time=time.time(),
             overloaded=bool(self._inbox.pressed),
+            budgets=self.budgets.busiest(),
         )
 
     def _declare(self, stack: ExitStack, network: zenoh.Session) -> None:
@@ -153,18 +156,15 @@ class Edge:
     def _take_samples(self, sample: zenoh.Sample) -> None:
         key, payload = str(sample.key_expr), sample.payload
         source, station = sender_of(key)
-        if not self._rates.allows(source, 1.0, len(payload)):
-            most = (rate.per_s for rate in self._rates.rates)
-            self._turn_away(source, "more than {:g} messages or {:g} bytes a second".format(*most))
-            return
-        if self._work.is_spent(station or NOBODY):
-            self._turn_away(source, self._work.refusal(station or NOBODY).message)
+        lane = station or UNKNOWN
+        if (refusal := self.budgets.refuse_put(lane, len(payload))) is not None:
+            self._turn_away(source, refusal.message)
             return
         content = Content.of(key, payload, str(sample.encoding))
-        self._inbox.offer(Samples(content, station), source, len(content.payload), station or NOBODY)
+        self._inbox.offer(Samples(content, station), source, len(content.payload), lane)
 
     def _turn_away(self, source: str, why: str) -> None:
-        """Dropped like what finds no room: counted, told in the session's status, and asked for again."""
+        """Dropped like what finds no room: counted, in the session's status, and asked for again."""
         self._inbox.turn_away(source)
         if self._complaints.allows(source):
-            logger.warning("%s: %s; the rest is dropped", source, why)
+            logger.warning("%s: %s; messages are dropped until then", source, why)

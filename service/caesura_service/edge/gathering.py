@@ -1,9 +1,9 @@
 """What stations put, gathered: one look for many messages.
 
-A callback in the network's thread waits for the interpreter at every message, and then keeps waiting whoever
-had it. So Zenoh puts what it reads into channels of its own, for which it needs no interpreter, and all of
-them are emptied every few milliseconds. At 48 stations that takes a fifth off what a batch costs in all
-(docs/speed.md).
+A callback in the network's thread waits for the interpreter at every message, and then keeps the thread
+waiting that had it. So Zenoh puts what it reads into channels of its own, for which it needs no interpreter,
+and all of them are emptied every few milliseconds. At 48 stations that takes a fifth off what a batch costs
+in all (docs/speed.md).
 
 What must not overtake what was put before it, as a command, has them emptied first: a link is read in order.
 """
@@ -25,7 +25,7 @@ Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError whe
 logger = logging.getLogger(__name__)
 
 LOOK_S = 0.005  # a tenth of what a result may take
-IDLE_LOOK_S = 0.025  # once nobody has put anything for so many looks:
+IDLE_LOOK_S = 0.025  # once no station has put anything for so many looks:
 PATIENCE = 40
 CHANNEL = 256  # messages of one expression; in a full one the link waits, whose sender then waits too
 
@@ -57,7 +57,7 @@ class Gathering(Threaded):
         gathered = 0
         with self._turn:
             for _, receive in tuple(self._declared.values()):
-                most = CHANNEL  # one who never stops keeps nobody waiting
+                most = CHANNEL  # a station that never stops keeps no other waiting
                 try:
                     while most and (sample := receive()) is not None:
                         self._take_one(sample)
@@ -72,7 +72,7 @@ class Gathering(Threaded):
             self._take(sample)
         except Exception:
             if self._complaints.allows("any"):
-                logger.exception("a message was lost to an error of ours")
+                logger.exception("a message was lost to an error of the service")
 
     def _run(self) -> None:
         in_vain = 0

@@ -9,10 +9,10 @@ order.
 Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
 the hole by its number and asks again. Commands are never dropped: there is room for as many again, of one
-station for `commands`, and past that the caller is told, so that it can refuse them.
+station for `commands`, and past that the caller has to refuse them.
 
 Overload is known before anything is dropped: from `overloaded_at` of the capacity, or of a source's share,
-the queue or that source is pressed, until it has fallen to `relieved_at`. Where somebody announces it,
+the queue or that source is pressed, until it has fallen to `relieved_at`. Where an announcer watches,
 nothing is dropped until that is done; meanwhile there is room for as much again.
 """
 
@@ -29,7 +29,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 WHOLE = ""  # among what is pressed: the queue itself
-SOURCES = 1024  # told apart while nothing waits of them, or was dropped; further drops count in the total
+SOURCES = 1024  # whose drops are counted one by one; those of further ones count in the total alone
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Inbox(Generic[T]):
     """Bounded; nothing but `get` ever waits."""
 
     def __init__(self, settings: QueueSettings, *, announced: bool = False) -> None:
-        """announced: does somebody watch `changed` and call `has_announced`?"""
+        """announced: does an announcer wait for `changed` and call `has_announced`?"""
         self.capacity = settings.capacity
         self.overloaded_at = settings.overloaded_at
         self.dropped = 0
@@ -109,7 +109,7 @@ class Inbox(Generic[T]):
         self._of_source: dict[str, _Load] = {}
         self._drops: dict[str, int] = {}
         self._announced = announced
-        self._is_told = not announced
+        self._is_announced = not announced
         self._lock = threading.Lock()
         self._arrived = threading.Condition(self._lock)
 
@@ -119,7 +119,7 @@ class Inbox(Generic[T]):
         lane: whose turn it takes; by default the source's own.
         """
         with self._lock:
-            room = 1.0 if self._is_told else 2.0
+            room = 1.0 if self._is_announced else 2.0
             mine = self._of_source.get(source) or self._made_known(source)
             self._total.items = self._waiting
             if not (self._total.has_room(size, room) and mine.has_room(size, room)):
@@ -166,7 +166,7 @@ class Inbox(Generic[T]):
             self._waiting += 1
 
     def get(self, timeout_s: float) -> T | None:
-        """The next item; None if there is none in time, or if somebody called `wake`."""
+        """The next item; None if there is none in time, or after a call of `wake`."""
         with self._arrived:
             self._end_turn()
             if not self._turns and not self._woken:
@@ -209,8 +209,8 @@ class Inbox(Generic[T]):
         return not self.pressed.isdisjoint((WHOLE, *sources))
 
     def has_announced(self) -> None:
-        """Whoever listens has been told of the overload: from here on, what is too much is dropped."""
-        self._is_told = True
+        """The overload is published: from here on, what is too much is dropped."""
+        self._is_announced = True
 
     def fill(self) -> float:
         """How full the queue is, or the share that is fullest: 1 and more is full."""
@@ -285,7 +285,7 @@ class Inbox(Generic[T]):
         if not is_pressed and not load.is_overloaded():
             return
         if not self.pressed:
-            self._is_told = not self._announced
+            self._is_announced = not self._announced
         self.pressed ^= {source}
         self.news += 1
         self.changed.set()

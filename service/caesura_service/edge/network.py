@@ -27,8 +27,9 @@ from typing import Any
 import zenoh
 
 from caesura_clients.diagnosis import why_not
+from caesura_clients.transport import reason
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ACCEPT_PENDING, ROUTER_MAX_BYTES, patient
+from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
 
 logger = logging.getLogger(__name__)
 
@@ -97,7 +98,12 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     _check_is_for_a_router(config, settings.config_file)
     endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
-    _insert(config, {"mode": "router", "listen/endpoints": [patient(one) for one in endpoints]})
+    own = {
+        "mode": "router",
+        "listen/endpoints": [patient(one) for one in endpoints],
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
+    }
+    _insert(config, own)
     _allow_open_files()
     return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
 
@@ -128,8 +134,15 @@ def _config(file: Path | None) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
+    """Raises NetworkError for an endpoint that is none."""
     for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            if not key.endswith("/endpoints"):
+                raise
+            what = f"{', '.join(value)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+            raise NetworkError(what) from error
 
 
 def _reader(config: zenoh.Config) -> exposure.Read:

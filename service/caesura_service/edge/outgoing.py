@@ -1,13 +1,14 @@
-"""What the service says: results to everybody, questions to bridges, answers to queries.
+"""What the service says: results to all readers, questions to bridges, answers to queries.
 
 Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
-because mixing them would reorder, and one publisher, which sends nothing as long as nobody listens.
+because mixing them would reorder, and one publisher, which sends nothing as long as there is no reader.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from functools import partial
 
 import zenoh
 
@@ -16,6 +17,7 @@ from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
+    Ack,
     Changepoints,
     Message,
     Posterior,
@@ -34,9 +36,10 @@ from caesura_service.edge.arrivals import (
     content_of_error,
     sources_of,
 )
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import QUERY_TIMEOUT_S
-from caesura_service.edge.rates import WorkBudget
 from caesura_service.session.ports import AskReplay, Publish
 
 logger = logging.getLogger(__name__)
@@ -57,10 +60,10 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], work: WorkBudget) -> None:
+    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets, lanes: Lanes) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
-        self._inbox, self._work = inbox, work
+        self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], AskReplay] = {}
 
@@ -68,7 +71,7 @@ class Outgoing:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
         message = publish.message
         if isinstance(message, SessionStatus):
-            message = as_pressed(message, self._inbox)
+            message = as_told(message, self._inbox, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
@@ -95,11 +98,13 @@ class Outgoing:
         while self._waiting and self._under_way < QUESTIONS:
             ask = self._waiting.pop(next(iter(self._waiting)))
             self._under_way += 1
-            try:
-                self._ask(ask)
-            except zenoh.ZError:
-                logger.exception("%s was not asked", ask)
+            if not self._lanes.submit(ask.station, partial(self._ask, ask)):
                 self._end(Asked(ask))
+
+    def answer(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
+        """Reply to a command of a station; where too many of its answers wait, its client asks again."""
+        if not self._lanes.submit(station, partial(_answered, query, key, reply)):
+            query.drop()  # type: ignore[no-untyped-call]
 
     def _ask(self, ask: AskReplay) -> None:
         """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
@@ -109,14 +114,18 @@ class Outgoing:
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
             lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
         )
-        self._network.get(
-            selector,
-            handler,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.DATA_LOW,
-            timeout=QUERY_TIMEOUT_S,
-        )
+        try:
+            self._network.get(
+                selector,
+                handler,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.DATA_LOW,
+                timeout=QUERY_TIMEOUT_S,
+            )
+        except zenoh.ZError:
+            logger.exception("%s was not asked", ask)
+            self._end(asked)
 
     def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -124,7 +133,9 @@ class Outgoing:
             arrival = Samples(content_of(reply.ok), asked.ask.station)
             station = asked.ask.station
             size = len(arrival.content.payload)
-            has_room = not self._work.is_spent(station) and self._inbox.offer(arrival, station, size, station)
+            has_room = self._budgets.refuse_work(station) is None and self._inbox.offer(
+                arrival, station, size, station
+            )
             asked.dropped += not has_room
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
@@ -148,10 +159,11 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def as_pressed(status: SessionStatus, inbox: Inbox[Arrival]) -> SessionStatus:
-    """The status with what the queue knows: is there more for the station than can be done?"""
+def as_told(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
+    """The status of a session with what the edge knows of its station: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
-    return status.model_copy(update={"overloaded": True}) if pressed else status
+    known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
+    return status.model_copy(update=known)
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:
@@ -159,6 +171,14 @@ def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Progra
     if isinstance(message, Program):
         return station_key(message.station, "program")
     return session_key(message.station, message.session, STREAMS[type(message)])
+
+
+def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
+    with query:
+        if isinstance(reply, ProtocolError):
+            refuse(query, reply)
+        else:
+            answer(query, key, reply)
 
 
 def answer(query: zenoh.Query, key: str, message: Message) -> None:

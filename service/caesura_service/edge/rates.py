@@ -1,7 +1,7 @@
-"""How often one sender may come: token buckets, asked in the network's threads before anything is queued.
+"""How often a sender may send: token buckets, which the network's threads ask before they enqueue anything.
 
-Sizes and queues bound what a sender may hold; this bounds the work that it may cause. The numbers lie well
-above what honest clients do, so that who meets them is broken or hostile. Samples: a robot of 1 kHz that
+Sizes and queues bound what a sender may hold; rates bound the work that it may cause. The numbers lie well
+above what honest clients do, so a sender that meets them is broken or hostile. Samples: a robot of 1 kHz that
 sends each sample by itself sends 1000 messages a second; with every column there is they are 0.5 MB; a bridge
 as fast as flow control lets it sends a window of 64 every 20 ms, 3200 (measured: 1500). Replays, which the
 service asks for, do not count. Work: a robot of 1 kHz takes a fiftieth of the worker's time, an hour of a
@@ -16,11 +16,10 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
-from caesura_protocol.errors import ProtocolError
-
-SENDERS = 1024  # told apart; one more waits until one of them has been quiet for a full burst
+SENDERS = 1024  # told apart; one more is let in once the one that was quiet for longest has full buckets
 
 
 class Rate(NamedTuple):
@@ -40,7 +39,7 @@ COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station, or about what it cause
 
 @dataclass(frozen=True)
 class RateSettings:
-    """What may come how often."""
+    """The rate of each kind of message, and of work."""
 
     samples: Rate = SAMPLES
     volume: Rate = VOLUME
@@ -50,7 +49,7 @@ class RateSettings:
 
 
 class _Bucket(NamedTuple):
-    """What one sender had left of each rate when it last came."""
+    """What one sender had left of each rate when it last sent."""
 
     tokens: Sequence[float]
     at: float  # [s]
@@ -65,32 +64,50 @@ class RateLimit:
         self.rates = rates
         self._senders = senders
         self._clock = clock
-        self._buckets: dict[str, _Bucket] = {}  # whoever came last stands last
-        self._full = _Bucket([rate.burst for rate in rates], float("-inf"))
+        self._buckets: dict[str, _Bucket] = {}  # the sender that sent last stands last
+        self._full = _Bucket([rate.burst for rate in rates], -inf)
         self._lock = threading.Lock()
 
     def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
         """Take so many tokens of each rate, if the sender has them all."""
+        return self.lacking(sender, cost, *further) is None
+
+    def lacking(self, sender: str, cost: float = 1.0, *further: float) -> int | None:
+        """Likewise; returns the first rate of which there are too few, by its index, or None."""
         with self._lock:
             now = self._clock()
             bucket = self._buckets.pop(sender, None)
             if bucket is None:
                 if not self._has_room(now):
-                    return False
+                    return 0
                 bucket = self._full
             left = self._left(bucket, now, (cost, *further))
-            self._buckets[sender] = bucket if left is None else _Bucket(left, now)
-        return left is not None
+            self._buckets[sender] = bucket if isinstance(left, int) else _Bucket(left, now)
+        return left if isinstance(left, int) else None
 
-    def _left(self, bucket: _Bucket, now: float, costs: Sequence[float]) -> list[float] | None:
-        """Tokens of each rate once the costs are taken; None where that is more than there is of one."""
+    def used(self, sender: str) -> list[float]:
+        """Tokens of each rate that are missing to a full bucket."""
+        tokens, at = self._buckets.get(sender, self._full)
+        passed_s = self._clock() - at
+        return [
+            max(0.0, burst - left - passed_s * per_s)
+            for (per_s, burst), left in zip(self.rates, tokens, strict=True)
+        ]
+
+    def senders(self) -> list[str]:
+        """Those that are told apart now."""
+        with self._lock:
+            return list(self._buckets)
+
+    def _left(self, bucket: _Bucket, now: float, costs: Sequence[float]) -> list[float] | int:
+        """Tokens of each rate once the costs are taken, or the first rate of which there are too few."""
         passed_s = now - bucket.at
-        left = []
+        left: list[float] = []
         for (per_s, burst), tokens, cost in zip(self.rates, bucket.tokens, costs, strict=True):
             filled = tokens + passed_s * per_s
             filled = (filled if filled < burst else burst) - cost
             if filled < 0.0:
-                return None
+                return len(left)
             left.append(filled)
         return left
 
@@ -99,7 +116,7 @@ class RateLimit:
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))
-        if self._left(self._buckets[oldest], now, [rate.burst for rate in self.rates]) is None:
+        if isinstance(self._left(self._buckets[oldest], now, [rate.burst for rate in self.rates]), int):
             return False
         del self._buckets[oldest]
         return True
@@ -117,7 +134,7 @@ class WorkBudget:
         self.rate = rate
         self._stations = stations
         self._clock = clock
-        self._left: dict[str, _Bucket] = {}  # whoever spent last stands last
+        self._left: dict[str, _Bucket] = {}  # the station that spent last stands last
         self._lock = threading.Lock()
 
     def spend(self, station: str, seconds: float) -> None:
@@ -129,16 +146,19 @@ class WorkBudget:
             if len(self._left) > self._stations:
                 del self._left[next(iter(self._left))]
 
+    def used(self, station: str) -> float:
+        """[s] what is missing to the burst; from the burst on the station has to wait."""
+        return self.rate.burst - self._left_s(self._left.get(station), self._clock())
+
     def is_spent(self, station: str) -> bool:
         """Has it used what it may, so that it has to wait?"""
         bucket = self._left.get(station)
         return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0
 
-    def refusal(self, station: str) -> ProtocolError:
-        """What a station is told that has to wait."""
-        per_s, at_once_s = self.rate
-        why = f"the station has used up its work: {at_once_s:g} s at once and {per_s:g} s a second; try again"
-        return ProtocolError("overloaded", why, value=station, limit=per_s)
+    def stations(self) -> list[str]:
+        """Those that are told apart now."""
+        with self._lock:
+            return list(self._left)
 
     def _left_s(self, bucket: _Bucket | None, now: float) -> float:
         """[s] never more than the burst."""

@@ -1,8 +1,8 @@
 """The thread that does the work: takes what arrived, lets the registry decide, says what comes of it.
 
 The inbox says whose turn it is, by how long the work of each station took; here that is measured. What takes
-longer than a slice goes on when it is its station's turn again. What is to be done without anybody having
-sent something, as taking stations over, has lanes of its own.
+longer than a slice goes on when it is its station's turn again. What is to be done without a message,
+as taking stations over, has lanes of its own.
 
 Whatever goes wrong with one arrival ends there: the sender of a command is answered, and the log has it, once
 in ten seconds for each station. Time enters the sessions only here.
@@ -12,20 +12,17 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVarTuple
-
-import zenoh
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
+from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
 from caesura_protocol.messages import Command as Wanted
-from caesura_protocol.messages import Control, Heartbeat, SampleBatch
 from caesura_service.edge.arrivals import (
-    NOBODY,
+    UNKNOWN,
     Arrival,
     Command,
     Content,
@@ -38,9 +35,10 @@ from caesura_service.edge.arrivals import (
     sender_of,
     station_of,
 )
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import WHOLE, Inbox
-from caesura_service.edge.outgoing import Outgoing, answer, refuse
-from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit, WorkBudget
+from caesura_service.edge.outgoing import Outgoing
+from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.ports import (
@@ -73,18 +71,21 @@ class Worker(Threaded):
         steward: Steward,
         inbox: Inbox[Arrival],
         outgoing: Outgoing,
-        budget: WorkBudget,
+        budgets: Budgets,
         clock: Callable[[], float],
     ) -> None:
         self.messages = 0  # taken from the inbox so far
         self._chores: set[str] = set()  # lanes of our own that have a turn coming
-        self._news, self._pressed = 0, frozenset[str]()  # of the inbox, as far as sessions have told of it
+        self._news, self._pressed = (
+            0,
+            frozenset[str](),
+        )  # of the inbox, as far as statuses have it
         self._registry = registry
         self._steward = steward
         self._inbox = inbox
         self._outgoing = outgoing
-        self._budget = budget
-        self._told: set[str] = set()  # stations that know that they have used up their budget
+        self._budgets = budgets
+        self._refused: set[str] = set()  # stations whose status says that their work is used up
         self._clock = clock
         self._complaints = RateLimit(COMPLAINTS)
         super().__init__("caesura-worker", inbox.wake)
@@ -128,7 +129,7 @@ class Worker(Threaded):
         self._inbox.spent(took_s)
         if isinstance(arrival, Samples | Ended | Command | Unfinished):
             lane = _lane_of(arrival)
-            self._budget.spend(lane, took_s)
+            self._budgets.spend(lane, took_s)
             self._registry.spent(lane, took_s)
 
     def _do_a_slice(self, arrival: Arrival) -> str | None:
@@ -168,18 +169,18 @@ class Worker(Threaded):
 
     def _tell_of_budget(self, station: str) -> None:
         """Where a station's messages are dropped because of its work, its session says so, once."""
-        if not self._budget.is_spent(station):
-            self._told.discard(station)
-        elif station not in self._told and len(self._told) < SENDERS:
-            self._told.add(station)
-            self.say(self._registry.refuse(station, self._budget.refusal(station)))
+        if (refusal := self._budgets.exhausted(station)) is None:
+            self._refused.discard(station)
+        elif station not in self._refused and len(self._refused) < SENDERS:
+            self._refused.add(station)
+            self.say(self._registry.refuse(station, refusal))
 
     def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
             step(*given)
         except Exception:
             if self._complaints.allows(_cause(*given)):
-                logger.exception("an arrival was lost to an error of ours")
+                logger.exception("an arrival was lost to an error of the service")
 
     def _take(self, arrival: Samples | Ended | Command) -> None:
         self.messages += 1
@@ -190,8 +191,7 @@ class Worker(Threaded):
                 self._outgoing.ended()
                 self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
             case Command():
-                with arrival.query:
-                    self._take_command(arrival)
+                self._take_command(arrival)
 
     def _take_samples(self, content: Content, station: str | None) -> None:
         try:
@@ -204,13 +204,20 @@ class Worker(Threaded):
         self.say(self._registry.samples(station, message, self._clock()))
 
     def _take_command(self, arrival: Command) -> None:
-        with _answered(arrival.query):
+        try:
             outputs = self._carry_out(arrival.content)
+        except Exception as error:
+            why = f"not carried out: {type(error).__name__}"
+            self._answer(arrival, ProtocolError("internal", why))
+            raise
         for output in outputs:
             if isinstance(output, Answer):
-                _reply(arrival.query, arrival.content.key, output)
+                self._answer(arrival, output.reply)
             else:
                 self.say([output])
+
+    def _answer(self, arrival: Command, reply: Ack | ProtocolError) -> None:
+        self._outgoing.answer(arrival.query, arrival.content.key, _lane_of(arrival), reply)
 
     def _carry_out(self, content: Content) -> list[Output]:
         """What comes of a command, with one answer to it."""
@@ -251,16 +258,6 @@ class Worker(Threaded):
                     raise TypeError("an answer without a question")
 
 
-@contextmanager
-def _answered(query: zenoh.Query) -> Iterator[None]:
-    """An error of ours asks the sender of a command to try again, and is raised."""
-    try:
-        yield
-    except Exception as error:
-        refuse(query, ProtocolError("internal", f"not carried out: {type(error).__name__}"))
-        raise
-
-
 def _cause(*given: object) -> str:
     """Whose message was given; empty for what is no message."""
     return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
@@ -272,11 +269,11 @@ def _lane_of(arrival: Samples | Ended | Command | Unfinished) -> str:
         case Unfinished(lane):
             return lane
         case Samples(_, station):
-            return station or NOBODY
+            return station or UNKNOWN
         case Ended(asked):
             return asked.ask.station
         case Command(content):
-            return sender_of(content.key).station or NOBODY
+            return sender_of(content.key).station or UNKNOWN
 
 
 def _batch(content: Content) -> SampleBatch | Heartbeat:
@@ -288,10 +285,3 @@ def _batch(content: Content) -> SampleBatch | Heartbeat:
 def _command(content: Content) -> Wanted:
     content.check_size()
     return decode(content.payload, content.encoding, Control).command
-
-
-def _reply(query: zenoh.Query, key: str, output: Answer) -> None:
-    if isinstance(output.reply, ProtocolError):
-        refuse(query, output.reply)
-    else:
-        answer(query, key, output.reply)

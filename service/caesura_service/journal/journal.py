@@ -88,6 +88,9 @@ class Journal(Protocol):
     def commit(self) -> None:
         """Everything that was appended is safe when this returns. Raises JournalError."""
 
+    def flush(self) -> None:
+        """As `commit`, and how sessions ended is kept too. Raises JournalError."""
+
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session in the order in which they were appended; none for an unknown one."""
 

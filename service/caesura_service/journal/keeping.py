@@ -2,17 +2,15 @@
 
 Stations share its size fairly. Past it, the station that takes most loses its oldest closed session, so one
 that takes no more than its part loses nothing to another; and the open sessions of one station, which are
-never dropped, take half of it at most.
+never dropped, take half of it at most. The number of sessions of a station is bounded too, because a look for
+what has to go takes a time for each.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
-
-from caesura_service.journal.journal import Key
 
 DAY_S = 86400.0
 GB = 10**9
@@ -26,6 +24,7 @@ class JournalSettings:
     waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
     age_s: float = 30 * DAY_S  # since a session was last touched
     size_bytes: int = 10 * GB  # of all sessions
+    sessions: int = 20_000  # of a station
 
     @property
     def open_bytes(self) -> int:
@@ -38,42 +37,42 @@ class JournalSettings:
                 raise ValueError(f"{name} is {value}, expected 0 or more")
 
 
-class Kept(NamedTuple):
-    """A session, as far as it matters for how long it stays."""
+class Share(NamedTuple):
+    """What the sessions of one station take of a journal."""
 
     station: str
-    session: str
-    touched: float  # [s]
     size: int  # [bytes]
-    closed: int
-
-    @property
-    def key(self) -> Key:
-        """(station, session)."""
-        return self.station, self.session
+    open_size: int  # [bytes] of those that are open
+    sessions: int
+    closed: int  # of these
+    touched: float  # [s] the session that nobody has written to for longest
 
 
-def overdue(known: Sequence[Kept], settings: JournalSettings, now: float) -> Iterator[tuple[Kept, str]]:
-    """What has to go, and why, in order: closed sessions first. known: oldest touched first; now [s]."""
-    closed = [row for row in known if row.closed]
-    for row in (*closed, *(row for row in known if not row.closed)):
-        age_s = now - row.touched
-        if age_s > settings.age_s:
-            yield (row, f"not touched for {age_s / DAY_S:.1f} days, kept are {settings.age_s / DAY_S:g}")
-    sizes = sizes_of(known)
-    size = sizes.total()
-    closed.sort(key=lambda row: -sizes[row.station])  # and oldest first, as they came
-    for row in closed if size > settings.size_bytes else ():
-        yield (
-            row,
-            f"the oldest closed one of the station that takes most, {sizes[row.station] / GB:.3g} GB of "
-            f"{size / GB:.3g}, kept are {settings.size_bytes / GB:g}",
-        )
+class Excess(NamedTuple):
+    """Closed sessions of a station that have to go, the oldest first, and why."""
+
+    station: str
+    size: int  # [bytes] in all, or 0
+    sessions: int  # or 0
+    why: str
 
 
-def sizes_of(known: Sequence[Kept]) -> Counter[str]:
-    """What each station takes [bytes]."""
-    sizes: Counter[str] = Counter()
-    for row in known:
-        sizes[row.station] += row.size
-    return sizes
+def excess(shares: Sequence[Share], settings: JournalSettings) -> Excess | None:
+    """What goes next: of a station with too many sessions, or past the size of the station that takes most.
+
+    Of that one no more than brings it to what the next one takes.
+    """
+    many = max(shares, key=lambda one: one.sessions, default=None)
+    if many is not None and many.closed and many.sessions > settings.sessions:
+        why = f"the oldest closed one of {many.sessions} of the station, kept are {settings.sessions}"
+        return Excess(many.station, 0, many.sessions - settings.sessions, why)
+    size = sum(one.size for one in shares)
+    largest = sorted((one for one in shares if one.closed), key=lambda one: -one.size)[:2]
+    if size <= settings.size_bytes or not largest:
+        return None
+    most, rest = largest[0], largest[1].size if largest[1:] else 0
+    why = (
+        f"the oldest closed one of the station that takes most, {most.size / GB:.3g} GB of "
+        f"{size / GB:.3g}, kept are {settings.size_bytes / GB:g}"
+    )
+    return Excess(most.station, min(size - settings.size_bytes, max(most.size - rest, 1)), 0, why)

@@ -59,6 +59,9 @@ class MemoryJournal:
     def commit(self) -> None:
         """Nothing is safer than it is."""
 
+    def flush(self) -> None:
+        """Likewise."""
+
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """The records of a session as they are now; later ones do not appear in the iteration."""
         return iter(tuple(self._records.get((station, session), ())))

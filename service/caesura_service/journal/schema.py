@@ -77,15 +77,23 @@ COLUMNS_4 = (
 COLUMN_COUNTS = {"sessions": 10, "records": 8, "outcomes": 5, "stations": 3}
 HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 
-# A session of no station is one that is being dropped (`dropping.py`), which nobody knows of any more; one
+# A session of no station is one that is being dropped (`dropping.py`), which no query finds any more; one
 # whose name has a dot is damaged and set aside.
 KNOWN = "station != '' AND session NOT LIKE '%.%'"
 SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
 SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
 SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
-SELECT_KEPT = """
-SELECT station, session, touched, size, closed FROM sessions WHERE station != '' ORDER BY touched"""
+# What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.
+SELECT_SHARES = """
+SELECT station, sum(size), sum(iif(closed, 0, size)), count(*), sum(closed != 0), min(touched)
+FROM sessions WHERE station != '' GROUP BY station"""
+SELECT_OLD = """
+SELECT station, session, touched FROM sessions
+WHERE station != '' AND touched < ? ORDER BY closed = 0, touched LIMIT ?"""
+SELECT_OLDEST_CLOSED = """
+SELECT session, size FROM sessions WHERE station = ? AND closed ORDER BY touched LIMIT ?"""
+SELECT_KEYS = "SELECT station, session FROM sessions WHERE station != ''"
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
 # `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone
 # through from its beginning: what is new is found by its place.
@@ -274,7 +282,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     check(database, path)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         database.execute(f"PRAGMA {pragma}")
-    with transaction(database):  # whoever cannot write shall know now
+    with transaction(database):  # a process that cannot write fails here
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
         for table, column, kind in COLUMNS_4:

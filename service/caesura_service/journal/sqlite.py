@@ -16,10 +16,11 @@ from __future__ import annotations
 import logging
 import sqlite3
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
-from itertools import chain, islice
+from itertools import accumulate, chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
@@ -32,7 +33,7 @@ from caesura_service.journal.damage import damage_of, mended, readable, set_asid
 from caesura_service.journal.dropping import drop_some, hide
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
-from caesura_service.journal.keeping import GB, JournalSettings, Kept, overdue, sizes_of
+from caesura_service.journal.keeping import DAY_S, GB, JournalSettings, Share, excess
 from caesura_service.journal.rows import (
     ROW_BYTES,
     Row,
@@ -52,11 +53,14 @@ from caesura_service.journal.schema import (
     SELECT_CLOSED,
     SELECT_EDITS,
     SELECT_EXTENT,
-    SELECT_KEPT,
+    SELECT_KEYS,
     SELECT_LAST,
+    SELECT_OLD,
+    SELECT_OLDEST_CLOSED,
     SELECT_OUTCOME,
     SELECT_ROWS,
     SELECT_SESSIONS,
+    SELECT_SHARES,
     SET_ASIDE,
     UPDATE_SESSIONS,
     insert_records,
@@ -74,7 +78,10 @@ T = TypeVar("T")
 MAX_PLACE = (1 << 63) - 1
 RETRY_S = 0.5  # after a commit that failed
 PATIENCE = 10  # times that tidying may be put off
+DROPS = 32  # sessions at one look
+LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
+OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
@@ -91,12 +98,15 @@ class SqliteJournal:
         self._alone = alone
         self._waiting: list[Row] = []
         self._waiting_bytes = 0
+        self._outcomes: dict[Key, Outcome] = {}  # of sessions that have ended, to be written
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
         self._trouble: JournalError | None = None
         self._size = 0  # [bytes] as of the last look
         self._open: Counter[str] = Counter()  # [bytes] of each station's open sessions, since the last look
-        self._seen: set[Key] = set()  # at the last look
+        self._seen: set[Key] = set()  # sessions, at the last look and since
+        self._version = -1  # of the file, as far as other processes have changed it
+        self._rests_until = 0.0  # [s]
         self._put_off = 0  # looks, since the last one
         self._has_dropped = False  # has anything been dropped by this one?
         self._wake, self._over = threading.Event(), threading.Event()
@@ -117,7 +127,7 @@ class SqliteJournal:
                 if damage and not mended(self._database, self.path, damage):
                     self._begin_anew(stack, damage)
                 self._set_damaged_aside()
-            stack.callback(self.commit)
+            stack.callback(self.flush)
             if not self._alone:
                 stack.callback(self._drop_the_rest)
             thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
@@ -125,7 +135,8 @@ class SqliteJournal:
             stack.callback(thread.join)
             stack.callback(self._wake.set)
             stack.callback(self._over.set)
-            self._seen = {row.key for row in self._look()}
+            self._look()
+            self._seen_since_last_look()
             self._wake.set()  # for what somebody began to drop
             self._stack = stack.pop_all()
         return self
@@ -214,21 +225,54 @@ class SqliteJournal:
             self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
 
     def conclude(self, station: str, outcome: Outcome) -> None:
-        """Keep how a session ended; what is too large to be asked for is replayed instead."""
-        key = (station, outcome.opening.session)
+        """Keep how a session ended. Written by the journal's thread: an hour of results is megabytes.
+
+        A session whose outcome is not written, as after a crash, is replayed from its records.
+        """
+        with self._guard:
+            self._outcomes[station, outcome.opening.session] = outcome
+            is_full = len(self._outcomes) > OUTCOMES
+        if is_full:
+            self.flush()
+        self._wake.set()
+
+    def flush(self) -> None:
+        """Write what waits, then how sessions ended, one by one: records are written in between."""
+        self.commit()
+        while True:
+            with self._guard:
+                key, outcome = next(iter(self._outcomes.items()), (None, None))
+            if key is None or outcome is None:
+                return
+            try:
+                self._write_outcome(key, outcome)
+            finally:
+                with self._guard:
+                    if self._outcomes.get(key) is outcome:
+                        del self._outcomes[key]
+
+    def _write_outcome(self, key: Key, outcome: Outcome) -> None:
+        """What is too large to be asked for is replayed instead."""
         opening = encode(outcome.opening).payload
         try:
             snapshot = encode(outcome.snapshot, limit=MAX_WHOLE_BYTES).payload
         except ProtocolError as error:
             logger.warning("the outcome of %s is not kept, it will be replayed: %s", "/".join(key), error)
             return
-        self.commit()
-        with self._writing, translated(self.path), transaction(self._database):
-            crc = checksum(*key, opening, outcome.last_seq, snapshot)
-            self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
+        crc = checksum(*key, opening, outcome.last_seq, snapshot)
+        with self._writing:
+            self.commit()
+            if self._outcomes.get(key) is not outcome:
+                return  # dropped meanwhile, or corrected
+            with translated(self.path), transaction(self._database):
+                self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
 
     def outcome(self, station: str, session: str) -> Outcome | None:
         """How a session ended; None where an older version wrote it in another form."""
+        with self._guard:
+            waiting = self._outcomes.get((station, session))
+        if waiting is not None:
+            return waiting
         with self._writing, translated(self.path):
             found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
@@ -247,6 +291,8 @@ class SqliteJournal:
         with transaction(self._database):
             ((aside,),) = self._database.execute(SET_ASIDE, (why, row.id)).fetchall()
         self._seen.discard(row.key)
+        with self._guard:
+            self._outcomes.pop(row.key, None)
         logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
 
@@ -255,39 +301,85 @@ class SqliteJournal:
 
         Also where nothing can be written that needs room: dropping may make it.
         """
-        key = station, session
+        self._forget({(station, session)})
+
+    def _forget(self, keys: Set[Key]) -> None:
+        """All of these at once, for each transaction waits for the disk."""
         with self._writing:
             with suppress(JournalError):
                 self.commit()
             with translated(self.path), transaction(self._database):
-                hide(self._database, key)
+                for key in keys:
+                    hide(self._database, key)
             with self._guard:
-                self._waiting = [row for row in self._waiting if row.key != key]
+                for key in keys:
+                    self._outcomes.pop(key, None)
+                self._waiting = [row for row in self._waiting if row.key not in keys]
                 self._waiting_bytes = sum(row.size for row in self._waiting)
-        self._seen.discard(key)
+        self._seen -= keys
         self._has_dropped = True
         self._wake.set()
 
     def tidy(self, now: float) -> Mapping[Key, str]:
-        """Drop at most one session, and tell of those that somebody else has dropped.
+        """Drop some of the sessions that have to go, and return those that another process has dropped.
 
-        Whoever asks works, and does not wait for the disk: nothing is done while something is being written,
-        but for every PATIENCE-th time.
+        The worker calls it, and does not wait for the disk: nothing is done while something is being written,
+        except at every PATIENCE-th call. A look that takes long is followed by a pause.
         """
+        if time.monotonic() < self._rests_until:
+            return {}
         self._put_off += 1
         if not self._writing.acquire(blocking=self._put_off >= PATIENCE):
             return {}
+        began = time.thread_time()
         try:
             self._put_off = 0
-            known = self._look()
+            shares = self._look()
+            gone = dict.fromkeys(self._seen_since_last_look(), "deleted by another process")
+            overdue = self._overdue(shares, now)
         finally:
             self._writing.release()
-        gone = dict.fromkeys(self._seen - {row.key for row in known}, "deleted by somebody")
-        self._seen = {row.key for row in known}
-        for row, why in islice(overdue(known, self.settings, now), 1):
+        took_s = time.thread_time() - began
+        if took_s > LONG_LOOK_S:
+            self._rests_until = time.monotonic() + took_s / LOOKS_SHARE
+        if overdue:
             with suppress(JournalError):  # it is tried again at the next look
-                self.forget(*row.key)
-                gone[row.key] = why
+                self._forget(overdue.keys())
+                gone |= overdue
+        return gone
+
+    def _overdue(self, shares: Sequence[Share], now: float) -> dict[Key, str]:
+        """What has to go now, and why: what is too old, closed sessions first, then what is too much."""
+        keep_s = self.settings.age_s
+        with translated(self.path):
+            old = []
+            if any(now - share.touched > keep_s for share in shares):
+                old = self._database.execute(SELECT_OLD, (now - keep_s, DROPS)).fetchall()
+            if old:
+                days = f"days, kept are {keep_s / DAY_S:g}"
+                return {
+                    (station, session): f"not touched for {(now - touched) / DAY_S:.1f} {days}"
+                    for station, session, touched in old
+                }
+            if (too_much := excess(shares, self.settings)) is None:
+                return {}
+            oldest = self._database.execute(SELECT_OLDEST_CLOSED, (too_much.station, DROPS)).fetchall()
+        sizes = [0, *accumulate(size for _, size in oldest)]
+        return {
+            (too_much.station, session): too_much.why
+            for number, (session, _) in enumerate(oldest)
+            if number < too_much.sessions or sizes[number] < too_much.size
+        }
+
+    def _seen_since_last_look(self) -> Set[Key]:
+        """Sessions that are no longer there. Each is looked at only where another process has written."""
+        with self._writing, translated(self.path):
+            (version,) = self._database.execute("PRAGMA data_version").fetchone()
+            if version == self._version:
+                return frozenset()
+            self._version = version
+            known = set(self._database.execute(SELECT_KEYS))
+        gone, self._seen = self._seen - known, known
         return gone
 
     def report(self) -> JournalReport:
@@ -405,6 +497,7 @@ class SqliteJournal:
         with self._guard:
             del self._waiting[: len(rows)]
             self._waiting_bytes -= sum(row.size for row in rows)
+            self._seen |= {row.key for row in rows}
             if self._trouble is not None:
                 logger.warning("journal %s is written again", self.path)
             self._trouble = None
@@ -416,7 +509,7 @@ class SqliteJournal:
             self._wake.clear()
             self._over.wait(self.settings.commit_s if self._trouble is None else RETRY_S)
             with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
-                self.commit()
+                self.flush()
             try:
                 more = self._drop_some()
             except JournalError:  # somebody else is writing
@@ -438,13 +531,13 @@ class SqliteJournal:
 
     # --- keeping ----------------------------------------------------------------------------------------
 
-    def _look(self) -> list[Kept]:
-        """Every session, the one that was touched longest ago first."""
+    def _look(self) -> list[Share]:
+        """What each station takes."""
         with self._writing, translated(self.path):
-            known = [Kept(*row) for row in self._database.execute(SELECT_KEPT)]
-        self._size = sum(row.size for row in known)
-        self._open = sizes_of([row for row in known if not row.closed])
-        return known
+            shares = [Share(*row) for row in self._database.execute(SELECT_SHARES)]
+        self._size = sum(share.size for share in shares)
+        self._open = Counter({share.station: share.open_size for share in shares if share.open_size})
+        return shares
 
     # --- reading ----------------------------------------------------------------------------------------
 

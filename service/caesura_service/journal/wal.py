@@ -38,7 +38,7 @@ def damage_of_log(path: Path) -> str | None:
                 return None
             shutil.copy(log, keep)
     except sqlite3.Error:
-        return None  # whoever opens the journal is told
+        return None  # opening the journal fails with the same error
     return f"{read} of {written or 'its'} frames of its log can be read; the log is kept as {keep.name}"
 
 

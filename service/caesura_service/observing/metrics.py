@@ -22,7 +22,7 @@ from prometheus_client.metrics_core import (
 from prometheus_client.registry import Collector
 
 from caesura_protocol.keys import ROOT
-from caesura_protocol.messages import JournalReport, ServiceStatus
+from caesura_protocol.messages import Budget, JournalReport, ServiceStatus, StationBudgets
 from caesura_service.observing.counting import Counted
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.board import Board
@@ -38,6 +38,7 @@ class Observed:
     registry: WatchedRegistry
     status: Callable[[], ServiceStatus]
     is_ready: Callable[[], bool]  # has it joined the network, and can it be found?
+    budgets: Callable[[str], StationBudgets]  # of a station
 
 
 # (metric, what it says, how it is read): of each station that the instance has, what it has done
@@ -129,6 +130,7 @@ class ServiceCollector(Collector):
         yield _refused(status)
         yield from _sessions(status, board)
         yield from self._stations(board)
+        yield from self._budgets(board)
         yield self._durations()
 
     def _stations(self, board: Board) -> Iterator[Metric]:
@@ -153,6 +155,21 @@ class ServiceCollector(Collector):
             "Since the thread that does the work last came round.",
             now - counting.turned,
         )
+
+    def _budgets(self, board: Board) -> Iterator[Metric]:
+        labels = ["station", "budget"]
+        used = GaugeMetricFamily(
+            "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
+        )
+        refused = CounterMetricFamily(
+            "caesura_budget_refused", "Messages held back because a budget was used up.", labels=labels
+        )
+        for station in sorted(board.sessions):
+            for use, budget in self._observed.budgets(station):
+                if isinstance(budget, Budget):
+                    used.add_metric([station, use], budget.used / budget.at_once)
+                    refused.add_metric([station, use], budget.refused)
+        yield from (used, refused)
 
     def _durations(self) -> Metric:
         durations = self._observed.registry.counting.durations

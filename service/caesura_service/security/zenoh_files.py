@@ -32,6 +32,10 @@ ACCEPT_PENDING = 4096
 # With its default of 10 s, 150 silent connections fail more often than that, and kept all others out. One
 # that is left alone costs a file descriptor and 7 kB.
 HANDSHAKE_MS = 3_600_000
+# How long a message that may not be dropped, such as an answer, waits for a client that does not read, until
+# the client's link is closed. Meanwhile Zenoh may route nothing else: with its default of 5 s a frozen client
+# kept the samples of all stations waiting. A client that takes 64 KiB in this time is not cut off.
+BLOCKED_US = 500_000
 _HANDSHAKE = "tls_handshake_timeout_ms"
 
 _Sections = Sequence[tuple[str, Mapping[str, Any]]]  # comment, settings
@@ -40,7 +44,10 @@ _QUIET: Mapping[str, Any] = {
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
 }
 _LINK: Mapping[str, Any] = {
-    "tx": {"lease": 2000},
+    "tx": {
+        "lease": 2000,
+        "queue": {"congestion_control": {"block": {"wait_before_close": BLOCKED_US}}},
+    },
     "rx": {"max_message_size": ROUTER_MAX_BYTES},
 }
 _UNICAST: Mapping[str, Any] = {"accept_pending": ACCEPT_PENDING}

@@ -52,6 +52,7 @@ class Correction:
     label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
     name: tuple[float, str] | None = None  # [s] and what the phase that covers it is called
+    anew: bool = False  # was it resolved once more, because the journal has only what was asked for?
 
     def recorded(self) -> Resolution:
         """The same as the journal has it."""
@@ -155,6 +156,12 @@ class Corrections:
 
         return self.after(edit.action, known)
 
+    def as_anew(self) -> Corrections:
+        """The last one was resolved once more at a restart."""
+        if not self.active:
+            return self
+        return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))
+
     def passed_over(self) -> Corrections:
         """An edit that cannot be made again has counted nevertheless."""
         return replace(self, revision=self.revision + 1)
@@ -173,6 +180,7 @@ class Heeded:
         self._known = known
         self._inserted = sorted(inserted, reverse=True)
         self._certain: set[int] = set()
+        self.anew = sum(one.anew for one in corrections)  # corrections that were resolved once more
         self._labels = [one.label for one in corrections if one.label is not None]
         self._forces = [one.force for one in corrections if one.force is not None]
         self._names = [one.name for one in corrections if one.name is not None]

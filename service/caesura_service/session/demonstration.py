@@ -6,13 +6,14 @@ is raised. Samples arrive here in order and once; ordering is the session's busi
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, Open
+from caesura_protocol.messages import Action, Open, Redo, Undo
 from caesura_service.journal import Edit
 from caesura_service.session import results
 from caesura_service.session.corrections import Correction, Corrections
@@ -21,6 +22,8 @@ from caesura_service.session.ports import Failed, Output, Owner, Publish, Refuse
 from caesura_service.session.standing import Standing, Tally, program_of, time_of
 from caesura_service.session.state import Move, State, after
 from caesura_service.session.view import Pipeline
+
+logger = logging.getLogger(__name__)
 
 
 class Demonstration:
@@ -146,7 +149,18 @@ class Demonstration:
         try:
             if edit.version is None:
                 self.settle()
-                corrections, pipeline = self.corrected(edit.action)
+                corrections = self.corrections.after(edit.action, self._pipeline.resolve)
+                if not isinstance(edit.action, Undo | Redo):
+                    corrections = corrections.as_anew()
+                pipeline = self._pipeline.corrected(corrections.active)
+                logger.warning(
+                    "%s/%s: the journal has no result of the edit of revision %d by %s, as older versions "
+                    "wrote it: it is resolved anew, perhaps otherwise",
+                    self.standing.station,
+                    self.standing.session,
+                    edit.revision,
+                    edit.author,
+                )
                 return self.correct(results.Edited(corrections, edit.author, at), pipeline)
             corrections = self.corrections.again(edit, self._pipeline.kinds)
         except ProtocolError as error:

@@ -9,7 +9,7 @@ before it is known by then: it ends where a segment begins, and the quiet place 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,8 +19,8 @@ from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Paths,
 from caesura_service.session.kept import Kept, Shown
 from caesura_service.session.slices import give_way
 
-# Steps without a quiet place: far more than anybody teaches (the hour of tests/bench/hour.py has 18 at
-# most), and few enough that a view of what nobody taught costs no more after an hour of it.
+# Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
+# most), and few enough that a view of other samples costs no more after an hour.
 MOST_UNQUIET = 500
 
 
@@ -32,6 +32,7 @@ class GrowingProgram:
     least_s: float
     paths: Paths | None = None
     force_limit_n: float | None = None  # [N] of the cell
+    limited: Callable[[App], App] | None = None  # an app with the force limits of corrections
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
     built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
@@ -64,7 +65,7 @@ class GrowingProgram:
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
     ) -> tuple[App, ...]:
-        return task_program(
+        apps = task_program(
             steps,
             grips,
             self._moment,
@@ -74,6 +75,7 @@ class GrowingProgram:
             gaps=gaps,
             known=known,
         )
+        return apps if self.limited is None else tuple(map(self.limited, apps))
 
     def _moment(self, t: float) -> Moment:
         """The same ones are asked for at every look."""
@@ -89,7 +91,7 @@ class GrowingProgram:
     ) -> int:
         """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
 
-        Of MOST_UNQUIET steps the last one passes for quiet, wherever somebody looks from.
+        Of MOST_UNQUIET steps the last one passes for quiet, from wherever the steps begin.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
         for i in range(last, begin, -1):

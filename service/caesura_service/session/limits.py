@@ -32,6 +32,8 @@ class Limits:
 
     # Registry
     stations: int = 256
+    observations: int = 400_000  # of a session, eleven hours at 10 Hz; with the last one it is closed
+    observations_held: int = 800_000  # of a station's sessions here: past that, closed ones are let go
     open_sessions: int = 4  # a station; one more closes the oldest as abandoned
     closed_sessions: int = 16  # a station, that can be asked; one more lets go of the oldest
     tidy_interval_s: float = 1.0  # between two looks at what the journal need no longer keep

@@ -212,7 +212,11 @@ class SegmentationPipeline:
             opening.path_tolerance_rad or TOLERANCE_RAD,
         )
         return GrowingProgram(
-            self._history.moment, self._preset.least_segment_s, paths, opening.force_limit_n
+            self._history.moment,
+            self._preset.least_segment_s,
+            paths,
+            opening.force_limit_n,
+            limited=self._limited if self._heeded.limits_forces else None,
         )
 
     def _begin(self, *, tared: bool) -> None:
@@ -307,8 +311,7 @@ class SegmentationPipeline:
         if self._program.paths is not None:  # the last segment goes on, and so does its path
             growing = bool(steps) and not self._finished
             self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
-        apps = self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
-        return tuple(self._limited(app) for app in apps) if self._heeded.limits_forces else apps
+        return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
 
     def _limited(self, app: App) -> App:
         limit_n = self._heeded.force_limit(app)
@@ -353,9 +356,16 @@ class SegmentationPipeline:
         )
 
     def _notes(self) -> tuple[str, ...]:
-        """The wrench source in use, and the gaps."""
-        note = self._source.note
-        return (note, self._gaps.note(self._began)) if self._gaps.all else (note,)
+        """The wrench source in use, the gaps, and corrections that may not be what they were."""
+        notes = [self._source.note]
+        if self._gaps.all:
+            notes.append(self._gaps.note(self._began))
+        if anew := self._heeded.anew:
+            notes.append(
+                f"{anew} corrections were resolved anew at a restart, from a journal of an older version: "
+                "look at them again"
+            )
+        return tuple(notes)
 
 
 @lru_cache(maxsize=1024)

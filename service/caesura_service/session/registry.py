@@ -7,7 +7,7 @@ again. A closed session stays in the journal longer than it can be asked for her
 for so long.
 
 Stations may be shared with other instances: what is not served here is another's, and a bridge whose station
-is just being taken is told to come again.
+is just being taken has to ask again.
 
 Other threads read the `board`, which is replaced when a session comes or goes and holds each one's immutable
 standing.
@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Mapping, Set
 from contextlib import suppress
-from itertools import islice
 from types import TracebackType
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
@@ -96,7 +95,7 @@ class Registry:
         """Bring the station's sessions to where the furthest journal is; gives way after every record.
 
         From then on we speak under a new epoch, higher than any before. renew: also where nothing was behind,
-        as after somebody else may have had the station.
+        as after another instance may have had the station.
         """
         try:
             self._finish_work(station)
@@ -125,7 +124,7 @@ class Registry:
         said: list[Output] = []
         for name, session in taken.items():
             session.hand_to(owner)
-            if session.is_open or name in held:  # whoever follows it learns from whom
+            if session.is_open or name in held:  # its readers learn the new owner
                 said.append(Publish(status_of(session.standing)))
         opened = sum(session.is_open for session in taken.values())
         yield [Taken(station, owner.epoch, len(taken), opened), *said]
@@ -136,13 +135,13 @@ class Registry:
         self.custody.leave(station)
         self._reviving.leave(station)
         with suppress(JournalError):  # which the journal has said already
-            self._journal.commit()
+            self._journal.flush()
         if (left := self._stations.pop(station, None)) is not None:
             self._hushed.difference_update(left.values())
             self._show()
 
     def _finish_work(self, station: str) -> None:
-        """What was begun is done before the station changes hands: half of it nobody could go on with."""
+        """What was begun is done before the station changes hands: no instance can go on in the middle."""
         for name in (station, REVIVING):
             self.slices.finish(name)
 
@@ -189,10 +188,12 @@ class Registry:
         for output in said:
             if isinstance(output, Refused):
                 self.tally = self.tally.with_refusal(output.error)
+        if session.looked.view.observations >= self._limits.observations and session.is_open:
+            said = [*said, *self._end(station, session, now)]
         return said
 
     def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
-        """A message that could not be read, from a station where the key told which."""
+        """A message that could not be read, from a station where the key names one."""
         return self._charge(station, None, error)
 
     def dropped(self, station: str, messages: int) -> list[Output]:
@@ -202,14 +203,14 @@ class Registry:
 
     def restate(self, station: str | None) -> list[Output]:
         """The open sessions of a station, or of all, say how they are: something beside them has changed."""
-        told = [
+        concerned = [
             session
             for name, sessions in self._stations.items()
             if station in {None, name}
             for session in sessions.values()
             if session.is_open
         ]
-        return [said for session in told for said in self._minded(session, session.drop(0))]
+        return [said for session in concerned for said in self._minded(session, session.drop(0))]
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
@@ -283,14 +284,31 @@ class Registry:
         opened = [session for session in sessions.values() if session.is_open]
         for session in opened[: max(0, len(opened) - self._limits.open_sessions)]:
             with suppress(JournalError):
-                said += _unanswered(
-                    session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
-                )
-        closed = [session.name for session in sessions.values() if not session.is_open]
-        for name in islice(closed, max(0, len(closed) - self._limits.closed_sessions)):
-            del sessions[name]
-            self._journal.release(station, name)
+                said += _unanswered(self._closed(session, now))
+        closed = [session for session in sessions.values() if not session.is_open]
+        held = sum(session.looked.view.observations for session in sessions.values())
+        for number, session in enumerate(closed):
+            few = len(closed) - number <= self._limits.closed_sessions
+            if few and held <= self._limits.observations_held:
+                break
+            held -= session.looked.view.observations
+            del sessions[session.name]
+            self._journal.release(station, session.name)
         return said
+
+    def _end(self, station: str, session: Session, now: float) -> list[Output]:
+        """Close a session that is as long as one may be: what it keeps grows with its observations."""
+        count, most = session.looked.view.observations, self._limits.observations
+        why = f"the session is as long as one may be and is closed: {most} observations; open another"
+        with suppress(JournalError):  # tried again at the next batch
+            said = _unanswered(self._closed(session, now))
+            error = ProtocolError("too_large", why, value=count, limit=most)
+            return [*said, *self._charge(station, session.name, error)]
+        return []
+
+    def _closed(self, session: Session, now: float) -> list[Output]:
+        """Close it behind the last batch that it has. Raises JournalError."""
+        return session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
 
     def _tidy(self, now: float) -> list[Output]:
         """What no journal keeps any longer cannot be asked for either."""
@@ -299,7 +317,7 @@ class Registry:
             gone |= self._journal.tidy(now)
         if now >= self._look_at:
             self._look_at = now + self._limits.look_interval_s
-            gone |= dict.fromkeys(self._takeover.returned(), "deleted by somebody")
+            gone |= dict.fromkeys(self._takeover.returned(), "deleted by another process")
         for station, name in gone:
             sessions = self._stations.get(station, {})
             sessions.pop(name, None)

@@ -2,8 +2,11 @@
 
 What takes long (an hour that is filtered anew, a batch of a minute) calls `give_way` as it goes. Nothing
 between there and where the work was begun has to know of it, for the work runs on a stack of its own, a
-greenlet: it stops in `give_way` once its slice is over, and goes on from there in its next one. Where nobody
-has begun it as slices, `give_way` does nothing. So slices change when something is computed, and never what.
+greenlet: it stops in `give_way` once its slice is over, and goes on from there in its next one. Where nothing
+was begun as slices, `give_way` does nothing. So slices change when something is computed, and never what.
+
+A stack is used again for the next piece of work: a new one costs the interpreter fresh memory, which is more
+than most messages take otherwise.
 
 Rules
 - Until the work ends, others see of its session what they saw before it began.
@@ -19,16 +22,33 @@ from math import inf
 from greenlet import GreenletExit, getcurrent, greenlet
 
 SLICE_S = 0.005  # a tenth of what a result may take
+IDLE = 4  # stacks that are kept for later work
 
 
-class _Work(greenlet):  # type: ignore[misc]  # greenlet comes without types
-    until = inf  # [s] when its slice is over
+class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
+    """Does one piece of work after the other; each ends with a switch to where its last slice was begun."""
+
+    until = inf  # [s] when the slice of its work is over
+    work: Callable[[], None] | None = None  # to be begun
+    error: Exception | None = None  # with which the last work ended
+    is_idle = True
+
+    def run(self) -> None:
+        """Until the greenlet is left off; keeps nothing of a work that has ended."""
+        while (work := self.work) is not None:
+            self.is_idle, self.work = False, None
+            try:
+                work()
+            except Exception as error:
+                self.error = error
+            self.is_idle, work = True, None
+            self.parent.switch()
 
 
 def give_way() -> None:
     """Let others have their turn, if the slice of the work that calls this is over."""
     current = getcurrent()
-    if isinstance(current, _Work) and time.perf_counter() >= current.until:
+    if isinstance(current, _Stack) and time.perf_counter() >= current.until:
         current.parent.switch()
 
 
@@ -37,7 +57,8 @@ class Slices:
 
     def __init__(self, slice_s: float = SLICE_S) -> None:
         self.slice_s = slice_s
-        self._under_way: dict[str, _Work] = {}
+        self._under_way: dict[str, _Stack] = {}
+        self._idle: list[_Stack] = []
 
     def is_under_way(self, name: str) -> bool:
         """Is there a slice left to do?"""
@@ -45,28 +66,41 @@ class Slices:
 
     def begin(self, name: str, work: Callable[[], None]) -> bool:
         """Do the first slice; True where that was all."""
-        return self._do(name, _Work(work), self.slice_s)
+        stack = self._idle.pop() if self._idle else _Stack()
+        stack.work = work
+        return self._do(name, stack, self.slice_s)
 
     def go_on(self, name: str) -> bool:
         """Do the next slice, if there is one; True where nothing is left."""
-        work = self._under_way.pop(name, None)
-        return work is None or self._do(name, work, self.slice_s)
+        stack = self._under_way.pop(name, None)
+        return stack is None or self._do(name, stack, self.slice_s)
 
     def finish(self, name: str) -> None:
         """Do all that is left."""
-        if (work := self._under_way.pop(name, None)) is not None:
-            self._do(name, work, inf)
+        if (stack := self._under_way.pop(name, None)) is not None:
+            self._do(name, stack, inf)
 
     def stop(self) -> None:
         """Leave off where it stands."""
-        under_way, self._under_way = self._under_way, {}
-        for work in under_way.values():
-            work.throw(GreenletExit)
+        stacks = [*self._under_way.values(), *self._idle]
+        self._under_way, self._idle = {}, []
+        for stack in stacks:
+            stack.throw(GreenletExit)
 
-    def _do(self, name: str, work: _Work, slice_s: float) -> bool:
-        work.parent = getcurrent()
-        work.until = time.perf_counter() + slice_s
-        work.switch()
-        if not work.dead:
-            self._under_way[name] = work
-        return bool(work.dead)
+    def _do(self, name: str, stack: _Stack, slice_s: float) -> bool:
+        """One slice of its work. Raises what the work raises."""
+        stack.parent = getcurrent()
+        stack.until = time.perf_counter() + slice_s
+        stack.switch()
+        if not stack.is_idle:
+            self._under_way[name] = stack
+            return False
+        if len(self._idle) < IDLE:
+            self._idle.append(stack)
+        error, stack.error = stack.error, None
+        try:
+            if error is not None:
+                raise error
+        finally:
+            del error  # or its traceback would keep itself, and what the work had
+        return True

@@ -46,6 +46,7 @@ SECONDS, ROWS = 10.0, 100  # of a demonstration, and samples of a batch
 PACE_S, THINK_S = 0.1, 0.05  # between two batches, and before an edit, at most
 ANSWER_S = 1.0
 HELD_UP_S = 1.5
+COMMIT_S = 1.0  # that a batch may wait to be written: long, so that a kill takes what only seems to be safe
 PATIENCE_S = 60.0
 Key = tuple[str, str]
 Fate = Literal["acknowledged", "refused", "unknown"]
@@ -72,6 +73,11 @@ class History:
     reached: dict[Key, int] = field(default_factory=dict)  # batches that were acknowledged
     closed: list[Key] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+
+    @property
+    def progress(self) -> int:
+        """Answers that a writer went on with, or batches that they were for."""
+        return sum(self.reached.values()) + len(self.openings) + len(self.closed)
 
     @property
     def acknowledged(self) -> int:
@@ -158,12 +164,21 @@ def carried_out(transport: ZenohTransport, key: Key, made: Edit, over: threading
 
 
 def disturb(
-    service: Service, lines: Sequence[Proxy], rng: random.Random, done: Callable[[], bool]
+    service: Service,
+    lines: Sequence[Proxy],
+    rng: random.Random,
+    history: History,
+    done: Callable[[], bool],
 ) -> Counter[str]:
-    """One thing after the other until everything is written: kills, cuts, lines that are held up."""
+    """One thing after the other until everything is written: kills, cuts, lines that are held up.
+
+    Before the next one a writer has been answered, however slow the machine: else no session would end.
+    """
     counts: Counter[str] = Counter()
     while not done():
-        what = rng.choice(["killed", "cut", "held up", "held up"])
+        before = history.progress
+        eventually(lambda before=before: done() or history.progress > before, PATIENCE_S)  # type: ignore[misc]
+        what = rng.choice(["killed", "killed", "cut", "held up"])
         counts[what] += 1
         some = rng.sample(lines, k=rng.randint(1, len(lines) - 1))
         time.sleep(rng.uniform(0.2, 1.0))
@@ -185,7 +200,7 @@ def disturb(
 def histories(directory: Path, seed: int = SEED) -> Row:
     """All of it, and what the model says of it."""
     rng, history, over = random.Random(seed), History(), threading.Event()
-    service = Service(directory)
+    service = Service(directory, "--journal-commit-s", f"{COMMIT_S:g}")
     with ExitStack() as stack:
         stack.callback(service.kill)
         service.start()
@@ -201,7 +216,7 @@ def histories(directory: Path, seed: int = SEED) -> Row:
             pool.submit(edit, transport, f"editor-{number}", history, random.Random(seed + number), over)
             for number, transport in enumerate(transports[WRITERS:])
         ]
-        counts = disturb(service, lines, rng, lambda: all(writer.done() for writer in writers))
+        counts = disturb(service, lines, rng, history, lambda: all(writer.done() for writer in writers))
         for writer in writers:
             writer.result()
         before = history.acknowledged

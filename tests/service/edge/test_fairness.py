@@ -5,15 +5,19 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+import zenoh
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Open
+from caesura_protocol.messages import Message, Open
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.edge import outgoing
+from caesura_service.edge.lanes import WAITING, Lanes
 from caesura_service.edge.rates import Rate, RateSettings
 from caesura_service.session.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.session.ports import PipelineFactory
@@ -103,16 +107,17 @@ def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(conf
         Peer(service.endpoint) as peer,
     ):
         peer.command(opening())
-        with pytest.raises(ProtocolError, match=r"work: 0.0001 s at once and 0.001 s a second") as no:
+        with pytest.raises(ProtocolError, match=r"of work: .* of 0.0001 s .* 0.001 come back") as no:
             open_again_and_again(peer)
-        assert (no.value.code, no.value.limit) == ("overloaded", WORK.per_s)
+        assert (no.value.code, no.value.limit) == ("overloaded", WORK.burst)
+        assert no.value.value > WORK.burst, "what it has used"
         peer.command(opening("s2"), "cell-2")
         peer.send(batches(1)[0])
         status = peer.until_service(
             lambda status: status.dropped > 0 and "cell-1" in str(status.last_refusal)
         )
         assert status.refused["overloaded"] >= 2, "the command, and that batches are dropped for that reason"
-        assert "used up its work" in peer.snapshot().status.last_refusal.message
+        assert "used up its budget of work" in peer.snapshot().status.last_refusal.message
         assert service.registry.counting.of_station["cell-1"].work_s > 0.0
         assert not peer.snapshot("s2", "cell-2").status.refused
 
@@ -123,3 +128,47 @@ def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gat
         peer.send(batches(1, "slow")[0])
         assert begun.wait(5.0)
     assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]
+
+
+def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(config, gate, begun, monkeypatch):
+    """The worker waited in it until Zenoh closed the link, five seconds later."""
+    sent = outgoing.answer
+
+    def blocked(query: zenoh.Query, key: str, message: Message) -> None:
+        if "slow" in key:
+            begun.set()
+            gate.wait(5.0)
+        sent(query, key, message)
+
+    monkeypatch.setattr(outgoing, "answer", blocked)
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)
+        late.start()
+        assert begun.wait(5.0)
+        assert peer.command(opening(), "cell-2").state == "open"
+        assert not gate.is_set()
+        gate.set()
+        late.join(5.0)
+        assert not late.is_alive(), "and it has its answer in the end"
+    gate.set()
+
+
+def test_of_one_lane_one_job_is_done_after_the_other_and_so_many_wait(gate, begun):
+    done: list[int] = []
+
+    def wait() -> None:
+        begun.set()
+        gate.wait(5.0)
+
+    with Lanes() as lanes:
+        assert lanes.submit("slow", wait)
+        assert begun.wait(5.0)
+        assert [lanes.submit("slow", partial(done.append, n)) for n in range(WAITING)].count(
+            True
+        ) == WAITING - 1
+        other = threading.Event()
+        assert lanes.submit("other", other.set)
+        assert other.wait(5.0)
+        assert done == []
+        gate.set()
+    assert done == [*range(WAITING - 1)]

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ROOT, session_key, station_key
-from caesura_protocol.messages import Program, SessionStatus
+from caesura_protocol.messages import MAX_BUDGETS, Budget, Program, SessionStatus
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.rates import Rate, RateLimit, RateSettings, WorkBudget
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
@@ -110,7 +111,9 @@ def test_samples_above_the_rate_are_dropped_and_counted_for_their_station_alone(
         heard.until(SessionStatus, lambda status: status.dropped > 0)
         assert tight.until_service(lambda status: status.dropped == 40).refused == {}
     assert tight.snapshot("s2", "cell-2").status.dropped == 0
-    (line,) = (record.getMessage() for record in caplog.records if "bytes a second" in record.message)
+    (line,) = (
+        record.getMessage() for record in caplog.records if "budget of messages" in record.getMessage()
+    )
     assert "cell-1" in line
 
 
@@ -152,9 +155,9 @@ def test_bytes_above_the_rate_are_dropped_and_counted():
 def test_commands_above_the_rate_are_refused_to_the_station_that_sends_them(tight):
     for _ in range(20):
         tight.command(opening("s1"))
-    with pytest.raises(ProtocolError, match="too many commands a second") as refused:
+    with pytest.raises(ProtocolError, match="cell-1 has used up its budget of commands: 20 of 20") as refused:
         tight.command(opening("s1"))
-    assert refused.value.limit == TIGHT.commands.per_s
+    assert refused.value.limit == TIGHT.commands.burst
     assert tight.command(opening("s2"), "cell-2").state == "open"
 
 
@@ -187,7 +190,7 @@ def test_work_is_paid_for_afterwards_and_comes_back_with_time():
     now[0] = 1000.0
     budget.spend("a", 1.9)
     assert not budget.is_spent("a"), "never more than the burst, and no less"
-    assert "2 s at once and 0.5 s a second" in str(budget.refusal("a"))
+    assert budget.used("a") == pytest.approx(1.9)
 
 
 def test_so_many_stations_are_remembered_and_no_more():
@@ -195,3 +198,43 @@ def test_so_many_stations_are_remembered_and_no_more():
     for station in ("a", "b", "c"):
         budget.spend(station, 5.0)
     assert [budget.is_spent(station) for station in "abc"] == [False, True, True]
+
+
+def test_what_a_station_has_used_and_what_was_refused_for_it_is_known_by_budget():
+    clock = Clock()
+    budgets = Budgets(
+        RateSettings(samples=Rate(10.0, 4.0), commands=Rate(1.0, 2.0), work=Rate(0.5, 2.0)), clock=clock
+    )
+    assert [budgets.refuse_put("a", 100) is None for _ in range(6)] == [True] * 4 + [False] * 2
+    assert [budgets.refuse_command("b") is None for _ in range(3)] == [True, True, False]
+    budgets.spend("c", 3.0)
+    assert budgets.refuse_put("c", 1).value == 3.0
+    first = budgets.of("a")
+    assert (first.messages, first.bytes.used) == (Budget(per_s=10.0, at_once=4.0, used=4.0, refused=2), 400.0)
+    clock.now = 0.1
+    assert budgets.of("a").messages.used == pytest.approx(3.0)
+    assert budgets.of("b").commands == Budget(per_s=1.0, at_once=2.0, used=1.9, refused=1)
+    assert (budgets.of("c").work.used, budgets.of("c").work.refused) == (pytest.approx(2.95), 1)
+    assert [one.station for one in budgets.busiest()] == ["c", "b", "a"], "nearest to a limit first"
+    assert budgets.of("d").work == Budget(per_s=0.5, at_once=2.0, used=0.0, refused=0)
+
+
+def test_a_list_of_busy_stations_has_a_bound_and_no_names_that_are_none():
+    budgets = Budgets(RateSettings(), clock=Clock())
+    for number in range(100):
+        budgets.refuse_put(f"cell-{number}", 10 * number)
+    budgets.refuse_put("?", 1_000_000)
+    listed = budgets.busiest()
+    assert len(listed) == MAX_BUDGETS
+    assert "?" not in {one.station for one in listed}
+
+
+def test_the_status_of_service_and_session_say_what_a_station_may_use_and_has_used(tight):
+    tight.command(opening("s1"))
+    for message in batches(30):
+        tight.send(message)
+    status = tight.until_service(lambda status: any(one.messages.refused for one in status.budgets))
+    (station,) = status.budgets
+    assert (station.station, station.messages.at_once, station.messages.refused) == ("cell-1", 20.0, 10)
+    shown = tight.snapshot("s1").status.budgets
+    assert (shown.messages.refused, shown.commands.used) == (10, pytest.approx(1.0, abs=0.1))

@@ -172,5 +172,5 @@ def test_a_look_does_not_wait_for_what_is_being_written_but_now_and_then(path):
             assert journal.tidy(float(second)) == {}
             assert writer.is_alive()
         threading.Timer(0.0, over.set).start()
-        assert journal.tidy(100.0) == {KEY: "deleted by somebody"}
+        assert journal.tidy(100.0) == {KEY: "deleted by another process"}
         writer.join()

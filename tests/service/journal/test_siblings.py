@@ -47,6 +47,7 @@ def test_what_an_owner_that_runs_has_committed_is_seen(tmp_path, siblings):
     with SqliteJournal(tmp_path / "other.sqlite", NEVER) as journal:
         taught(journal, 5)
         taught(journal, 3, close=True, session="s2")
+        journal.flush()  # as its thread does soon
         journal.append(Record(STATION, NAME, 13.0, batch(5)))  # not committed
         journal.keep_epoch(STATION, 77)
         one, two = siblings.copies(STATION)

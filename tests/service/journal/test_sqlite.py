@@ -13,7 +13,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
-from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
 from caesura_service.journal import sqlite as module
 from caesura_service.journal.schema import SCHEMA_VERSION
 from caesura_service.session.registry import Registry
@@ -420,3 +420,36 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
     )
     assert shown.status.gaps == ()
     assert shown.status.samples == expected.status.samples
+
+
+def concluded(registry: Registry, name: str) -> Outcome:
+    """Of a session that a journal has."""
+    (standing,) = [one for one in registry.board.standings() if one.session == name]
+    return Outcome(opening(name), -1, snapshot_of(standing))
+
+
+def test_who_ends_a_session_does_not_wait_until_its_outcome_is_written(tmp_path):
+    """An hour of results is megabytes: a close took up to 90 ms of the worker in one turn."""
+    with SqliteJournal(tmp_path / "caesura-1.sqlite", NEVER) as journal:
+        registry = new_registry(journal)
+        registry.command(STATION, opening(), 0.0)
+        outcome = concluded(registry, NAME)
+        ended = threading.Thread(target=journal.conclude, args=(STATION, outcome), daemon=True)
+        with journal._writing:  # the disk works
+            ended.start()
+            ended.join(DEADLINE_S)
+            assert not ended.is_alive()
+            assert journal.outcome(STATION, NAME) is outcome
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        assert journal.outcome(STATION, NAME) == outcome, "written before the journal is let go of"
+
+
+def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_of_its_name(tmp_path):
+    with SqliteJournal(tmp_path / "caesura-1.sqlite", NEVER) as journal:
+        registry = new_registry(journal)
+        registry.command(STATION, opening(), 0.0)
+        journal.conclude(STATION, concluded(registry, NAME))
+        journal.forget(STATION, NAME)
+        journal.append(record(0), now=True)
+        journal.flush()
+        assert journal.outcome(STATION, NAME) is None

@@ -21,6 +21,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import NetworkError
+from caesura_service.edge.budgets import Budgets
+from caesura_service.edge.rates import RateSettings
 from caesura_service.observing import web
 from caesura_service.observing.health import STUCK_S, alive
 from caesura_service.observing.metrics import Observed, ServiceCollector
@@ -39,6 +41,10 @@ def service() -> Iterator[Service]:
     config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", metrics="127.0.0.1:0")
     with Service(config, pipeline_factory=make_fake_pipeline) as running:
         yield running
+
+
+def observed_of(service: Service) -> Observed:
+    return Observed(service.registry, service.status, lambda: True, Budgets(RateSettings()).of)
 
 
 def get(url: str) -> tuple[int, str]:
@@ -118,7 +124,7 @@ def test_it_is_alive_and_not_ready_while_it_waits_for_a_router_and_gone_once_it_
 
 
 def test_a_worker_that_does_not_come_round_is_not_alive(service):
-    observed = Observed(service.registry, service.status, lambda: True)
+    observed = observed_of(service)
     at = service.registry.counting.turned
     assert alive(observed, clock=lambda: at + STUCK_S).well
     stuck = alive(observed, clock=lambda: at + 10 * STUCK_S)
@@ -230,7 +236,7 @@ def eventually_well(url: str) -> bool:
 
 
 def test_every_metric_has_its_line_in_the_docs_and_the_other_way_round(service):
-    collector = ServiceCollector(Observed(service.registry, service.status, lambda: True))
+    collector = ServiceCollector(observed_of(service))
     families = {
         family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
         for family in collector.collect()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from caesura_clients import connect
 from caesura_clients.cli import build
+from caesura_clients.diagnosis import why_not
 from caesura_clients.errors import NotLetIn, Unreachable
 from caesura_service.security import zenoh_files
 from caesura_service.security.certificates import Issued, issue_client, issue_router, new_authority
@@ -141,3 +143,19 @@ def test_a_bridge_does_not_wait_for_what_waiting_will_not_change(port, tmp_path,
         done = pool.submit(CliRunner().invoke, build(), words).result(timeout=20.0)
     assert done.exit_code == 1
     assert "its certificate is not of our authority" in done.stderr
+
+
+def test_a_router_that_closes_every_connection_at_once_has_no_room_and_waiting_helps():
+    """It was said to demand a user and a password, and the command ended."""
+    with socket.create_server(("127.0.0.1", 0)) as full:
+        endpoint = f"tcp/127.0.0.1:{full.getsockname()[1]}"
+
+        def close_at_once() -> None:
+            full.accept()[0].close()
+
+        router = threading.Thread(target=close_at_once, daemon=True)
+        router.start()
+        found = why_not(endpoint, lambda _: None)
+        router.join(5.0)
+    assert not isinstance(found, NotLetIn)
+    assert "closes every connection at once: more connections wait there" in str(found)

@@ -182,6 +182,16 @@ def test_a_client_that_shows_nothing_to_another_machine_is_warned(caplog):
     assert "no certificate or password is shown" in caplog.text
 
 
+@pytest.mark.parametrize("where", ["connect", "listen"])
+def test_an_endpoint_that_is_none_is_named_with_one_that_is(where):
+    """`caesura serve --connect x` printed a traceback."""
+    with pytest.raises(
+        NetworkError, match=r"^x: .*<protocol>/<address>.*; expected for example tcp/127"
+    ) as no:
+        join(NetworkSettings(**{where: "x"}, insecure=True), threading.Event())
+    assert "\n" not in str(no.value)
+
+
 def test_the_file_of_a_client_is_not_served_with(tmp_path):
     Directory(tmp_path).issue(Wanted(identities("service", ["west"]), hosts=["10.0.0.1"]))
     with pytest.raises(NetworkError, match=r"add --connect tls/10\.0\.0\.1:7447"):

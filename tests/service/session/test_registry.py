@@ -15,6 +15,7 @@ from harness.sessions import (
     answer,
     batch,
     batch_of,
+    batches,
     closing,
     heartbeat,
     new_registry,
@@ -305,3 +306,36 @@ def test_a_batch_that_is_refused_in_every_message_is_no_louder():
     registry.tick(0.0)
     (last,) = statuses(registry.tick(1.1))
     assert (last.refused, last.lost) == ({"malformed": 100}, 100)
+
+
+def test_a_session_that_is_as_long_as_one_may_be_is_closed_and_others_go_on():
+    """What a session keeps in memory and in a file grew for as long as its station sent."""
+    registry = new_registry(limits=Limits(observations=10))
+    for name in ("s1", "s2"):
+        registry.command(STATION, opening(name), 0.0)
+    long, short = registry.board.sessions[STATION]
+    said: list[Output] = []
+    for each in batches(9, "s1"):
+        if long.is_open:
+            said += registry.samples(STATION, each, 0.0)
+    assert (long.is_open, short.is_open) == (False, True)
+    assert 10 <= long.standing.view.observations < 15
+    refusal = long.standing.tally.last_refusal
+    assert refusal is not None
+    assert refusal.code == "too_large"
+    assert "as long as one may be and is closed: 10 observations; open another" in refusal.message
+    assert published(said, SessionStatus)[-1].state == "closed"
+    registry.samples(STATION, batches(1, "s2")[0], 0.0)
+    assert short.standing.tally.batches == 1
+
+
+def test_of_long_closed_sessions_fewer_can_be_asked_for():
+    registry = new_registry(limits=Limits(observations_held=25))
+    for name in ("s1", "s2", "s3", "s4"):
+        registry.command(STATION, opening(name), 0.0)
+        for each in batches(5, name):
+            registry.samples(STATION, each, 0.0)
+        registry.command(STATION, closing(4, name), 0.0)
+    first, *_ = sessions = registry.board.sessions[STATION]
+    assert first.standing.view.observations == 10
+    assert [session.name for session in sessions] == ["s2", "s3", "s4"]

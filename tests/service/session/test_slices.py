@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
-from functools import cache
+from contextlib import nullcontext
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
+from greenlet import getcurrent
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Edit, Insert, Open, SampleBatch
@@ -73,6 +76,27 @@ def test_an_error_ends_the_work_and_reaches_whoever_gave_it_the_slice():
     with pytest.raises(RuntimeError, match="broken"):
         slices.go_on("a")
     assert not slices.is_under_way("a")
+
+
+def test_a_stack_is_used_again_also_after_an_error_and_keeps_nothing_of_its_work():
+    slices, stacks = Slices(), set[int]()
+
+    class Held:
+        pass
+
+    def work(held: Held, *, breaks: bool) -> None:
+        stacks.add(id(getcurrent()))
+        if breaks:
+            raise RuntimeError(str(held))
+
+    for number in range(6):
+        held = Held()
+        known = weakref.ref(held)
+        with pytest.raises(RuntimeError) if number % 2 else nullcontext():
+            slices.begin("a", partial(work, held, breaks=bool(number % 2)))
+        del held
+        assert known() is None
+    assert len(stacks) == 1
 
 
 def test_what_is_left_off_closes_what_it_had_opened():

@@ -76,7 +76,9 @@ class Instance:
         return answer(self.registry.command(STATION, opening(), 0.0))
 
     def close(self) -> Ack | ProtocolError:
-        return answer(self.registry.command(STATION, closing(COUNT - 1), 0.0))
+        ended = answer(self.registry.command(STATION, closing(COUNT - 1), 0.0))
+        self.journal.flush()  # as its thread does soon
+        return ended
 
     @property
     def standing(self) -> Standing:
@@ -325,7 +327,7 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     b.take()
     assert b.registry.tick(1e6) == []
     a.journal.forget(STATION, NAME)
-    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by somebody")]
+    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by another process")]
     assert b.registry.board.sessions == {}
 
 

@@ -25,6 +25,7 @@ from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
+from harness.processes import start
 
 pytest.importorskip("caesura_service.commands")
 
@@ -43,7 +44,7 @@ SERVE = [
 
 @contextmanager
 def serving(endpoint: str, end: signal.Signals = signal.SIGTERM) -> Iterator[None]:
-    with subprocess.Popen([*SERVE, "--listen", endpoint], stdout=subprocess.PIPE, text=True) as process:
+    with start([*SERVE, "--listen", endpoint], stdout=subprocess.PIPE) as process:
         try:
             assert "ready" in process.stdout.readline()
             yield
@@ -142,8 +143,8 @@ def test_a_bridge_that_is_ended_closes_its_session(endpoint, tmp_path, number):
     session = f"ended-{int(number)}"
     options = ["--file", str(tmp_path / "long.npz"), "--session", session, "--connect", endpoint]
     command = [*BRIDGE, "--station", "cell-5", *options]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-    with connect(endpoint) as caesura, subprocess.Popen(command, **pipes) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with connect(endpoint) as caesura, start(command, **pipes) as process:
         try:
             eventually(lambda: taken_of(caesura, "cell-5", session) > 0, 30.0)
             process.send_signal(number)

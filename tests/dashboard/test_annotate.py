@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Page, expect
 from caesura_service.truth import read_annotation
 from clients.conftest import free_port
 from dashboard.browser import CHROMIUM, PATIENCE_MS, Theme, Visitor, chromium
-from dashboard.stage import CAESURA, PYTEST
+from dashboard.stage import CAESURA
 from harness.demonstrations import guided
 from harness.processes import Process, running
 
@@ -35,7 +35,7 @@ class Annotate(Process):
     def __init__(self, file: Path) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        super().__init__(["env", "-u", PYTEST, *CAESURA, "annotate", str(file), "--port", str(port)])
+        super().__init__([*CAESURA, "annotate", str(file), "--port", str(port)])
 
 
 @pytest.fixture(scope="module")

@@ -57,7 +57,7 @@ class Steps(LiveSource):
 
 
 def teach(caesura: Caesura, segments: int) -> None:
-    settings = BridgeSettings(batch_samples=BATCH)
+    settings = BridgeSettings(batch_samples=BATCH, close_timeout_s=60.0)
     with caesura.bridge("cell-1", Steps(segments), session="s1", settings=settings) as bridge:
         bridge.run()
 

@@ -172,9 +172,9 @@ def test_what_the_network_dropped_is_asked_of_the_bridge(memory):
     def some(delivery):
         return next(deliveries) % 7 == 0
 
-    found = recorded(memory, before=0, after=60, lose=some)
+    found = recorded(memory, before=0, after=20, lose=some)
     assert found.recorder.lost == 0
-    np.testing.assert_allclose(found.recording.matrix(), samples(1200))
+    np.testing.assert_allclose(found.recording.matrix(), samples(400))
     assert "the session goes on" in found.missed
 
 

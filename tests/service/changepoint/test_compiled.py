@@ -93,18 +93,18 @@ def test_every_model(model: ChannelModel) -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize(
-    "parameters",
+    ("parameters", "count"),
     [
-        FilterParameters(),
-        FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0),
-        FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2),
+        (FilterParameters(), 100),
+        (FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0), 60),
+        (FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2), 160),
     ],
     ids=["as is", "unpruned", "tight"],
 )
-def test_every_preset(name: str, parameters: FilterParameters) -> None:
+def test_every_preset(name: str, parameters: FilterParameters, count: int) -> None:
     rng = np.random.default_rng(1)
     lattice = PRESETS[name].lattice(orientation=True)
-    follow(lattice, pieces(rng, 100), parameters, PRESETS[name].hazard)
+    follow(lattice, pieces(rng, count), parameters, PRESETS[name].hazard)
 
 
 @given(st.integers(0, 2**32 - 1))

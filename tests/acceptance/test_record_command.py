@@ -48,7 +48,7 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
     out, station = tmp_path / f"live.{suffix}", f"cell-{suffix}"
     with recording(caesura, station, out) as process, teaching(caesura, station) as taught:
         taught.result(60.0)
-        said, complaints = process.communicate(timeout=30.0)  # it ends with the session
+        said, complaints = process.communicate(timeout=60.0)  # it ends with the session
     assert (process.returncode, complaints) == (0, f"recording {station}/{SESSION}\n")
     assert said == f"{out}: {station}/{SESSION}, {RECORDING.t.size} samples, {RECORDING.t[-1]:.2f} s\n"
     found = load_recording(out)
@@ -80,7 +80,7 @@ def test_interrupted_it_writes_what_came_and_says_that_the_session_goes_on(caesu
             bridge.send(samples(500, t0=1.0))
             reaches(caesura, "cell-late", 1500)
             process.send_signal(signal.SIGINT)
-            _, complaints = process.communicate(timeout=30.0)
+            _, complaints = process.communicate(timeout=60.0)
         assert process.returncode == 0, complaints
         bridge.finish()
     assert "the session goes on" in complaints

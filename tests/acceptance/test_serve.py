@@ -15,7 +15,7 @@ from caesura_service.__main__ import app
 from clients.conftest import RouterNetwork
 from harness.peer import Peer
 
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
 

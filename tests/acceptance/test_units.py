@@ -138,7 +138,7 @@ def test_a_bridge_refuses_a_live_source_in_its_first_second():
         wrench_source="flange_sensor",
         pace=math.inf,
     )
-    with Service(LOCAL) as service, ZenohTransport(service.endpoint, timeout_s=5.0) as transport:
+    with Service(LOCAL) as service, ZenohTransport(service.endpoint, timeout_s=20.0) as transport:
         with (
             Bridge(transport, "cell-1", source, session="s1") as bridge,
             pytest.raises(BadSource, match=r"the source: positions are .* probably in mm. State --length"),

@@ -71,7 +71,7 @@ def test_a_long_session_is_told_whole(caesura: Caesura, config: ServiceConfig):
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()
     teach(caesura, VERY_LONG)
-    reader.join(30.0)
+    reader.join(60.0)
     snapshot = caesura.snapshot("cell-1")
     assert len(snapshot.segments.segments) == VERY_LONG
     assert len(encode(snapshot, limit=MAX_WHOLE_BYTES).payload) > 2 * MAX_MESSAGE_BYTES

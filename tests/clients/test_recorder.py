@@ -150,7 +150,7 @@ def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=la
         FakeService(network.transport()),
         Bridge(network.transport(), "cell-1", LiveSource(), session="s1", settings=bridge_settings) as bridge,
     ):
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         bridge.send(samples(20 * before))
         eventually(lambda: bridge._sender._next_put == before)
         network.lose = lose

@@ -14,9 +14,8 @@ import signal
 
 from hypothesis import Phase, settings
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # before numpy is imported, and for processes that tests start
+# Before numpy is imported, and for processes that tests start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("quick", max_examples=30, deadline=None)
 settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)

@@ -27,6 +27,7 @@ from typing import IO, Any, Self
 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 LIMIT = 1 << 20  # [bytes] of one order
+CAN_FORK = hasattr(os, "pidfd_open")  # on Linux
 
 
 class Forked:

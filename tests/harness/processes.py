@@ -26,7 +26,7 @@ from caesura_protocol.messages import Ack, Segment, Snapshot
 from caesura_service.session.view import View
 from clients.conftest import free_port
 from harness.demonstrations import guided
-from harness.forked import Forked
+from harness.forked import CAN_FORK, Forked
 
 PYTEST = "PYTEST_CURRENT_TEST"
 DEADLINE_S = 60.0
@@ -50,7 +50,8 @@ with zenoh.open(config):
 
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str] | Forked:
     """A process; of a test a forked one, else, for what is measured, one as a user has it."""
-    return (Forked if PYTEST in os.environ else subprocess.Popen)(command, text=True, **options)
+    forked = PYTEST in os.environ and CAN_FORK
+    return (Forked if forked else subprocess.Popen)(command, text=True, **options)
 
 
 def environment() -> dict[str, str]:

@@ -9,8 +9,9 @@ import sys
 
 import pytest
 
-from harness.forked import PIPE, Forked
+from harness.forked import CAN_FORK, PIPE, Forked
 
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="no pidfd_open on this system")
 DEADLINE_S = 60.0
 WAITS = "import threading; print('ready', flush=True); threading.Event().wait()"
 

@@ -23,7 +23,7 @@ from caesura_protocol.plausibility import FirstSecond, implausible
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.recordings import opening_of
-from clients.teacher.conftest import nominal_once
+from clients.teacher.nominal import nominal_once
 from harness.demonstrations import guided
 from harness.peer import Peer
 

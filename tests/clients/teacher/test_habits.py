@@ -12,7 +12,7 @@ from caesura_clients.bridge.teacher.habits import IDEAL
 from caesura_clients.bridge.teacher.person import THESIS, draw_person, habits_stream, with_habits
 from caesura_clients.bridge.teacher.teaching import Demonstration, Teaching, teach
 from caesura_clients.bridge.teacher.truth import State, annotate
-from clients.teacher.conftest import nominal_once
+from clients.teacher.nominal import nominal_once
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 natural = cache(lambda scenario, seed: teach(scenario, seed=seed, natural=True))

@@ -14,7 +14,7 @@ from caesura_clients.bridge.teacher.teaching import Demonstration, teach
 from caesura_protocol.messages import WrenchSource
 from caesura_service.judge.thesis.demonstrations import TIMED, person
 from caesura_service.robot import Robot
-from clients.teacher.conftest import nominal_once
+from clients.teacher.nominal import nominal_once
 
 # SHA-256 of samples and truth without phases, recorded before habits existed; "probe" is of the arithmetic
 # beneath.

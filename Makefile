@@ -12,8 +12,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
 
+# Three at a time, for tests wait for processes, browsers and clocks; each keeps to neighbouring tests, which share
+# what they have simulated and started, until it takes over what another has not come to.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 $(ARGS)
+	$(BIN)/python -m pytest -n 3 --dist worksteal $(ARGS)
 
 check: $(STAMP)
 	$(BIN)/ruff check .

@@ -2,14 +2,20 @@
 
 `make test ARGS=--hypothesis-profile=default` has a hundred. Ctrl-C ends the processes that tests start, also
 where the shell that starts the tests ignores it, as it does for a job in the background.
+
+Linear algebra has one thread a process, as there are as many processes as processors. With more, threads that
+have nothing to do spin, and a test of small matrices takes four times the CPU.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 
 from hypothesis import Phase, settings
 
+# Before numpy is imported, and for processes that tests start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("quick", max_examples=30, deadline=None)
 settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)

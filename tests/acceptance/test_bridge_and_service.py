@@ -25,7 +25,7 @@ def teach(endpoint: str, recording: Recording, station: str = "cell-1") -> Snaps
     """Play a recording without waiting and read the results back."""
     source = FileSource(recording, pace=math.inf)
     with (
-        ZenohTransport(endpoint, timeout_s=5.0) as transport,
+        ZenohTransport(endpoint, timeout_s=20.0) as transport,
         Bridge(transport, station, source, session="s1") as bridge,
     ):
         bridge.run()

@@ -21,7 +21,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.recording import load_recording
 from caesura_service.recordings import segment_recording
 from clients.examples import LiveSource, samples
-from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, teaching
+from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, start, teaching
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,7 @@ def recording(caesura: Caesura, station: str, out: Path) -> Iterator[subprocess.
     """`caesura record`, once it listens."""
     command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "record"]
     options = ("--station", station, "-o", str(out), "--connect", caesura.transport.endpoint)
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([*command, *options], **pipes) as process:
+    with start([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         try:
             assert "waiting for" in process.stderr.readline()
             yield process
@@ -49,7 +48,7 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
     out, station = tmp_path / f"live.{suffix}", f"cell-{suffix}"
     with recording(caesura, station, out) as process, teaching(caesura, station) as taught:
         taught.result(60.0)
-        said, complaints = process.communicate(timeout=30.0)  # it ends with the session
+        said, complaints = process.communicate(timeout=60.0)  # it ends with the session
     assert (process.returncode, complaints) == (0, f"recording {station}/{SESSION}\n")
     assert said == f"{out}: {station}/{SESSION}, {RECORDING.t.size} samples, {RECORDING.t[-1]:.2f} s\n"
     found = load_recording(out)
@@ -81,7 +80,7 @@ def test_interrupted_it_writes_what_came_and_says_that_the_session_goes_on(caesu
             bridge.send(samples(500, t0=1.0))
             reaches(caesura, "cell-late", 1500)
             process.send_signal(signal.SIGINT)
-            _, complaints = process.communicate(timeout=30.0)
+            _, complaints = process.communicate(timeout=60.0)
         assert process.returncode == 0, complaints
         bridge.finish()
     assert "the session goes on" in complaints

@@ -13,17 +13,17 @@ from typer.testing import CliRunner
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
-from caesura_clients.bridge.teacher.teaching import Teaching
 from caesura_clients.cli import build
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import load_recording
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import pack_samples
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Close, Quantity
+from caesura_protocol.messages import Close, Quantity
 from caesura_protocol.plausibility import FirstSecond, implausible
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.recordings import opening_of
+from clients.teacher.nominal import nominal_once
 from harness.demonstrations import guided
 from harness.peer import Peer
 
@@ -138,7 +138,7 @@ def test_a_bridge_refuses_a_live_source_in_its_first_second():
         wrench_source="flange_sensor",
         pace=math.inf,
     )
-    with Service(LOCAL) as service, ZenohTransport(service.endpoint, timeout_s=5.0) as transport:
+    with Service(LOCAL) as service, ZenohTransport(service.endpoint, timeout_s=20.0) as transport:
         with (
             Bridge(transport, "cell-1", source, session="s1") as bridge,
             pytest.raises(BadSource, match=r"the source: positions are .* probably in mm. State --length"),
@@ -151,17 +151,10 @@ def test_a_bridge_refuses_a_live_source_in_its_first_second():
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_what_is_taught_in_the_right_units_is_plausible(scenario: str):
-    teaching = Teaching(scenario, seed=5001)
-    matrix = np.concatenate(list(teaching.chunks(0.1)))
-    place = {name: index for index, name in enumerate(teaching.columns)}
-    signals = {
-        signal: matrix[:, [place[name] for name in names]]
-        for signal, names in COLUMNS_OF_SIGNAL.items()
-        if set(names) <= set(place)
-    }
-    assert implausible(matrix[:, 0], signals) is None
-    first = FirstSecond(teaching.columns, "m", ())
-    assert [first.look(rows) for rows in np.array_split(matrix[:1200], 60)] == 60 * [None]
+    recording = nominal_once(scenario).recording
+    assert implausible(recording.t, recording.signals) is None
+    first = FirstSecond(recording.columns, "m", ())
+    assert [first.look(rows) for rows in np.array_split(recording.matrix()[:1200], 60)] == 60 * [None]
 
 
 REAL = Path(__file__).parents[2].parent / "shared" / "data" / "real"

@@ -67,7 +67,7 @@ def endpoint() -> Iterator[str]:
 
 def taught(endpoint: str, recording: Recording, session: str) -> Snapshot:
     """Play a recording to the service and read its results."""
-    with ZenohTransport(endpoint, timeout_s=5.0) as transport:
+    with ZenohTransport(endpoint, timeout_s=20.0) as transport:
         with Bridge(transport, "cell-1", FileSource(recording, pace=math.inf), session=session) as bridge:
             bridge.run()
         return snapshot(transport, "cell-1", session)
@@ -134,7 +134,7 @@ def test_an_opening_that_contradicts_itself_is_refused_with_the_alternatives(end
 def test_a_bridge_refuses_a_source_that_contradicts_itself(endpoint):
     source = FileSource(stating("flange_sensor_with_hand"))
     source.hand_on_robot = "no"
-    with ZenohTransport(endpoint, timeout_s=5.0) as transport, pytest.raises(BadSource, match="contradicts"):
+    with ZenohTransport(endpoint, timeout_s=20.0) as transport, pytest.raises(BadSource, match="contradicts"):
         Bridge(transport, "cell-1", source)
 
 

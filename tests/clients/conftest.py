@@ -53,7 +53,7 @@ class RouterNetwork:
             self._router = None
 
     def transport(self) -> Transport:
-        return self._stack.enter_context(ZenohTransport(self.endpoint, timeout_s=5.0))
+        return self._stack.enter_context(ZenohTransport(self.endpoint, timeout_s=20.0))
 
 
 @pytest.fixture

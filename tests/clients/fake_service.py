@@ -15,7 +15,7 @@ from caesura_protocol.keys import ReplayRange, parse_station_key, replay_paramet
 from caesura_protocol.messages import Ack, Close, Control, Heartbeat, Open, SampleBatch
 
 TICK_S = 0.02
-DEADLINE_S = 8.0
+DEADLINE_S = 30.0
 
 
 def eventually(what: Callable[[], bool], within_s: float = DEADLINE_S) -> None:

@@ -379,7 +379,7 @@ def test_a_bridge_that_teaches_and_one_that_hangs(served):
         hanging = stack.enter_context(Bridge(caesura.transport, "cell-2", LiveSource(), settings=QUICK))
         teaching = stack.enter_context(Bridge(caesura.transport, "cell-1", LiveSource(), settings=QUICK))
         for bridge in (hanging, teaching):
-            bridge.wait_open(5.0)
+            bridge.wait_open(30.0)
         over = threading.Event()
         stack.callback(over.set)
 
@@ -408,7 +408,7 @@ def test_only_the_station_that_is_named_is_looked_at(served):
     with connect(served) as caesura, ExitStack() as stack:
         for station in ("cell-1", "cell-2"):
             bridge = Bridge(caesura.transport, station, LiveSource(), settings=QUICK)
-            stack.enter_context(bridge).wait_open(5.0)
+            stack.enter_context(bridge).wait_open(30.0)
         _, text = run("--connect", served, "--seconds", "1", "--station", "cell-2", "--json")
     assert {one["station"] for one in json.loads(text)} == {None, "cell-2"}
 
@@ -495,6 +495,6 @@ def test_a_recording_is_looked_at_without_a_network(tmp_path):
 
 def test_it_is_a_command_of_caesura():
     command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "doctor", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0
     assert "--seconds" in done.stdout

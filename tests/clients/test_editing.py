@@ -77,7 +77,7 @@ def test_corrections_while_the_demonstration_goes_on_are_what_a_subscriber_hears
 
     def follow() -> None:
         with connect(endpoint) as watching:
-            for update in watching.results("cell-1", silence_s=20.0):
+            for update in watching.results("cell-1", silence_s=60.0):
                 last[:] = [update]
                 if update.closed and update.program.complete and update.status.revision == 5:
                     return
@@ -85,7 +85,7 @@ def test_corrections_while_the_demonstration_goes_on_are_what_a_subscriber_hears
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()
     with Bridge(caesura.transport, "cell-1", Guided(), settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         guide(bridge, 0, HALF)
         eventually(lambda: caesura.snapshot("cell-1").status.samples == HALF)
         edit = {"session": bridge.session, "author": "Ann"}
@@ -96,7 +96,7 @@ def test_corrections_while_the_demonstration_goes_on_are_what_a_subscriber_hears
         assert caesura.move("cell-1", t=3.0, to=3.52, **edit).revision == 3
         assert caesura.relabel("cell-1", t=5.8, kind="steady", **edit).revision == 4
         assert caesura.undo("cell-1", **edit).revision == 5
-        reader.join(20.0)
+        reader.join(60.0)
         snapshot = caesura.snapshot("cell-1")
     corrected = [round(one.t, 2) for one in snapshot.changepoints.changepoints if one.corrected]
     assert corrected == [3.55, pytest.approx(HALF / 1000, abs=0.06)]
@@ -128,7 +128,7 @@ def test_two_editors_at_once_the_slower_one_is_told(caesura: Caesura):
 
 def test_a_marker_does_not_mind_other_editors(caesura: Caesura):
     with Bridge(caesura.transport, "cell-3", Guided(), settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         with pytest.raises(CaesuraError, match="no samples yet"):
             bridge.mark()
         guide(bridge, 0, 3000)
@@ -155,7 +155,7 @@ def count(caesura: Caesura, what: str) -> int | None:
 
 def test_every_line_on_standard_input_is_a_mark_and_one_that_fails_ends_nothing(caesura: Caesura, capsys):
     with Bridge(caesura.transport, "cell-4", Guided(), settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         with marking(bridge, StringIO("\n")):
             eventually(lambda: "no mark: " in capsys.readouterr().err)
         guide(bridge, 0, 3000)

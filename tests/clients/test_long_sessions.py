@@ -57,7 +57,7 @@ class Steps(LiveSource):
 
 
 def teach(caesura: Caesura, segments: int) -> None:
-    settings = BridgeSettings(batch_samples=BATCH)
+    settings = BridgeSettings(batch_samples=BATCH, close_timeout_s=60.0)
     with caesura.bridge("cell-1", Steps(segments), session="s1", settings=settings) as bridge:
         bridge.run()
 
@@ -71,7 +71,7 @@ def test_a_long_session_is_told_whole(caesura: Caesura, config: ServiceConfig):
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()
     teach(caesura, VERY_LONG)
-    reader.join(30.0)
+    reader.join(60.0)
     snapshot = caesura.snapshot("cell-1")
     assert len(snapshot.segments.segments) == VERY_LONG
     assert len(encode(snapshot, limit=MAX_WHOLE_BYTES).payload) > 2 * MAX_MESSAGE_BYTES

@@ -150,7 +150,7 @@ def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=la
         FakeService(network.transport()),
         Bridge(network.transport(), "cell-1", LiveSource(), session="s1", settings=bridge_settings) as bridge,
     ):
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         bridge.send(samples(20 * before))
         eventually(lambda: bridge._sender._next_put == before)
         network.lose = lose
@@ -172,9 +172,9 @@ def test_what_the_network_dropped_is_asked_of_the_bridge(memory):
     def some(delivery):
         return next(deliveries) % 7 == 0
 
-    found = recorded(memory, before=0, after=60, lose=some)
+    found = recorded(memory, before=0, after=20, lose=some)
     assert found.recorder.lost == 0
-    np.testing.assert_allclose(found.recording.matrix(), samples(1200))
+    np.testing.assert_allclose(found.recording.matrix(), samples(400))
     assert "the session goes on" in found.missed
 
 

@@ -136,7 +136,7 @@ def test_a_question_that_an_inbox_has_no_room_for_is_refused_as_overloaded(netwo
         first.start()
         eventually(lambda: inbox.dropped == 1)
         here.query(KEY, timeout_s=0.05)
-        first.join(5.0)
+        first.join(30.0)
     assert [refusal.code for refusal in dropped] == ["overloaded"]
 
 
@@ -177,7 +177,7 @@ def test_connecting_waits_for_a_router_that_comes_later():
     thread.start()
     assert not opened
     with network:
-        thread.join(5.0)
+        thread.join(30.0)
         assert opened[0].alive("a/*") == ()
 
 

@@ -25,6 +25,7 @@ from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
+from harness.processes import start
 
 pytest.importorskip("caesura_service.commands")
 
@@ -43,14 +44,14 @@ SERVE = [
 
 @contextmanager
 def serving(endpoint: str, end: signal.Signals = signal.SIGTERM) -> Iterator[None]:
-    with subprocess.Popen([*SERVE, "--listen", endpoint], stdout=subprocess.PIPE, text=True) as process:
+    with start([*SERVE, "--listen", endpoint], stdout=subprocess.PIPE) as process:
         try:
             assert "ready" in process.stdout.readline()
             yield
         finally:
             process.send_signal(end)
             try:
-                process.wait(10.0)
+                process.wait(60.0)
             finally:
                 process.kill()
 
@@ -89,7 +90,7 @@ def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
         caesura.bridge("cell-2", FileSource(recording(3000), pace=FAST)) as bridge,
     ):
         bridge.run()
-        reader.join(10.0)
+        reader.join(60.0)
         snapshot = caesura.snapshot("cell-2")
     assert last[0].segments == snapshot.segments.segments
     assert last[0].changepoints == snapshot.changepoints.changepoints
@@ -103,7 +104,7 @@ def test_a_second_bridge_of_a_session_is_told_which_one_has_it_and_takes_nothing
             other.transport, "cell-7", LiveSource([samples(2400, 100.0)]), session="s7", settings=QUICK
         )
         with first:
-            first.wait_open(10.0)
+            first.wait_open(30.0)
             first.send(samples(1000))
             with (
                 second,
@@ -124,7 +125,7 @@ def test_a_service_that_is_killed_and_comes_back_has_everything():
         Bridge(caesura.transport, "cell-3", LiveSource(), settings=QUICK) as bridge,
     ):
         with serving(endpoint, signal.SIGKILL):
-            bridge.wait_open(5.0)
+            bridge.wait_open(30.0)
             for start in range(10):
                 bridge.send(samples(100, t0=start / 10))
             eventually(lambda: caesura.snapshot("cell-3").status.samples == 1000)
@@ -142,12 +143,12 @@ def test_a_bridge_that_is_ended_closes_its_session(endpoint, tmp_path, number):
     session = f"ended-{int(number)}"
     options = ["--file", str(tmp_path / "long.npz"), "--session", session, "--connect", endpoint]
     command = [*BRIDGE, "--station", "cell-5", *options]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-    with connect(endpoint) as caesura, subprocess.Popen(command, **pipes) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with connect(endpoint) as caesura, start(command, **pipes) as process:
         try:
-            eventually(lambda: taken_of(caesura, "cell-5", session) > 0, 30.0)
+            eventually(lambda: taken_of(caesura, "cell-5", session) > 0, 60.0)
             process.send_signal(number)
-            said, _ = process.communicate(timeout=30.0)
+            said, _ = process.communicate(timeout=60.0)
         finally:
             process.kill()
         assert (process.returncode, f"cell-5/{session} closed" in said) == (0, True)

@@ -16,9 +16,9 @@ from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport
 from clients.conftest import free_port
 from harness.demonstrations import RATE_HZ, guided
-from harness.processes import DEADLINE_S, Process, Service, running
+from harness.forked import Forked
+from harness.processes import DEADLINE_S, Process, Service, running, start
 
-PYTEST = "PYTEST_CURRENT_TEST"  # by which NiceGUI would take itself for a test of its own
 CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
 REST_S = 240.0  # for which the hand rests afterwards: as long as a test may take
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
@@ -46,9 +46,7 @@ class Dashboard(Process):
     def __init__(self, endpoint: str, *options: str) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        super().__init__(
-            ["env", "-u", PYTEST, *CAESURA, "dashboard", "--connect", endpoint, "--port", str(port), *options]
-        )
+        super().__init__([*CAESURA, "dashboard", "--connect", endpoint, "--port", str(port), *options])
 
 
 class Bridges:
@@ -56,7 +54,7 @@ class Bridges:
 
     def __init__(self, service: Service, folder: Path) -> None:
         self.service, self.folder = service, folder
-        self._bridges: dict[str, subprocess.Popen[bytes]] = {}
+        self._bridges: dict[str, subprocess.Popen[str] | Forked] = {}
 
     def teach(self, station: str, recording: Recording, *, session: str = "s1", pace: str = "real") -> None:
         """A bridge in a process of its own."""
@@ -66,9 +64,7 @@ class Bridges:
             *CAESURA, "bridge", "--connect", self.service.endpoint, "--station", station,
             "--session", session, "--source", "file", "--file", str(file), "--pace", pace,
         ]  # fmt: skip
-        self._bridges[station] = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        self._bridges[station] = start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def wait(self, station: str) -> None:
         """Until its bridge has ended by itself."""

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -16,8 +17,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_service.truth import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
-from dashboard.stage import CAESURA, PYTEST
+from dashboard.browser import CHROMIUM, PATIENCE_MS, Theme, Visitor, chromium
+from dashboard.stage import CAESURA
 from harness.demonstrations import guided
 from harness.processes import Process, running
 
@@ -34,7 +35,7 @@ class Annotate(Process):
     def __init__(self, file: Path) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        super().__init__(["env", "-u", PYTEST, *CAESURA, "annotate", str(file), "--port", str(port)])
+        super().__init__([*CAESURA, "annotate", str(file), "--port", str(port)])
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +45,19 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def visitor(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Visitor]:
-    visitor = Visitor(browser, getattr(request, "param", "light"))
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
     yield visitor
     visitor.close()
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Annotate]:
+    """One for tests that save nothing; each has a page, and so a cursor, of its own."""
+    file = tmp_path_factory.mktemp("shared") / "guided.npz"
+    guided().save(file)
+    with running(Annotate(file)) as tool:
+        yield tool
 
 
 @pytest.fixture
@@ -78,7 +88,6 @@ def press(page: Page, *keys: str) -> None:
         page.keyboard.press(key)
 
 
-@pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
 def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Visitor):
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
@@ -87,8 +96,11 @@ def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Vi
         expect(page.locator(".selection")).to_contain_text("2 changepoints, not saved")
         press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "d", "[", "2", "[", "1", "s")
         expect(page.locator(".message")).to_contain_text("saved")
-        visitor.picture("annotate")
-        assert visitor.barriers() == []
+        for visitor.theme in get_args(Theme):
+            page.emulate_media(color_scheme=visitor.theme)
+            visitor.picture("annotate")
+            expect(page.locator("[role=progressbar]")).to_have_count(0)  # of loading
+            assert visitor.barriers() == [], visitor.theme
         assert visitor.hosts == {"127.0.0.1"}
         assert visitor.errors == []
     truth = read_annotation(file.with_suffix(".ann.json"))
@@ -119,27 +131,24 @@ def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visit
     ]
 
 
-def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(file: Path, visitor: Visitor):
-    with running(Annotate(file)) as tool:
-        page = opened(tool, visitor)
-        box = page.locator("canvas").bounding_box()
-        assert box is not None
-        page.locator("canvas").click(position={"x": box["width"] / 2, "y": 100})
-        page.get_by_role("button", name="corner").click()
-        said = page.locator(".selection")
-        expect(said).to_contain_text(re.compile(r"nearest: corner at \d\.\d{3} s"))
-        at = float(re.search(r"Time (\d\.\d{3})", said.inner_text()).group(1))  # type: ignore[union-attr]
-        assert at == pytest.approx(guided().t[-1] / 2, rel=0.1)
+def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(shared: Annotate, visitor: Visitor):
+    page = opened(shared, visitor)
+    box = page.locator("canvas").bounding_box()
+    assert box is not None
+    page.locator("canvas").click(position={"x": box["width"] / 2, "y": 100})
+    page.get_by_role("button", name="corner").click()
+    said = page.locator(".selection")
+    expect(said).to_contain_text(re.compile(r"nearest: corner at \d\.\d{3} s"))
+    at = float(re.search(r"Time (\d\.\d{3})", said.inner_text()).group(1))  # type: ignore[union-attr]
+    assert at == pytest.approx(guided().t[-1] / 2, rel=0.1)
 
 
-def test_an_edit_that_does_not_apply_says_why(file: Path, visitor: Visitor):
-    with running(Annotate(file)) as tool:
-        page = opened(tool, visitor)
-        press(page, "x")
-        expect(page.locator(".message.failed")).to_contain_text("no changepoint within")
+def test_an_edit_that_does_not_apply_says_why(shared: Annotate, visitor: Visitor):
+    page = opened(shared, visitor)  # the cursor is at the start, where no other test puts a changepoint
+    press(page, "x")
+    expect(page.locator(".message.failed")).to_contain_text("no changepoint within")
 
 
-def test_the_page_answers_no_other_host_name(file: Path, visitor: Visitor):
-    with running(Annotate(file)) as tool:
-        answer = visitor.page.request.get(tool.url, headers={"Host": "example.org"})
-        assert answer.status == 403
+def test_the_page_answers_no_other_host_name(shared: Annotate, visitor: Visitor):
+    answer = visitor.page.request.get(shared.url, headers={"Host": "example.org"})
+    assert answer.status == 403

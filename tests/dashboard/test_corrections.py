@@ -225,6 +225,8 @@ def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, sta
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
     assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
 
+    # The revision comes to the page with what can be undone, after the program's title.
+    expect(operator.page.get_by_role("button", name="Undo", exact=True)).to_be_enabled()
     operator.press("Insert")
     operator.is_told("inserted at 1.4")
     eventually(lambda: len(operator.wire.corrected()) == 2)

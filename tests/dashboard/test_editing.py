@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from caesura_clients import editing
 from caesura_clients.dashboard.editing import Refused, correct, corrector, parse, said
 from caesura_clients.errors import CaesuraError
 from caesura_protocol.errors import ProtocolError
@@ -72,6 +73,7 @@ def test_a_refusal_is_passed_on(error):
         correct(ask, "cell-1", {**ASKED, "do": "undo"})
 
 
-def test_where_nobody_answers_that_is_said(memory):
+def test_where_nobody_answers_that_is_said(memory, monkeypatch):
+    monkeypatch.setattr(editing, "SILENCE_S", 0.3)
     with pytest.raises(Refused, match="nobody answered the edit of cell-1/s1"):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

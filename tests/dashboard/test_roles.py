@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from caesura_clients import editing
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.dashboard.editing import Refused, correct, corrector
@@ -32,7 +33,8 @@ def network(tmp_path) -> Iterator[tuple]:
         )
 
 
-def test_a_reader_sees_and_an_operator_corrects(network):
+def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
+    monkeypatch.setattr(editing, "SILENCE_S", 0.3)
     with (
         network("dashboard.wall") as wall,
         network("operator.boss") as boss,

@@ -46,11 +46,11 @@ def run(name: str, *args: str, endpoint: str) -> str:
 
 
 def test_a_bridge_of_ones_own_a_query_and_a_reader(service, caesura):
-    said = run("own_source.py", "4", endpoint=service.endpoint)
+    said = run("own_source.py", "2", endpoint=service.endpoint)
     session = said.split()[1].rstrip(":")
-    assert said == f"session {session}: 200 batches\n"
+    assert said == f"session {session}: 100 batches\n"
     found = caesura.snapshot("cell-1", session)
-    assert (found.status.samples, found.status.state, found.status.gaps) == (4000, "closed", ())
+    assert (found.status.samples, found.status.state, found.status.gaps) == (2000, "closed", ())
 
     program = run("query.py", endpoint=service.endpoint)
     assert len(program.splitlines()) == len(found.program.apps) > 0
@@ -77,12 +77,12 @@ def test_the_minimal_bridge_speaks_the_wire_without_our_library(service, caesura
     source = (EXAMPLES / "minimal_bridge.py").read_text()
     assert "caesura_clients" not in source
     assert "caesura_protocol" not in source
-    said = run("minimal_bridge.py", service.endpoint, "cell-raw", "2", endpoint=service.endpoint)
+    said = run("minimal_bridge.py", service.endpoint, "cell-raw", "1", endpoint=service.endpoint)
     where, state, batches, _ = said.split()
-    assert (state, batches) == ("closed,", "100")
+    assert (state, batches) == ("closed,", "50")
     found = caesura.snapshot("cell-raw", where.removeprefix("cell-raw/"))
     status = found.status
-    assert (status.samples, status.state, status.gaps, status.refused) == (2000, "closed", (), {})
+    assert (status.samples, status.state, status.gaps, status.refused) == (1000, "closed", (), {})
     assert found.segments.segments
     assert snapshot(caesura, "cell-raw") is None  # of that name there is none
 
@@ -99,7 +99,7 @@ def test_what_the_minimal_bridge_loses_is_replayed(service, caesura):
     source = (EXAMPLES / "minimal_bridge.py").read_text()
     lossy = source.replace('if __name__ == "__main__":', LOSSY + '\nif __name__ == "__main__":')
     done = subprocess.run(
-        [sys.executable, "-c", lossy, service.endpoint, "cell-lossy", "2"],
+        [sys.executable, "-c", lossy, service.endpoint, "cell-lossy", "1"],
         capture_output=True,
         text=True,
         timeout=60.0,
@@ -108,7 +108,7 @@ def test_what_the_minimal_bridge_loses_is_replayed(service, caesura):
     assert done.returncode == 0, done.stderr
     session = done.stdout.split()[0].removeprefix("cell-lossy/")
     status = caesura.snapshot("cell-lossy", session).status
-    assert (status.samples, status.gaps, status.refused) == (2000, (), {})
+    assert (status.samples, status.gaps, status.refused) == (1000, (), {})
 
 
 def test_the_minimal_bridge_says_why_it_is_refused(service):

@@ -30,7 +30,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.edge.network import SETTINGS
 
-DEADLINE_S = 5.0
+DEADLINE_S = 30.0
 M = TypeVar("M", bound=Message)
 STREAMS = {
     "changepoints": messages.Changepoints,

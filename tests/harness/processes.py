@@ -5,6 +5,7 @@ Everything is over loopback. Nothing waits by sleeping: `eventually` looks again
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from caesura_clients import Caesura
 from caesura_clients.bridge import Bridge, BridgeSettings
@@ -25,7 +26,9 @@ from caesura_protocol.messages import Ack, Segment, Snapshot
 from caesura_service.session.view import View
 from clients.conftest import free_port
 from harness.demonstrations import guided
+from harness.forked import CAN_FORK, Forked
 
+PYTEST = "PYTEST_CURRENT_TEST"
 DEADLINE_S = 60.0
 PACE = 6.0  # times as fast as the hand: a demonstration takes a second
 QUICK = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, close_timeout_s=DEADLINE_S)
@@ -45,12 +48,23 @@ with zenoh.open(config):
 """
 
 
+def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str] | Forked:
+    """A process; of a test a forked one, else, for what is measured, one as a user has it."""
+    forked = PYTEST in os.environ and CAN_FORK
+    return (Forked if forked else subprocess.Popen)(command, text=True, **options)
+
+
+def environment() -> dict[str, str]:
+    """Ours, without the name of a test, by which NiceGUI would take itself for a test of its own."""
+    return {name: value for name, value in os.environ.items() if name != PYTEST}
+
+
 class Process:
     """A process that prints a line once it is ready, and can be killed, frozen and started again."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self.command = list(command)
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[str] | Forked | None = None
 
     @property
     def pid(self) -> int:
@@ -64,7 +78,7 @@ class Process:
 
     def begin(self) -> None:
         """Do not wait until it is ready."""
-        self._process = subprocess.Popen(self.command, stdout=subprocess.PIPE, text=True)
+        self._process = start(self.command, stdout=subprocess.PIPE, env=environment())
 
     def ready(self) -> None:
         assert self._process is not None

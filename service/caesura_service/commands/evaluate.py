@@ -17,7 +17,7 @@ from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
-from caesura_service.judge import calibration, diagram, mutations, realism, roundtrip
+from caesura_service.judge import calibration, diagram
 from caesura_service.judge import evidence as libraries
 from caesura_service.judge.calibration import calibrate
 from caesura_service.judge.judging import Verdict, judge_all
@@ -26,9 +26,6 @@ from caesura_service.judge.pool import each
 from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown, as_text
-from caesura_service.judge.thesis import suite as thesis
-from caesura_service.judge.thesis import summary as thesis_summary
-from caesura_service.judge.thesis import tables as thesis_tables
 from caesura_service.truth import Leniency, TruthError
 
 DEFAULT_PRESET = "default"
@@ -184,7 +181,14 @@ def evaluate(
         _write(page, output_format, out)
 
 
+# The suites below import a second's worth of scipy, which every command would wait for.
+
+
 def _thesis(seeds: range, workers: int) -> Page:
+    from caesura_service.judge.thesis import suite as thesis  # noqa: PLC0415
+    from caesura_service.judge.thesis import summary as thesis_summary  # noqa: PLC0415
+    from caesura_service.judge.thesis import tables as thesis_tables  # noqa: PLC0415
+
     tasks = thesis.tasks(seeds)
     result = thesis_summary.summarise(_watched(each(thesis.perform, tasks, workers=workers), tasks))
     title = thesis_tables.title(seeds)
@@ -196,6 +200,8 @@ def _thesis(seeds: range, workers: int) -> Page:
 
 
 def _roundtrip(seeds: range, workers: int) -> Page:
+    from caesura_service.judge import roundtrip  # noqa: PLC0415
+
     cases = roundtrip.cases(seeds)
     summary = roundtrip.summarise(_watched(each(roundtrip.travel, cases, workers=workers), cases))
     title = roundtrip.title(seeds)
@@ -207,6 +213,8 @@ def _roundtrip(seeds: range, workers: int) -> Page:
 
 
 def _realism(data: Path, seeds: range, workers: int) -> Page:
+    from caesura_service.judge import realism  # noqa: PLC0415
+
     cases = realism.cases(data, seeds)
     result = realism.summarise(_watched(each(realism.load, cases, workers=workers), cases))
     title = realism.title(seeds)
@@ -218,6 +226,8 @@ def _realism(data: Path, seeds: range, workers: int) -> Page:
 
 
 def _mutated(count: int, workers: int) -> Page:
+    from caesura_service.judge import mutations  # noqa: PLC0415
+
     numbers = range(count)
     fates = list(_watched(each(mutations.meet_fate, numbers, workers=workers), numbers))
     return Page(

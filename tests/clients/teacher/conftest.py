@@ -1,16 +1,13 @@
-"""One simulation of every scenario serves all tests that look at the thesis' person."""
+"""The thesis' person in every scenario."""
 
 from __future__ import annotations
-
-from functools import cache
 
 import pytest
 
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
-from caesura_clients.bridge.teacher.teaching import Demonstration, teach
+from caesura_clients.bridge.teacher.teaching import Demonstration
 from caesura_service.robot import Robot, load_panda
-
-nominal_once = cache(teach)
+from clients.teacher.nominal import nominal_once
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M, SKI
 from caesura_clients.bridge.teacher.teaching import Demonstration, Teaching, teach
 from caesura_service.robot import Robot
 from caesura_service.truth import truth_of
-from clients.teacher.conftest import nominal_once
+from clients.teacher.nominal import nominal_once
 
 Array = NDArray[np.float64]
 TILT = Scenario(

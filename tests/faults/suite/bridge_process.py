@@ -50,7 +50,7 @@ def main() -> None:
             transport, station_name(number), robot, session=SESSION, epoch=epoch, settings=SETTINGS
         ) as bridge,
     ):
-        bridge.wait_open(10.0)
+        bridge.wait_open(30.0)
         print("ready", flush=True)
         ack = bridge.run()
     print(ack.model_dump_json(), flush=True)

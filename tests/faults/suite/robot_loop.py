@@ -36,7 +36,7 @@ def main() -> None:
         ZenohTransport(endpoint, timeout_s=10.0) as transport,
         Bridge(transport, "cell-1", source, session=SESSION, settings=settings) as bridge,
     ):
-        bridge.wait_open(10.0)
+        bridge.wait_open(30.0)
         gc.collect()
         gc.freeze()  # what a process loads at its start need not be looked at again and again
         print("ready", flush=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from itertools import combinations, pairwise
+from collections.abc import Collection, Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -62,46 +62,48 @@ class BruteForce:
         kinds: Kinds | None = None,
     ) -> None:
         """free: starts at which every kind may follow every other; kinds: of these data and perhaps more."""
-        n = len(data)
-        self.n, self.hazard, self.free, self.transition = n, hazard, free, lattice.log_transition
+        self.n, self.hazard, self.free, self.transition = len(data), hazard, free, lattice.log_transition
         known = kinds or kind_log_evidence(lattice, data)
-        self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= n}
-        evidence = {
-            key: (lattice.combine(lattice.temper(kinds[None]))[0], lattice.combine(kinds[None])[0])
-            for key, kinds in self.kinds.items()
-        }
-        lengths = np.arange(n + 1)
-        self.mass = [-np.inf, *hazard.log_mass(lengths[1:]).tolist()]  # by length
-        self.survival = hazard.log_survival(lengths).tolist()
+        self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= self.n}
         self.paths = [
-            path for path in segmentations(n) if set(boundaries) <= set(path) and not set(without) & set(path)
+            path
+            for path in segmentations(self.n)
+            if set(boundaries) <= set(path) and not set(without) & set(path)
         ]
-        each = [self.log_joints(path, n, evidence) for path in self.paths]
-        self.joint = np.array([total for total, _ in each])
-        self.best_joint = np.array([best for _, best in each])
+        self.holds = np.array([[start in path for start in range(self.n)] for path in self.paths])
+        self.joint, self.best_joint = self.log_joints(lattice)
         self.total = float(log_sum_exp(self.joint))
 
-    def log_joints(
-        self, path: tuple[int, ...], n: int, evidence: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
-    ) -> tuple[float, float]:
-        """The sum, and the largest, over all sequences of groups along a path."""
-        total = best = np.zeros(len(self.transition))
-        for start, end in pairwise(path):
+    def log_joints(self, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+        """(paths,) the sum, and (paths,) the largest, over all sequences of groups along each path."""
+        tempered, plain = np.full((2, self.n, self.n + 1, len(self.transition)), -np.inf)
+        for span, kinds in self.kinds.items():
+            tempered[span] = lattice.combine(lattice.temper(kinds[None]))[0]
+            plain[span] = lattice.combine(kinds[None])[0]
+        lengths = np.arange(self.n + 1)
+        mass = np.array([-np.inf, *self.hazard.log_mass(lengths[1:])])
+        total, best = np.zeros((2, len(self.paths), len(self.transition)))
+        last = np.zeros(len(self.paths), dtype=int)  # (paths,) where each one's segment has begun
+        for end in range(1, self.n):
+            ends = self.holds[:, end]
+            start = last[ends]
             weight = np.zeros_like(self.transition) if end in self.free else self.transition
-            tempered, plain = (self.mass[end - start] + one for one in evidence[start, end])
-            total = log_sum_exp((total + tempered)[:, None] + weight, axis=0)
-            best = ((best + plain)[:, None] + weight).max(axis=0)
-        last = path[-1]
-        tempered, plain = (self.survival[n - 1 - last] + one for one in evidence[last, n])
-        return float(log_sum_exp(total + tempered)), float((best + plain).max())
+            before = total[ends] + mass[end - start][:, None] + tempered[start, end]
+            total[ends] = log_sum_exp(before[:, :, None] + weight, axis=1)
+            before = best[ends] + mass[end - start][:, None] + plain[start, end]
+            best[ends] = (before[:, :, None] + weight).max(axis=1)
+            last[ends] = end
+        survival = self.hazard.log_survival(lengths)[self.n - 1 - last][:, None]
+        total, best = total + survival + tempered[last, self.n], best + survival + plain[last, self.n]
+        return log_sum_exp(total, axis=1), best.max(axis=1)
 
-    def probability(self, holds: list[bool]) -> float:
+    def probability(self, holds: Sequence[bool] | np.ndarray) -> float:
         chosen = self.joint[np.array(holds)]
         return float(np.exp(log_sum_exp(chosen) - self.total)) if chosen.size else 0.0
 
     def changepoint_probability(self) -> list[float]:
         """That a segment starts at each observation."""
-        return [self.probability([start in path for path in self.paths]) for start in range(self.n)]
+        return [self.probability(self.holds[:, start]) for start in range(self.n)]
 
     @property
     def best(self) -> tuple[int, ...]:

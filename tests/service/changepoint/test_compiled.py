@@ -46,6 +46,14 @@ def alone(model: ChannelModel) -> Lattice:
     return Lattice({"it": model}, (Kind("motion", "motion", "free", ("it",)),))
 
 
+def assert_close(ours: np.ndarray, theirs: np.ndarray, rtol: float = 0.0, what: str = "") -> None:
+    """As numpy's, which takes ten times as long, and is asked what differs where something does."""
+    with np.errstate(invalid="ignore"):
+        near = np.abs(ours - theirs) <= 1e-9 + rtol * np.abs(theirs)
+    if ours.shape != theirs.shape or not (near | (ours == theirs)).all():
+        np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-9, err_msg=what)
+
+
 def assert_agree(compiled: CompiledFilter, reference: OnlineFilter) -> None:
     assert compiled.starts.tolist() == reference.starts.tolist()
     assert (compiled.count, compiled.root, compiled.capped) == (
@@ -54,14 +62,13 @@ def assert_agree(compiled: CompiledFilter, reference: OnlineFilter) -> None:
         reference.capped,
     )
     for name in ("log_joint", "log_evidence", "kind_log_evidence"):
-        ours, theirs = getattr(compiled, name), getattr(reference, name)
-        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-9, err_msg=name)
-    np.testing.assert_allclose(compiled.posterior, reference.posterior, atol=1e-9)
-    np.testing.assert_allclose(compiled.smoothed, reference.smoothed, atol=1e-9)
+        assert_close(getattr(compiled, name), getattr(reference, name), 1e-11, name)
+    assert_close(compiled.posterior, reference.posterior, 1e-7, "posterior")
+    assert_close(compiled.smoothed, reference.smoothed, 1e-7, "smoothed")
     for ours, theirs in ((compiled.map_path(), reference.map_path()), (compiled.final, reference.final)):
         assert [segment.start for segment in ours] == [segment.start for segment in theirs]
         for one, other in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(one.kind_log_evidence, other.kind_log_evidence, rtol=1e-11, atol=1e-9)
+            assert_close(one.kind_log_evidence, other.kind_log_evidence, 1e-11, "kind_log_evidence")
 
 
 def follow(
@@ -86,18 +93,18 @@ def test_every_model(model: ChannelModel) -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize(
-    "parameters",
+    ("parameters", "count"),
     [
-        FilterParameters(),
-        FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0),
-        FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2),
+        (FilterParameters(), 100),
+        (FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0), 60),
+        (FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2), 160),
     ],
     ids=["as is", "unpruned", "tight"],
 )
-def test_every_preset(name: str, parameters: FilterParameters) -> None:
+def test_every_preset(name: str, parameters: FilterParameters, count: int) -> None:
     rng = np.random.default_rng(1)
     lattice = PRESETS[name].lattice(orientation=True)
-    follow(lattice, pieces(rng, 160), parameters, PRESETS[name].hazard)
+    follow(lattice, pieces(rng, count), parameters, PRESETS[name].hazard)
 
 
 @given(st.integers(0, 2**32 - 1))

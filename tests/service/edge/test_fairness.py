@@ -79,7 +79,7 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     peer.command(opening("slow"), "cell-1")
     for batch in batches(3, "slow"):
         peer.send(batch, "cell-1")
-    assert begun.wait(5.0)
+    assert begun.wait(30.0)
     peer.command(opening(), "cell-2")
     for batch in batches(20):
         peer.send(batch, "cell-2")
@@ -126,7 +126,7 @@ def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gat
     with Service(config, pipeline_factory=slow(gate, begun)) as service, Peer(service.endpoint) as peer:
         peer.command(opening("slow"))
         peer.send(batches(1, "slow")[0])
-        assert begun.wait(5.0)
+        assert begun.wait(30.0)
     assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]
 
 

@@ -141,7 +141,7 @@ def test_under_pressure_commands_of_known_sessions_go_their_way(service, peer, g
     asking.start()
     peer.until_service(lambda status: status.queue + status.messages >= 27)
     gate.set()
-    asking.join(5.0)
+    asking.join(30.0)
     assert answered == [Ack(session="s1", next_seq=25, state="open")]
     assert peer.command(closing(24)).state == "closed"
 
@@ -160,7 +160,7 @@ def test_rubbish_under_pressure_is_refused_as_ever(service, peer, gate):
     asking.start()
     peer.until_service(lambda status: status.queue + status.messages >= 27)
     gate.set()
-    asking.join(5.0)
+    asking.join(30.0)
     assert answered == ["malformed"]
 
 

@@ -18,7 +18,7 @@ from service.journal.test_sqlite import grow_no_more
 
 COUNT = 3 * PORTION
 KEY = (STATION, NAME)
-DEADLINE_S = 5.0
+DEADLINE_S = 30.0
 
 
 def record(seq: int, session: str = NAME) -> Record:

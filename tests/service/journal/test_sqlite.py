@@ -33,7 +33,7 @@ from harness.sessions import (
 )
 
 NEVER = JournalSettings(commit_s=3600.0)  # but when told to
-DEADLINE_S = 5.0
+DEADLINE_S = 30.0
 
 
 def record(seq: int, session: str = NAME) -> Record:

@@ -32,7 +32,7 @@ from clients.conftest import free_port
 from harness.peer import Peer
 from harness.sessions import batch, closing, opening
 
-DEADLINE_S = 5.0
+DEADLINE_S = 30.0
 OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"
 
 

@@ -87,7 +87,7 @@ class Network:
 def test_a_bridge_teaches_and_a_dashboard_reads(network):
     robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
     with Bridge(robot.transport, "cell-1", LiveSource(), session="taught", settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         for start in range(10):
             bridge.send(samples(100, t0=start / 10))
         assert wall.stations() == ["cell-1"]
@@ -103,7 +103,7 @@ def test_a_dashboard_follows_what_is_taught(network):
     robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
     followed = wall.results("cell-1", "followed", silence_s=5.0)
     with Bridge(robot.transport, "cell-1", LiveSource(), session="followed", settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         bridge.send(samples(1000, t0=0.0))
         bridge.finish()
         assert any(update.closed and update.status.samples == 1000 for update in followed)
@@ -112,7 +112,7 @@ def test_a_dashboard_follows_what_is_taught(network):
 def test_samples_that_got_lost_are_asked_for_through_the_rules(network):
     robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
     with Bridge(robot.transport, "cell-1", LiveSource(), session="holes", settings=QUICK) as bridge:
-        bridge.wait_open(5.0)
+        bridge.wait_open(30.0)
         really, dropped = robot.transport.put, []
 
         def lossy(key, content, **options):
@@ -207,7 +207,7 @@ def test_instances_share_the_stations_through_the_rules(directory):
         for station in ("cell-1", "cell-2"):
             robot = network.as_(f"bridge.{station}")
             with Bridge(robot.transport, station, LiveSource(), session="s1", settings=QUICK) as bridge:
-                bridge.wait_open(5.0)
+                bridge.wait_open(30.0)
                 bridge.send(samples(1000))
                 bridge.finish()
         known = [(one.station, one.state) for one in wall.sessions()]

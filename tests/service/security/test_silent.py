@@ -20,7 +20,7 @@ from harness.silent import Silent
 from service.security.acl_world import certificates
 
 CONNECTIONS = 150  # Zenoh's own limit is 100
-DEADLINE_S = 5.0
+DEADLINE_S = 20.0
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ FILTER = SavitzkyGolay(window=11, order=2, rate_hz=100.0)
 
 
 def everywhere(rows: Array) -> tuple[Array, Array]:
+    rows = np.ascontiguousarray(rows)  # as a Conditioner has them: test_compiled looks for other compilations
     fits = np.empty((len(rows) - 10, 2, rows.shape[1]))
     for centre, both in enumerate(fits, start=5):
         speed = best().fit(rows, centre, FILTER.taps, rows.shape[1], both)

@@ -1,0 +1,56 @@
+"""A forked process is one of its own: its arguments, environment, pipes, signals and end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from harness.forked import CAN_FORK, PIPE, Forked
+
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="no pidfd_open on this system")
+DEADLINE_S = 60.0
+WAITS = "import threading; print('ready', flush=True); threading.Event().wait()"
+
+
+def python(code: str, *words: str, **options) -> Forked:
+    return Forked([sys.executable, "-c", code, *words], **options)
+
+
+def test_it_has_arguments_environment_directory_and_pipes_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "import os, sys; print(sys.argv, os.getcwd(), sorted(os.environ)); sys.exit('no')"
+    with python(code, "a", "b", stdout=PIPE, stderr=PIPE, env={"ONLY": "this"}) as process:
+        assert process.pid != os.getpid()
+        said, complaint = process.communicate(timeout=DEADLINE_S)
+    assert said == f"['-c', 'a', 'b'] {tmp_path} ['ONLY']\n"
+    assert (complaint, process.returncode) == ("no\n", 1)
+
+
+def test_a_module_is_run_as_the_interpreter_runs_it():
+    with Forked([sys.executable, "-m", "caesura_service", "--help"], stdout=PIPE) as process:
+        said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0
+    assert "serve" in said
+
+
+def test_it_ends_at_the_end_of_its_program_and_of_its_threads():
+    thread = "threading.Timer(0.05, print, ['late']).start()"
+    code = f"import atexit, threading; atexit.register(print, 'over'); {thread}"
+    with python(code, stdout=PIPE) as process:
+        assert process.communicate(timeout=DEADLINE_S)[0] == "late\nover\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_ends_it_as_any_other_process(number):
+    with python(WAITS, stdout=PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout.readline() == "ready\n"
+        assert process.poll() is None
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.01)
+        process.send_signal(number)
+        assert process.wait(DEADLINE_S) == -number
+        process.kill()  # one that has ended is no error

@@ -62,35 +62,34 @@ class Pivot:
         z, rotation, joins = observed.position, observed.rotation, len(rows[0]) > 0
         before, turned = (rows[2][-1], rotation - rows[3][-1]) if joins else (z, np.zeros(AXES))
         e = rotation_matrix(turned) - np.eye(AXES)
-        y = z - before - e @ before
         step2, angle2 = float((z - before) @ (z - before)), float(turned @ turned)
         scale2 = self.floor**2 + self.share**2 * angle2
         near = -0.5 * (step2 / (self.floor**2 + self.reach**2 * angle2)) ** 2
         n, gram, cross, squares, log_scales, weights = (
             append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 4, 5, 6, 7, 8)
         )
+        start = append(rows[1], before)
+        y = z - before - (before - start) @ e.T  # the centre is counted from each start
         return (
             n + 1,
-            append(rows[1], before),
+            start,
             np.tile(z, (len(n), 1)),
             np.tile(rotation, (len(n), 1)),
             gram + e.T @ e / scale2,
-            cross + e.T @ y / scale2,
-            squares + y @ y / scale2,
+            cross + y @ e / scale2,
+            squares + (y**2).sum(axis=1) / scale2,
             log_scales + 0.5 * math.log(scale2),
             weights + near,
         )
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
-        n, start, _, _, gram, cross, squares, log_scales, weights = rows
-        b = cross + np.einsum("hij,hj->hi", gram, start)  # counted from the start, y is y + E start
-        total = squares + ((cross + b) * start).sum(axis=1)
+        n, _, _, _, gram, cross, squares, log_scales, weights = rows
         weight = 1.0 / self.reach**2
         posterior = gram + weight * np.eye(AXES)
-        explained = (b * np.linalg.solve(posterior, b[:, :, None])[:, :, 0]).sum(axis=1)
+        explained = (cross * np.linalg.solve(posterior, cross[:, :, None])[:, :, 0]).sum(axis=1)
         log_det = np.linalg.slogdet(posterior)[1] - AXES * math.log(weight)
-        left = np.maximum(total - explained, 0.0)
+        left = np.maximum(squares - explained, 0.0)
         density = known_mean_log_evidence(AXES * n, left, self.nu0, 1.0)
         result: Array = density - 0.5 * log_det - AXES * log_scales + weights
         return result

@@ -44,10 +44,9 @@ def add_step(sums, past, channel, lanes):
     # E = first [φ]× + second [φ]×²; with |Eᵀ a| the same as |E a|, EᵀE = (first² + second² φ²) (φ² I − φφᵀ).
     size = first * first + second * second * angle2
     scale2 = channel.floor2 + channel.scale2 * angle2
-    left_x, left_y, left_z = turned(u, v, w, first, second, x, y, z)
-    y_x, y_y, y_z = past[last, 0] - x - left_x, past[last, 1] - y - left_y, past[last, 2] - z - left_z
-    cross_x, cross_y, cross_z = turned(-u, -v, -w, first, second, y_x, y_y, y_z)
-    step2 = (past[last, 0] - x) ** 2 + (past[last, 1] - y) ** 2 + (past[last, 2] - z) ** 2
+    e = rotation_less_identity(u, v, w, first, second)
+    move_x, move_y, move_z = past[last, 0] - x, past[last, 1] - y, past[last, 2] - z
+    step2 = move_x**2 + move_y**2 + move_z**2
     near = -0.5 * (step2 / (channel.floor2 + channel.reach2 * angle2)) ** 2
     for i in range(lanes):
         sums[NEAR, i] += near
@@ -57,21 +56,32 @@ def add_step(sums, past, channel, lanes):
         sums[GRAM + 3, i] += size * (angle2 - v * v) / scale2
         sums[GRAM + 4, i] -= size * v * w / scale2
         sums[GRAM + 5, i] += size * (angle2 - w * w) / scale2
-        sums[CROSS, i] += cross_x / scale2
-        sums[CROSS + 1, i] += cross_y / scale2
-        sums[CROSS + 2, i] += cross_z / scale2
+        # The centre is counted from each start.
+        from_x, from_y, from_z = x - sums[START, i], y - sums[START + 1, i], z - sums[START + 2, i]
+        y_x = move_x - (e[0] * from_x + e[1] * from_y + e[2] * from_z)
+        y_y = move_y - (e[3] * from_x + e[4] * from_y + e[5] * from_z)
+        y_z = move_z - (e[6] * from_x + e[7] * from_y + e[8] * from_z)
+        sums[CROSS, i] += (e[0] * y_x + e[3] * y_y + e[6] * y_z) / scale2
+        sums[CROSS + 1, i] += (e[1] * y_x + e[4] * y_y + e[7] * y_z) / scale2
+        sums[CROSS + 2, i] += (e[2] * y_x + e[5] * y_y + e[8] * y_z) / scale2
         sums[SQUARES, i] += (y_x * y_x + y_y * y_y + y_z * y_z) / scale2
         sums[LOG_SCALES, i] += 0.5 * math.log(scale2)
 
 
 @compiled
-def turned(u, v, w, first, second, x, y, z):
-    """E (x, y, z), with E = first [φ]× + second [φ]×² and φ = (u, v, w)."""
-    a, b, c = v * z - w * y, w * x - u * z, u * y - v * x
+def rotation_less_identity(u, v, w, first, second):
+    """(9,) E row by row: first [φ]× + second [φ]×² of φ = (u, v, w)."""
+    angle2 = u * u + v * v + w * w
     return (
-        first * a + second * (v * c - w * b),
-        first * b + second * (w * a - u * c),
-        first * c + second * (u * b - v * a),
+        second * (u * u - angle2),
+        second * u * v - first * w,
+        second * u * w + first * v,
+        second * u * v + first * w,
+        second * (v * v - angle2),
+        second * v * w - first * u,
+        second * u * w - first * v,
+        second * v * w + first * u,
+        second * (w * w - angle2),
     )
 
 
@@ -98,14 +108,11 @@ def solve(sums, left, determinant, weight, nu0, lanes):
     for i in range(lanes):
         a, b, c = sums[GRAM, i], sums[GRAM + 1, i], sums[GRAM + 2, i]
         d, e, f = sums[GRAM + 3, i], sums[GRAM + 4, i], sums[GRAM + 5, i]
-        x, y, z = sums[START, i], sums[START + 1, i], sums[START + 2, i]
-        p, q, r = sums[CROSS, i], sums[CROSS + 1, i], sums[CROSS + 2, i]
-        u, v, w = p + a * x + b * y + c * z, q + b * x + d * y + e * z, r + c * x + e * y + f * z
-        total = sums[SQUARES, i] + (p + u) * x + (q + v) * y + (r + w) * z
+        u, v, w = sums[CROSS, i], sums[CROSS + 1, i], sums[CROSS + 2, i]
         a, d, f = a + weight, d + weight, f + weight
         over_x, over_y, over_z = d * f - e * e, c * e - b * f, b * e - c * d
         det = a * over_x + b * over_y + c * over_z
         explained = u * u * over_x + v * v * (a * f - c * c) + w * w * (a * d - b * b)
         explained += 2.0 * (u * v * over_y + u * w * over_z + v * w * (b * c - a * e))
-        left[i] = nu0 + max(total - explained / det, 0.0)
+        left[i] = nu0 + max(sums[SQUARES, i] - explained / det, 0.0)
         determinant[i] = det

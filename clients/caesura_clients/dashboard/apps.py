@@ -7,6 +7,7 @@ from typing import Any
 
 from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
+from caesura_protocol.turning import screw_in_words
 
 NEWEST = 100  # apps that are drawn
 TITLE: Mapping[AppKind, str] = {
@@ -54,6 +55,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
     return [
         ("target", vector(app.target, "m", 3)),
         ("path", path(app)),
+        ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", vector(app.force, "N", 1)),
         ("taught", taught),
         ("load", load(app)),

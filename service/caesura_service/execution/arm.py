@@ -27,8 +27,9 @@ from caesura_clients.bridge.teacher.guiding import (
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_clients.bridge.teacher.shapes import SHAPED, ShapedTouch
 from caesura_service.execution.world import World
-from caesura_service.robot import Robot
+from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 2000.0, 220.0
 TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 60.0, 6.0
@@ -59,7 +60,8 @@ class Setpoint:
 @dataclass(frozen=True)
 class Felt:
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that it knows of; joints and their speeds (7,).
+    that it feels, without the load that it knows of; joints and their speeds (7,). torque: (3,) [Nm] that it
+    feels about the flange, of the same force and of what resists its turning.
     """
 
     position: Array
@@ -68,6 +70,7 @@ class Felt:
     force: Array
     q: Array
     v: Array
+    torque: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Arm:
@@ -76,6 +79,8 @@ class Arm:
     def __init__(self, robot: Robot, world: World, *, friction: float = 1.0) -> None:
         self.world = world
         self._robot, self._touch = robot, Touch(world.surfaces)
+        shaped = any(isinstance(surface, SHAPED) for surface in world.surfaces)
+        self._shaped = ShapedTouch(world.surfaces) if shaped else None
         self._friction_nm = friction * FRICTION_NM
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
@@ -97,26 +102,28 @@ class Arm:
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
         held_kg = self.world.held_kg
-        contact = np.array(
-            self._touch.force(*tip_motion(arm.position_base, twist, lever), DT, GRAVITY * held_kg)
-        )
+        contact, resisting = self._contact(arm, twist, lever)
         wrench = self._wrench(setpoint, arm.position_base, arm.rotation_base, twist)
         outside = contact + held_kg * FALL
         posture = POSTURE_NM_PER_RAD * (self._home - self._q) - POSTURE_NMS_PER_RAD * self._v
         eased = FRICTION_EASED * self._friction_nm * self._v / (np.abs(self._v) + EASED_RAD_PER_S)
         task = arm.jacobian.T @ np.linalg.solve(arm.jacobian @ arm.jacobian.T, arm.jacobian @ posture)
         given = wrench + at_flange(outside, lever)
+        given[3:] += resisting
         change = velocity_change(
             arm, self._v, given, self._friction_nm, held_kg, lever, posture - task + eased
         )
         if held_kg > 0.0:
             outside = outside - held_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
-        row = np.concatenate([self._q, self._v, twist, at_flange(outside, lever), wrench, contact])
+        environment = at_flange(outside, lever)
+        environment[3:] += resisting
+        row = np.concatenate([self._q, self._v, twist, environment, wrench, contact])
         self._rows.append(np.append(row, (self.world.width_m, held_kg)))
         self._v = self._v + change
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
-        self.felt = Felt(arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v)
+        torque = resisting + np.cross(lever, pressed)
+        self.felt = Felt(arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque)
         self.world.tick(arm.position_base, DT)
         return self.felt
 
@@ -127,6 +134,15 @@ class Arm:
         q, v, twist, environment, hand, contact, rest = parts
         t = np.arange(len(rows)) / TICKS_PER_S
         return Trace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
+
+    def _contact(self, arm: HandDynamics, twist: Array, lever: Array) -> tuple[Array, Array]:
+        """Force (3,) [N] at the fingertips; torque (3,) [Nm] that resists a turn about the tool's axis."""
+        tip, weight_n = tip_motion(arm.position_base, twist, lever), GRAVITY * self.world.held_kg
+        if self._shaped is None:
+            return np.array(self._touch.force(*tip, DT, weight_n)), np.zeros(3)
+        along = arm.rotation_base[:, 2]
+        felt = self._shaped.touch(*tip, float(twist[3:] @ along), DT, weight_n)
+        return felt.force, felt.torque_nm * along
 
     def _wrench(self, want: Setpoint, position: Array, rotation: Array, twist: Array) -> Array:
         force = STIFFNESS_N_PER_M * (want.position - position)

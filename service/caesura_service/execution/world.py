@@ -10,7 +10,7 @@ from caesura_clients.bridge.teacher.contact import Surface
 from caesura_clients.bridge.teacher.intentions import Array, Vector
 from caesura_clients.bridge.teacher.plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
 from caesura_clients.bridge.teacher.scenarios import Scenario, tips
-from caesura_clients.bridge.teacher.shapes import SHAPED
+from caesura_clients.bridge.teacher.shapes import Barrel, Hole
 from caesura_clients.errors import CaesuraError
 from caesura_clients.programs.safety import DEFAULT, Safety
 from caesura_service.execution.limits import Cell, Obstacle
@@ -31,17 +31,15 @@ class Thing:
 class World:
     """What stands around the robot, and what its fingers do. What they let go stays where it is.
 
-    Raises CaesuraError for a scenario with a surface that is not level: the arm would touch a level one.
+    Raises CaesuraError for a scenario with a hole or a barrel: a check knows surfaces of one height alone.
     """
 
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
-        shaped = [
-            type(surface).__name__.lower() for surface in scenario.surfaces if isinstance(surface, SHAPED)
-        ]
+        shaped = [type(one).__name__.lower() for one in scenario.surfaces if isinstance(one, Hole | Barrel)]
         if shaped:
             raise CaesuraError(
                 f"scenario {scenario.name!r} has a {shaped[0]}, and the simulated cell has level surfaces "
-                "alone: choose another scenario"
+                "and screws alone: choose another scenario"
             )
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start

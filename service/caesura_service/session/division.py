@@ -35,15 +35,19 @@ class _Seen(NamedTuple):
     changepoint: Changepoint
 
 
-def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool) -> Filter:
+def filter_of(
+    preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool, torque: bool = False
+) -> Filter:
     """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
 
-    Raises ValueError where the preset looks at nothing that is reported.
+    torque: whether there is one; it is looked at where it is tared and the wrench is no estimate. Raises
+    ValueError where the preset looks at nothing that is reported.
     """
     return preset.online(
         contact=source.contact_models,
         transport=source.transport_models,
         orientation=orientation,
+        torque=torque and tared and source.bias == "tare",
         bias_n=_bias_n(source, tared=tared),
     )
 
@@ -60,10 +64,11 @@ class Division:
         *,
         tared: bool,
         orientation: bool,
+        torque: bool = False,
     ) -> None:
         """Raises ValueError where the preset looks at nothing that is reported."""
         self.tared, self._orientation = tared, orientation
-        self.online = filter_of(preset, source, tared=tared, orientation=orientation)
+        self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
         self.settled = Settled()
         self.places = array("d")  # [s] where a segment begins whose first own observation is this one
         self._preset, self._history, self._heeded = preset, history, heeded

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.resistance import torsion_of
 from caesura_service.program import Moment
 from caesura_service.session.screwing import Course
 from caesura_service.session.spool import Log
@@ -82,7 +83,9 @@ class History:
         """What the segment models see of an observation."""
         row = self._row(index)
         force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
-        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation)
+        torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
+        torsion = torsion_of(np.array(row[_FORCE]), torque)
+        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""

@@ -96,7 +96,7 @@ def test_every_model(model: ChannelModel) -> None:
 )
 def test_every_preset(name: str, parameters: FilterParameters) -> None:
     rng = np.random.default_rng(1)
-    lattice = PRESETS[name].lattice(orientation=True)
+    lattice = PRESETS[name].lattice(orientation=True, torque=True)
     follow(lattice, pieces(rng, 160), parameters, PRESETS[name].hazard)
 
 

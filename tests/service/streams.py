@@ -25,7 +25,7 @@ def pieces(rng: np.random.Generator, n: int) -> Iterator[tuple[Observed, bool]]:
             force = force + rng.choice([0.0, 0.0, 5.0]) * rng.normal(size=3)
             holding = rng.choice([holding, 0.0, 1.0, np.nan])
             torsion = 0.1 * twisting.choice([0.0, 1.0]) * twisting.normal()
-            rate = 0.1 * force if twisting.random() < 0.2 else rate
+            rate = 0.2 * force / max(np.linalg.norm(force), 1.0) if twisting.random() < 0.2 else rate
         left -= 1
         position, force, rotation = position + velocity, force + change, rotation + rate
         seen = position + rng.normal(0, noise[0], 3), force + rng.normal(0, noise[1], 3)

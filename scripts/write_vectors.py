@@ -46,6 +46,7 @@ from caesura_protocol.messages import (
     Refusal,
     Relabel,
     Remove,
+    ScrewMotion,
     Segment,
     Segments,
     ServiceStatus,
@@ -170,6 +171,14 @@ def examples() -> dict[str, Message]:
         tolerance_m=0.001953125,
         tolerance_rad=0.015625,
     )
+    screw = ScrewMotion(
+        axis=(0.0, 0.0, -1.0),
+        point=(0.5, -0.25, 0.125),
+        angle=2.0,
+        pitch_m=0.001953125,
+        pitch_sd_m=0.0000152587890625,
+        torque=(0.0, 0.125, -0.75),
+    )
     app = App(
         kind="transport",
         t0=0.0,
@@ -185,6 +194,7 @@ def examples() -> dict[str, Message]:
         confidence=0.875,
         segments=(0,),
         path=path,
+        screw=screw,
     )
     changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
     segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,), first_phase=1, phases=(phase,))
@@ -242,6 +252,7 @@ def examples() -> dict[str, Message]:
         via,
         path,
         app,
+        screw,
         program,
         Snapshot(
             status=status,

@@ -254,6 +254,17 @@ class Changepoint(Message):
     corrected: bool = False  # somebody said that it is here
 
 
+class ScrewMotion(Message):
+    """How a turning moves, base frame: about which axis, how far along it, and against which torque."""
+
+    axis: Vector  # of unit length; the turn is positive about it
+    point: Vector  # [m] of the axis, nearest to the flange where the turning begins
+    angle: float  # [rad] about the axis, more than a whole turn where it is
+    pitch_m: float  # [m] along the axis in one whole turn; above 0 as a right-handed screw
+    pitch_sd_m: float  # standard deviation of that
+    torque: Vector | None = None  # [Nm] held, about the point; None where the session reports no torque
+
+
 class Segment(Message):
     """A stretch of the demonstration under one model. Consecutive ones share their boundary."""
 
@@ -276,6 +287,7 @@ class Segment(Message):
     corrected: bool = False  # somebody said what it is
     turn: Vector | None = None  # [rad] base frame: axis times angle, of all turns together
     centre: Vector | None = None  # [m] turning: the point of its axis that is nearest to where it begins
+    screw: ScrewMotion | None = None  # turning: its torque is that of the environment on the robot
 
     @property
     def force(self) -> Vector:
@@ -463,6 +475,7 @@ class App(Message):
     confidence: Probability
     segments: Listed[Count]  # indices of the segments that it came from
     path: AppPath | None = None  # None: an app that does not move, or whose movement goes on
+    screw: ScrewMotion | None = None  # of a turn: its torque is what the robot exerts
 
 
 class Program(Message):

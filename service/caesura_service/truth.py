@@ -74,6 +74,16 @@ class Quantity:
 
 
 @dataclass(frozen=True)
+class Screwing:
+    """A stroke that drove a screw from t0 to t1 [s]: its axis (base frame), its advance in one turn [m]."""
+
+    t0: float
+    t1: float
+    axis: tuple[float, float, float]
+    pitch_m: float
+
+
+@dataclass(frozen=True)
 class Source:
     """The recording that an annotation belongs to: file name, SHA-256, where it comes from, its licence."""
 
@@ -90,6 +100,7 @@ class Truth:
     phases: runs of segments that make one skill, in order and apart, each with the skill's name. robot:
     groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the annotator
     declares, None where unstated. source: the recording, None for an annotation that names none.
+    screws: strokes that drive one.
     """
 
     name: str
@@ -104,6 +115,7 @@ class Truth:
     hand_on_robot: str | None = None
     source: Source | None = None
     phases: tuple[Span, ...] = ()
+    screws: tuple[Screwing, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,7 +163,7 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
     try:
         if not isinstance(content, Mapping):
             raise ValueError(f"is a {type(content).__name__}, expected an object")
-        content = {"segments": (), "loads": (), "forces": (), "phases": (), **content}
+        content = {"segments": (), "loads": (), "forces": (), "phases": (), "screws": (), **content}
         return Truth(
             name=name,
             window=_window(content["window"]),
@@ -165,6 +177,7 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
             hand_on_robot=_choice(content, "hand_on_robot", HAND_ON_ROBOT),
             source=_source(content.get("recording")),
             phases=_phases(content),
+            screws=_each(content, "screws", _screwing),
         )
     except KeyError as error:
         raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
@@ -286,6 +299,16 @@ def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:
     if value < 0.0:
         raise ValueError(f"{unit} is {value:g}, expected 0 or more")
     return Quantity(*_ends(entry), value)
+
+
+def _screwing(entry: Mapping[str, Any]) -> Screwing:
+    axis = entry["axis"]
+    if not (isinstance(axis, list | tuple) and len(axis) == 3):
+        raise ValueError(f"axis is {axis!r}, expected three numbers")
+    x, y, z = (_number({f"axis[{i}]": value}, f"axis[{i}]") for i, value in enumerate(axis))
+    if not math.hypot(x, y, z) > 0.0:
+        raise ValueError(f"axis is {axis!r}, expected a direction")
+    return Screwing(*_ends(entry), (x, y, z), _number(entry, "pitch_m"))
 
 
 def _ends(entry: Mapping[str, Any]) -> tuple[float, float]:

@@ -4,7 +4,7 @@ At about 10, 50 and 100 living hypotheses, all in this process, in turn over the
 of some hundred steps by one, then by the next, as a recording has them. `compiled` and all ratios are of such
 stretches; `after others` is a compiled step that follows one of the NumPy path, which has taken the caches.
 Prints µs a step, medians, and ratios. Usage: python tests/bench/step_cost.py
-[--presets a b …] [--orientation] [--json DIR]
+[--presets a b …] [--orientation] [--torque] [--json DIR]
 """
 
 from __future__ import annotations
@@ -41,11 +41,14 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--presets", nargs="*", default=sorted(PRESETS), choices=sorted(PRESETS))
     parser.add_argument("--orientation", action="store_true", help="sessions report an orientation")
+    parser.add_argument("--torque", action="store_true", help="and a torque")
     asked = parser.parse_args()
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     data = demonstration(WARM_UP + (STRETCHES + 1) * STRETCH)
     rows = [
-        measure(name, h, data, orientation=asked.orientation) for name in asked.presets for h in HYPOTHESES
+        measure(name, h, data, orientation=asked.orientation or asked.torque, torque=asked.torque)
+        for name in asked.presets
+        for h in HYPOTHESES
     ]
     tell("step_cost", "µs a step", COLUMNS, rows, asked.json)
     tell(
@@ -53,10 +56,12 @@ def main() -> None:
     )
 
 
-def measure(name: str, hypotheses: int, data: Sequence[Observed], *, orientation: bool) -> tuple[object, ...]:
+def measure(
+    name: str, hypotheses: int, data: Sequence[Observed], *, orientation: bool, torque: bool
+) -> tuple[object, ...]:
     """Median µs a step of each way, and how they compare."""
     preset = living(PRESETS[name], hypotheses)
-    lattice = preset.lattice(orientation=orientation)
+    lattice = preset.lattice(orientation=orientation, torque=torque)
     compiled = CompiledFilter(lattice, preset.hazard, preset.filter)
     reference = OnlineFilter(lattice, preset.hazard, preset.filter)
     for online in (compiled, reference):

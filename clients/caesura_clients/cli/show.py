@@ -18,6 +18,7 @@ from caesura_clients.recording import Recording, did_you_mean
 from caesura_protocol.limiting import force_in_words
 from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.turning import torque_about_axis
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
@@ -179,7 +180,9 @@ def _turned(segment: Segment) -> str:
     """By how much it turns in place; empty for every other kind."""
     if segment.kind != "turning" or segment.turn is None:
         return ""
-    return f"{math.degrees(math.hypot(*segment.turn)):.0f}°"
+    torque = None if segment.screw is None else torque_about_axis(segment.screw)
+    held = "" if torque is None or segment.contact != "contact" else f", {abs(torque):.1f} Nm"
+    return f"{math.degrees(math.hypot(*segment.turn)):.0f}°{held}"
 
 
 def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:

@@ -10,6 +10,7 @@ from caesura_clients.programs.path_drawing import path_svg
 from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
 from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
+from caesura_protocol.turning import screw_in_words
 
 NEWEST = 100  # apps that are drawn
 TITLE: Mapping[AppKind, str] = {
@@ -58,6 +59,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
     return [
         ("target", vector(app.target, "m", 3)),
         ("path", path(app)),
+        ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", vector(app.force, "N", 1)),
         ("taught", taught),
         ("load", load(app)),

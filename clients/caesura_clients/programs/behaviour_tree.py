@@ -18,6 +18,7 @@ from caesura_clients.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.limiting import is_limited
 from caesura_protocol.messages import AppKind, AppPath
 from caesura_protocol.paths import turning_at_points
+from caesura_protocol.turning import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
@@ -57,13 +58,20 @@ ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the pat
 LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
 TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
 
+AXIS = Port("axis", DOUBLES, "x;y;z of unit length: what is turned about, in the base frame")
+POINT = Port("axis_point", DOUBLES, "x;y;z of a point of that axis [m]")
+ANGLE = Port("angle", DOUBLE, "about that axis [rad]")
+PITCH = Port("pitch", DOUBLE, "along the axis in one whole turn [m]")
+TORQUE = Port("torque", DOUBLE, "about the axis that the robot exerts, and at which the turn ends [Nm]")
+
 PATH = (VIA, TURNING, ARRIVES, LENGTH, SPEED, TURN)
-PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, MOST)
+SCREW = (AXIS, POINT, ANGLE, PITCH, TORQUE)
+PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST)
 PORTS: Mapping[AppKind, tuple[Port, ...]] = MappingProxyType(
     {
         "cartesian_motion": PLACE,
         "move_to_contact": (*PLACE, CONTACT, SEARCH),
-        "apply_force": (FORCE, TAUGHT, TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, MOST),
+        "apply_force": (FORCE, TAUGHT, TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST),
         "grasp": (WIDTH,),
         "gripper_move": (WIDTH,),
         "transport": (*PLACE, LOAD),
@@ -101,7 +109,7 @@ def _model(models: Xml.Element, kind: AppKind) -> None:
 
 def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
     """What is known of the ports of an app's action, as text."""
-    safety = program.safety
+    safety, screw = program.safety, app.screw
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
         ORIENTATION.name: app.orientation,
@@ -113,6 +121,11 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
         LENGTH.name: None if app.path is None else app.path.length_m,
+        AXIS.name: None if screw is None else screw.axis,
+        POINT.name: None if screw is None else screw.point,
+        ANGLE.name: None if screw is None else screw.angle,
+        PITCH.name: None if screw is None else screw.pitch_m,
+        TORQUE.name: None if screw is None else torque_about_axis(screw),
         WIDTH.name: app.gripper_width,
         LOAD.name: app.load_kg,
         SPEED.name: safety.speed_m_per_s,

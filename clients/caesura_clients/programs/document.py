@@ -31,6 +31,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "orientation": "quaternion x y z w, flange in the base frame",
         "joints": "rad",
         "path": "as target and orientation; its times are those of the demonstration",
+        "screw": "axis and a point of it (m) in the base frame, rad, m in one turn, Nm that the robot exerts",
         "force": "N that the robot exerts, base frame",
         "load": "kg",
         "gripper_width": "m between the fingers",

@@ -17,6 +17,7 @@ from caesura_service.changepoint.kernels.layout import (
     FREE,
     HOLDING,
     ROTATION,
+    TORSION,
     Model,
     State,
     fresh_state,
@@ -63,7 +64,7 @@ class CompiledFilter(Smoothed):
         not finite; nothing has changed then.
         """
         now = self._state.now
-        now[:FORCE], now[FORCE:ROTATION], now[HOLDING], now[ROTATION:HOLDING] = observed
+        now[:FORCE], now[FORCE:ROTATION], now[HOLDING], now[ROTATION:TORSION], now[TORSION:HOLDING] = observed
         if not self._room:
             self._make_room()
         known = steps.UNKNOWN if changepoint is None else int(changepoint)

@@ -27,6 +27,7 @@ from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
+from caesura_service.changepoint.resistance import Resistance
 from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.walk import Walk
@@ -49,6 +50,7 @@ REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to t
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
 HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
+HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 PAUSE_S = 0.3  # shorter rests are part of a movement
@@ -109,6 +111,8 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": Pace("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": Pivot(floor=0.0002, share=0.002, reach=TOOL_M),
+        "resisted": Resistance(least=HELD_NM),
+        "unresisted": Resistance(most=HELD_NM),
         "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
         "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
         "pressed": Walk("force", scale=0.5, presence=beyond),
@@ -152,7 +156,10 @@ ALL_KINDS = (
         for kind in STROKE_KINDS
     ),
     Kind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
-    Kind("turning", "motion", "contact", (*_TURN, "pressed", "gripping")),
+    *(
+        Kind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
+        for torque in ("resisted", "unresisted")
+    ),
     Kind("turning", "motion", "transport", (*_TURN, "laden", "holding"), _LADEN_WEIGHT),
 )
 UNREPEATED = (("steady", "hold"), ("contact",))  # rests, with and without a load; contacts
@@ -232,6 +239,11 @@ def _frictionless(bias_n: float) -> Channels:
     return {"slid_along": Friction(least=0.0, pace=SLOW)}
 
 
+def _torqueless(bias_n: float) -> Channels:
+    """A screw that is driven and a ratchet that returns are one kind of turn."""
+    return {"resisted": Resistance(), "unresisted": Resistance()}
+
+
 def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
     return {**default_channels(bias_n), **changes(bias_n)}
 
@@ -246,6 +258,7 @@ _CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
     "correlation": _white,
     "pace": _paceless,
     "friction": _frictionless,
+    "torque": _torqueless,
 }
 WITHOUT: Mapping[str, Preset] = {
     preset.name: preset

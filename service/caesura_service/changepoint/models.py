@@ -35,6 +35,7 @@ class Observed(NamedTuple):
     force: Array  # (3,) [N] of the environment on the robot
     holding: float = np.nan  # 1 the gripper holds something, 0 it does not, nan unknown
     rotation: Array = UNTURNED  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
+    torsion: Array = UNTURNED  # (3,) [Nm] of the environment's torque, the part along the force
 
 
 class ChannelModel(Protocol):

@@ -282,7 +282,7 @@ def _common_ancestor(nodes: set[Node], ended: Mapping[Node, Ended]) -> Node:
 
 def check_finite(observed: Observed, count: int) -> None:
     """Raises ValueError for an observation that holds anything else."""
-    for name in ("position", "force", "rotation"):
+    for name in ("position", "force", "rotation", "torsion"):
         value = getattr(observed, name)
         if not np.isfinite(value).all():
             raise ValueError(f"observation {count}: {name} is {value.tolist()}, expected finite numbers")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from caesura_service.changepoint.filter import Filter
@@ -12,6 +12,7 @@ from caesura_service.changepoint.lattice import Kind, Lattice
 from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.pivot import Pivot
+from caesura_service.changepoint.resistance import Resistance
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
@@ -61,17 +62,21 @@ class Preset:
         contact: bool = True,
         transport: bool = True,
         orientation: bool = False,
+        torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
     ) -> Lattice:
         """The lattice over what the session reports.
 
         Without contact the force is not looked at, and what remains is whether the arm moves. Without an
-        orientation no channel looks at the rotation, and nothing turns. bias_n [N]: scale of what free space
-        may read. Raises ValueError where nothing is left to look at.
+        orientation no channel looks at the rotation, and nothing turns. Without a torque none looks at that,
+        and kinds that differ by it alone are one. bias_n [N]: scale of what free space may read. Raises
+        ValueError where nothing is left to look at.
         """
         channels = self.channels(bias_n)
         if not orientation:
             channels = {name: model for name, model in channels.items() if not looks_at_rotation(model)}
+        if not (orientation and torque):
+            channels = {name: model for name, model in channels.items() if not isinstance(model, Resistance)}
         if contact:
             kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         else:
@@ -82,7 +87,7 @@ class Preset:
             for kind in kinds
             if turns or kind.name != "turning"
         )
-        kinds = tuple(kind for kind in kinds if {*kind.channels} - {"corner"})
+        kinds = _united(kind for kind in kinds if {*kind.channels} - {"corner"})
         if not kinds:
             raise ValueError(
                 f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
@@ -98,10 +103,13 @@ class Preset:
         contact: bool = True,
         transport: bool = True,
         orientation: bool = False,
+        torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
     ) -> Filter:
         """A filter at its beginning; arguments as for `lattice`."""
-        lattice = self.lattice(contact=contact, transport=transport, orientation=orientation, bias_n=bias_n)
+        lattice = self.lattice(
+            contact=contact, transport=transport, orientation=orientation, torque=torque, bias_n=bias_n
+        )
         return filter_for(lattice, self.hazard, self.filter)
 
     @property
@@ -109,6 +117,15 @@ class Preset:
         """The prior of segment lengths, in samples."""
         mean, early = self.mean_segment_s * SEGMENTATION_HZ, round(self.refractory_s * SEGMENTATION_HZ)
         return Refractory(mean, early) if early else Geometric(mean)
+
+
+def _united(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
+    """Kinds that differ by nothing but their weight as one, with the sum of their weights."""
+    weights: dict[Kind, float] = {}
+    for kind in kinds:
+        alike = replace(kind, weight=1.0)
+        weights[alike] = weights.get(alike, 0.0) + kind.weight
+    return tuple(replace(kind, weight=weight) for kind, weight in weights.items())
 
 
 def looks_at_rotation(model: ChannelModel) -> bool:

@@ -14,8 +14,9 @@ import numpy as np
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
-from caesura_protocol.messages import App, AppKind
+from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve, turning_of
+from caesura_protocol.turning import torque_about_axis
 from caesura_service.execution.arm import Arm, Felt, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
 from caesura_service.execution.motion import course, press_direction, rotation_of
@@ -31,6 +32,7 @@ SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
 MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
+TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn ends; what is a torque at all
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
 SINK_S = 0.3  # least time for pushing it in
@@ -96,10 +98,13 @@ class Acting:
         search = self._search_speed(app, until)
         path = self.course(app, _seconds(app), None if until is None else search * until)
         seconds = float(path.t[-1])
+        tight = Tight(app.screw)
         search_s = 0.0 if until is None else self.safety.search_m / search
         weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
         for k in range(1, round((seconds + search_s) / DT) + 1):
             felt = self.tick(self._on(path, k * DT))
+            if tight.reached(felt):
+                break
             if k == weighed:
                 self._weigh(felt)
             if until is not None and k > weighed and -float(until @ felt.force) > self.safety.contact_n:
@@ -110,12 +115,17 @@ class Acting:
             raise Stopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
     def press(
-        self, force_n: float, seconds: float, aside: Array | None = None, path: Curve | None = None
+        self,
+        force_n: float,
+        seconds: float,
+        aside: Array | None = None,
+        path: Curve | None = None,
+        screw: ScrewMotion | None = None,
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
         path: to follow across that direction meanwhile; along it the force decides. The direction turns with
-        the tool.
+        the tool. screw: what is turned meanwhile, until it is tight.
         """
         if self.along is None:
             raise Stopped(NOTHING_TO_PRESS)
@@ -124,6 +134,7 @@ class Acting:
         along, in_tool = self.along, self.setpoint.rotation.T @ self.along
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
+        tight = Tight(screw)
         for k in range(1, round(seconds / DT) + 1):
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
@@ -131,6 +142,8 @@ class Acting:
             along = setpoint.rotation @ in_tool
             push = along * (want + self._correction_n) + share * aside
             felt = self.tick(replace(setpoint, push=push, along=along))
+            if tight.reached(felt):
+                break
             self._pressed_n = want
             wrong = want + float(along @ felt.force)
             self._correction_n = float(
@@ -223,6 +236,25 @@ class Acting:
         self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
 
 
+class Tight:
+    """Whether what is turned resists more than it was taught to: then its app is done."""
+
+    def __init__(self, screw: ScrewMotion | None) -> None:
+        """screw: with the torque that the robot exerts; without one nothing is ever tight."""
+        taught_nm = None if screw is None else torque_about_axis(screw)
+        self._most_nm = np.inf
+        if screw is not None and taught_nm is not None and taught_nm >= LEAST_TORQUE_NM:
+            self._most_nm = TIGHT * taught_nm
+            self._axis, self._point = np.array(screw.axis), np.array(screw.point)
+
+    def reached(self, felt: Felt) -> bool:
+        """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
+        if self._most_nm == np.inf:
+            return False
+        about_point = felt.torque + np.cross(felt.position - self._point, felt.force)
+        return -float(self._axis @ about_point) > self._most_nm
+
+
 def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
     """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
     position = acting.setpoint.position if app.target is None else np.array(app.target)
@@ -272,7 +304,7 @@ def _apply(acting: Acting, app: App, following: App | None) -> None:
     if app.target is not None:
         path = acting.course(app, seconds)
         seconds = float(path.t[-1])
-    acting.press(straight, seconds, None if slides else aside, path)
+    acting.press(straight, seconds, None if slides else aside, path, app.screw)
 
 
 def _grasp(acting: Acting, app: App, following: App | None) -> None:

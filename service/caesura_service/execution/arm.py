@@ -65,7 +65,8 @@ class Setpoint:
 @dataclass(frozen=True)
 class Felt:
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that it knows of; joints and their speeds (7,).
+    that it feels, without the load that it knows of; joints and their speeds (7,). torque: (3,) [Nm] that it
+    feels about the flange, of the same force and of what resists its turning.
     """
 
     position: Array
@@ -74,6 +75,7 @@ class Felt:
     force: Array
     q: Array
     v: Array
+    torque: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Arm:
@@ -126,7 +128,8 @@ class Arm:
         self._v = self._v + change
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
-        self.felt = Felt(arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v)
+        torque = turning + np.cross(lever, pressed)
+        self.felt = Felt(arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque)
         self.world.tick(arm.position_base, DT)
         return self.felt
 

@@ -74,7 +74,8 @@ def _intervals(view: View) -> dict[float, tuple[float, float]]:
 
 def _part(segment: Segment) -> Part:
     force_n = float(np.linalg.norm(segment.force))
-    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability)
+    screw = None if segment.screw is None else (segment.screw.axis, segment.screw.pitch_m)
+    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability, screw)
 
 
 class MissingExtraError(RuntimeError):

@@ -53,6 +53,13 @@ PHASES = (
     Column("recall", "phase_recall"),
     Column("F1", "phase_f1"),
 )
+SCREWS = (
+    Column("axis [°]", "axis_error", 1),
+    Column("axis p90", "axis_p90", 1),
+    Column("pitch", "pitch_error", 3),
+    Column("pitch p90", "pitch_p90", 3),
+    Column("found", "screws_found"),
+)
 MARGINS = (Column("F1", "f1"), Column("covering", "covering"), Column("class", "class"))
 IN_SETS = (
     Column("precision", "precision"),
@@ -66,6 +73,7 @@ TABLES = (
     ("classes, load and force", CLASSES),
     ("delays, and intervals of 90 %", DELAYS),
     (f"boundaries between phases, within {PHASE_S:g} s", PHASES),
+    ("screws that are driven: error of their axis, relative error of their pitch", SCREWS),
 )
 
 

@@ -6,6 +6,8 @@ there is no false alarm. The annotators' shortest rest does not fit in, so they 
 
 from __future__ import annotations
 
+import math
+import operator
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +25,9 @@ from caesura_service.judge.metrics import (
     overlap,
     standing_since,
 )
-from caesura_service.truth import Point, Quantity, Truth
+from caesura_service.truth import Point, Quantity, Screwing, Truth
+
+Vector = tuple[float, float, float]
 
 EDGE_S = 0.3  # the annotators' shortest rest
 PHASE_S = 0.5  # how far a boundary between phases may be off
@@ -36,7 +40,8 @@ TOUCHING = ("contact", "sliding")
 class Part:
     """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N] where the method states them.
 
-    probability: stated for the class, None if the method states none.
+    probability: stated for the class, None if the method states none. screw: axis and advance in one turn [m]
+    of a turning, None where the method states none.
     """
 
     t0: float
@@ -45,6 +50,7 @@ class Part:
     load_kg: float | None = None
     force_n: float | None = None
     probability: float | None = None
+    screw: tuple[Vector, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,9 @@ class Score:
     phase_false_alarms: int = 0
     stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
     stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time
+    axis_errors_deg: tuple[float, ...] = ()  # of every screw that was noticed, the sense of its turn included
+    pitch_errors: tuple[float, ...] = ()  # relative
+    screws: int = 0
 
 
 def score(method: str, truth: Truth, found: Found) -> Score:
@@ -221,8 +230,12 @@ def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part]
     )
     if all(part.force_n is None for part in parts):
         return base  # it measures nothing
+    screws = _screw_errors(truth.screws, parts)
     return replace(
         base,
+        axis_errors_deg=tuple(axis for axis, _ in screws),
+        pitch_errors=tuple(pitch for _, pitch in screws),
+        screws=len(truth.screws),
         load_errors_kg=_load_errors(truth.loads, parts),
         loads=len(truth.loads),
         force_errors_n=_force_errors(truth.forces, parts),
@@ -343,6 +356,28 @@ def _force_errors(forces: Sequence[Quantity], parts: Sequence[Part]) -> tuple[fl
         if pressed:
             errors.append(abs(max(pressed) - force.value))
     return tuple(errors)
+
+
+def _screw_errors(screws: Sequence[Screwing], parts: Sequence[Part]) -> list[tuple[float, float]]:
+    """Angle [°] between true and found axis, and relative error of the advance, of each screw noticed.
+
+    A screw is read from the part with a screw motion that shares most time with its stroke.
+    """
+    errors = []
+    for true in screws:
+        shared = [(_shared(part, Quantity(true.t0, true.t1, 0.0)), part.screw) for part in parts]
+        most, found = max(
+            ((seconds, screw) for seconds, screw in shared if screw is not None),
+            key=lambda one: one[0],
+            default=(0.0, None),
+        )
+        if found is not None and most > 0.0:
+            axis, pitch_m = found
+            cosine = sum(map(operator.mul, axis, true.axis)) / (math.hypot(*axis) * math.hypot(*true.axis))
+            errors.append(
+                (math.degrees(math.acos(min(max(cosine, -1.0), 1.0))), abs(pitch_m / true.pitch_m - 1.0))
+            )
+    return errors
 
 
 def _miss(point: Point, alarms: Sequence[float], truth: Truth) -> Miss:

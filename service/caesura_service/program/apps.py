@@ -4,7 +4,8 @@
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
   during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
-- A turn in place is a motion, a sliding or a transport, by what the tool touches.
+- A turn in place is a motion, a sliding or a transport, by what the tool touches. Its app carries the axis,
+  the advance and the torque that the robot exerts.
 - Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
   outside any contact is an app of its own.
 - What moves has the path from where it began to its target (`paths`).
@@ -22,6 +23,7 @@ from types import MappingProxyType
 import numpy as np
 
 from caesura_protocol.messages import App, AppKind, Contact, Gap, Segment, Vector
+from caesura_protocol.turning import exerted
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.steps import (
@@ -107,7 +109,8 @@ class _Group:
         """An app over a step with the path to its end, which may lie elsewhere."""
         t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
         path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
-        return self.app(kind, [step], path=path, **({} if end is None else end.where), **changes)
+        screw = exerted(step.segment.screw) if step.segment.kind == "turning" else None
+        return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
 
     def app(self, kind: AppKind, steps: Sequence[Step], **changes: object) -> App:
         """An app over some of the steps that ends where they end."""

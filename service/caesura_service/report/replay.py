@@ -60,7 +60,13 @@ def replay(recording: Recording, preset: str) -> Replay:
     conditioner = Conditioner(layout_of(opening_of(recording, preset)))
     observations = tuple(_conditioned(recording, conditioner))
     layout, tared = conditioner.layout, conditioner.tare is not None
-    online = filter_of(chosen, layout.source, tared=tared, orientation=layout.has_orientation)
+    online = filter_of(
+        chosen,
+        layout.source,
+        tared=tared,
+        orientation=layout.has_orientation,
+        torque=layout.has_torque,
+    )
     beliefs = tuple(_believed(online, observations))
     return Replay(
         observations=observations,

@@ -10,6 +10,7 @@ import numpy as np
 from caesura_protocol.limiting import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.turning import screw_in_words
 from caesura_service.session.view import View
 
 
@@ -94,7 +95,12 @@ def program_table(view: View) -> Table:
 def notes(view: View) -> tuple[str, ...]:
     """What a reader must know beside the numbers."""
     gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
-    return (view.wrench.note, *gaps)
+    turns = (
+        f"Segment {index} turns by {screw_in_words(one.screw)}."
+        for index, one in enumerate(view.segments)
+        if one.screw is not None
+    )
+    return (view.wrench.note, *gaps, *turns)
 
 
 def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:

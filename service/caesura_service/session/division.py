@@ -10,14 +10,16 @@ from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
-from caesura_protocol.messages import Changepoint, Segment, Vector
+from caesura_protocol.messages import Changepoint, ScrewMotion, Segment, Vector
 from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.lattice import Kind
 from caesura_service.changepoint.pivot import centre_of
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
 from caesura_service.changepoint.threshold import OnlineThreshold
 from caesura_service.session.corrections import Heeded
 from caesura_service.session.history import History
+from caesura_service.session.screwing import screw_of
 from caesura_service.session.settled import Part, Settled
 from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import WrenchCapabilities
@@ -33,15 +35,19 @@ class _Seen(NamedTuple):
     changepoint: Changepoint
 
 
-def filter_of(preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool) -> Filter:
+def filter_of(
+    preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool, torque: bool = False
+) -> Filter:
     """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
 
-    Raises ValueError where the preset looks at nothing that is reported.
+    torque: whether there is one; it is looked at where it is tared and the wrench is no estimate. Raises
+    ValueError where the preset looks at nothing that is reported.
     """
     return preset.online(
         contact=source.contact_models,
         transport=source.transport_models,
         orientation=orientation,
+        torque=torque and tared and source.bias == "tare",
         bias_n=_bias_n(source, tared=tared),
     )
 
@@ -58,10 +64,11 @@ class Division:
         *,
         tared: bool,
         orientation: bool,
+        torque: bool = False,
     ) -> None:
         """Raises ValueError where the preset looks at nothing that is reported."""
         self.tared, self._orientation = tared, orientation
-        self.online = filter_of(preset, source, tared=tared, orientation=orientation)
+        self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
         self.settled = Settled()
         self.places = array("d")  # [s] where a segment begins whose first own observation is this one
         self._preset, self._history, self._heeded = preset, history, heeded
@@ -179,6 +186,7 @@ class Division:
             corrected=self._heeded.label(stretch.start, stretch.end) is not None,
             turn=turn,
             centre=centre,
+            screw=self._screw(begin, last, found.kind),
         )
 
     def _turn(self, begin: int, last: int, kind: str) -> tuple[Vector | None, Vector | None]:
@@ -191,6 +199,11 @@ class Division:
         middle = (begin + last) // 2
         places = [self._history.position(index) for index in (begin, middle, last)]
         return turned, centre_of(places, [self._history.turned(begin, index) for index in (middle, last)])
+
+    def _screw(self, begin: int, last: int, kind: Kind) -> ScrewMotion | None:
+        if kind.name != "turning" or not self._orientation:
+            return None
+        return screw_of(self._history.course(begin, last), pressed=kind.contact == "contact")
 
     def _joins(self, start: int) -> bool:
         """Whether a segment with its first own observation at `start` begins where the one before it ends."""

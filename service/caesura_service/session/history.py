@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.resistance import torsion_of
 from caesura_service.program import Moment
+from caesura_service.session.screwing import Course
 from caesura_service.session.spool import Log
 from caesura_service.signals import Observation
 from caesura_service.signals.tare import TARED_BIAS_N
@@ -23,11 +25,13 @@ Row = tuple[float, ...]
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
-_SCALE, _ROTATION, _COLUMNS = 23, slice(24, 27), 27
+_SCALE, _ROTATION, _TORQUE, _COLUMNS = 23, slice(24, 27), slice(27, 30), 30
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * 7, (0.0,) * 3
+_NO_TORQUE = (np.nan,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
 SAME_S = 1e-3  # two times this close are the same
+TURN_LOOKS = 200  # at a turn, 20 s
 POSES = 1200  # of a path, two minutes: of a longer one some are left out
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
@@ -70,6 +74,7 @@ class History:
                 *(_NO_JOINTS if joints is None else joints),
                 force_scale(observation),
                 *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
+                *(_NO_TORQUE if observation.torque_base is None else observation.torque_base.tolist()),
             )
         )
         self._count += 1
@@ -78,7 +83,9 @@ class History:
         """What the segment models see of an observation."""
         row = self._row(index)
         force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
-        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation)
+        torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
+        torsion = torsion_of(np.array(row[_FORCE]), torque)
+        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
@@ -125,15 +132,29 @@ class History:
         start, end = (max(self._first_from(t + SAME_S) - 1, 0) for t in (t0, tn))
         if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
             start += 1
-        looks = np.arange(start, end, -(-max(end - start, 1) // POSES))
-        if len(looks) < end - start:
-            rows = np.array([self._row(int(index)) for index in [*looks, end]])
-        else:
-            block = self._log.read(start * _ROW.size, (end + 1) * _ROW.size)
-            rows = np.frombuffer(block).reshape(-1, _COLUMNS)
+        rows = self._rows(start, end, POSES)
         turns = rows[:, _ORIENTATION]
         known = not np.isnan(turns).any()
         return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
+
+    def course(self, begin: int, last: int) -> Course:
+        """What a turn is read from: from one observation to another, of more than TURN_LOOKS evenly some."""
+        rows = self._rows(begin, last, TURN_LOOKS)
+        torques = rows[:, _TORQUE]
+        return Course(
+            positions=rows[:, _POSITION],
+            orientations=rows[:, _ORIENTATION],
+            turned=rows[:, _ROTATION] - rows[0, _ROTATION],
+            forces=rows[:, _FORCE],
+            torques=None if np.isnan(torques).any() else torques,
+        )
+
+    def _rows(self, start: int, end: int, most: int) -> Array:
+        """(n, columns) from one observation to another; of more than `most` some are left out, evenly."""
+        looks = np.arange(start, end, -(-max(end - start, 1) // most))
+        if len(looks) < end - start:
+            return np.array([self._row(int(index)) for index in [*looks, end]])
+        return np.frombuffer(self._log.read(start * _ROW.size, (end + 1) * _ROW.size)).reshape(-1, _COLUMNS)
 
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
         """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""

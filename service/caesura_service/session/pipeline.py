@@ -21,6 +21,7 @@ from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_service.changepoint.models import UNTURNED, Observed
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
+from caesura_service.changepoint.resistance import torsion_of
 from caesura_service.changepoint.threshold import check_level
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, Step
@@ -102,7 +103,8 @@ def observed(observation: Observation) -> Observed:
     """What the segment models see of an observation."""
     force = observation.force_base / force_scale(observation)
     rotation = UNTURNED if observation.rotation is None else observation.rotation
-    return Observed(observation.position_base, force, holding(observation), rotation)
+    torsion = torsion_of(observation.force_base, observation.torque_base)
+    return Observed(observation.position_base, force, holding(observation), rotation, torsion)
 
 
 class _Looked(NamedTuple):
@@ -220,9 +222,15 @@ class SegmentationPipeline:
         )
 
     def _begin(self, *, tared: bool) -> None:
-        orientation = self._conditioner.layout.has_orientation
+        layout = self._conditioner.layout
         self._division = Division(
-            self._preset, self._source, self._history, self._heeded, tared=tared, orientation=orientation
+            self._preset,
+            self._source,
+            self._history,
+            self._heeded,
+            tared=tared,
+            orientation=layout.has_orientation,
+            torque=layout.has_torque,
         )
         self._phases, self._decided_phases = PhaseTracker(PHASES), Kept(Phase)
 

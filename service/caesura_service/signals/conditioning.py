@@ -28,6 +28,7 @@ from caesura_service.signals.layout import Layout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
 from caesura_service.signals.rotation import rotation_between
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
+from caesura_service.signals.torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
@@ -265,7 +266,10 @@ class Conditioner:
         fits = [self._fit(recent, i) for i in centres]
         forces = np.array([row[columns.force] for row, _ in fits]).reshape(-1, 3)
         speeds = np.array([speed for _, speed in fits])
-        return self._taring.advance(state, first + half, forces, speeds)
+        torques = None
+        if columns.torque is not None:
+            torques = np.array([in_flange(row, columns) for row, _ in fits]).reshape(-1, 3)
+        return self._taring.advance(state, first + half, forces, speeds, torques)
 
     def _fit(self, rows: Array, centre: int) -> tuple[Array, float]:
         """The filtered flange row in the middle of a window, and the flange's speed [m/s]."""

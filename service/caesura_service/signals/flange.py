@@ -27,6 +27,7 @@ class FlangeColumns(NamedTuple):
     force: slice
     orientation: slice | None  # x y z w
     joints: slice | None  # [rad]
+    torque: slice | None  # [Nm] about the flange, in the axes of the sensor
     width: int
     moving: int  # columns before this one are filtered, the others only delayed
     sources: NDArray[np.int64]  # columns of the grid row, see `reference.flange_rows`
@@ -49,13 +50,16 @@ def columns_of(layout: Layout) -> FlangeColumns:
     end = TURN + 4 if orientation else TURN
     joints = slice(end, end + 7) if layout.has("q") else None
     end += 7 if joints else 0
+    torque = slice(end, end + 3) if layout.has_torque else None
+    end += 3 if torque else 0
     sources = np.full(end + 2, LEFT_OPEN)
-    for signal, place in (("pos", POSITION), ("force", FORCES), ("quat", orientation), ("q", joints)):
+    places = {"pos": POSITION, "force": FORCES, "quat": orientation, "q": joints, "torque": torque}
+    for signal, place in places.items():
         if place:
             at = layout.slices.get(signal)
             sources[place] = np.arange(at.start, at.stop) if at else FILLED
     turned = layout.force_frame == "flange" and "force" in layout.slices
-    return FlangeColumns(POSITION, FORCES, orientation, joints, end, end, sources, turned)
+    return FlangeColumns(POSITION, FORCES, orientation, joints, torque, end, end, sources, turned)
 
 
 def flange_rows(

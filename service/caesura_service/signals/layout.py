@@ -102,6 +102,11 @@ class Layout:
         """Whether the flange's orientation is measured or follows from the joints."""
         return self.has("quat") or (self.has("q") and self.pose_of_joints is not None)
 
+    @property
+    def has_torque(self) -> bool:
+        """Whether a torque of the environment is measured: beside a force that tells contact."""
+        return self.has("torque") and self.has("force") and self.source.contact_models
+
     @cached_property
     def slices(self) -> dict[str, slice]:
         """Signal → its place among the values, the columns after the time in what `take` returns."""
@@ -154,7 +159,8 @@ class Layout:
         return np.array([LIMITS[column][0] if column in LIMITS else LARGEST for column in self.columns])
 
     def _used(self) -> tuple[str, ...]:
-        unused = {"torque"} | ({"tau"} if self.has("force") else set())
+        unused = set() if self.has_torque else {"torque"}
+        unused |= {"tau"} if self.has("force") else set()
         if self.source_in_use == "none":
             unused = {"torque", "force", "tau"}
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)

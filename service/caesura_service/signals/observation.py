@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from caesura_service.signals.arithmetic import Arithmetic
 from caesura_service.signals.flange import FlangeColumns
 from caesura_service.signals.tare import Tare
+from caesura_service.signals.torque import tared_torque
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class Observation:
     after_gap: bool  # samples are missing between the observation before and this one
     bias_n: float | None = None  # [N] scale of what free space reads, where it is tracked
     rotation: Array | None = None  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
+    torque_base: Array | None = None  # (3,) [Nm] of the environment about the flange, where it is tared
 
 
 class FilteredRow(NamedTuple):
@@ -54,6 +56,8 @@ def observation_of(
     arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
     row.setflags(write=False)
     width, closed = row[columns.width :].tolist()
+    taken = tare.torque_bias if columns.torque else None
+    torque = None if taken is None else tared_torque(row, columns, taken)
     return Observation(
         index=filtered.number,
         t=filtered.t,
@@ -65,4 +69,5 @@ def observation_of(
         gripper_closed=None if math.isnan(closed) else closed > 0.0,
         speed=filtered.speed,
         after_gap=filtered.after_gap,
+        torque_base=torque,
     )

@@ -5,8 +5,9 @@ that scatters gives a touch away.
 
 Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
 would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
-window is taken for bias: a demonstration begins free. The bias is taken off in the base frame, where the
-weight of a tool is constant; what wanders with the pose afterwards is left to the segment models.
+window is taken for bias: a demonstration begins free. The bias of the force is taken off in the base frame,
+where the weight of a tool is constant; what wanders with the pose afterwards is left to the segment models.
+The bias of the torque is taken off in the flange's axes (`torque`).
 """
 
 from __future__ import annotations
@@ -34,10 +35,14 @@ class RestCriterion:
 
 @dataclass(frozen=True)
 class Tare:
-    """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off."""
+    """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off.
+
+    torque_bias: (3,) [Nm] likewise, axes as of `torque.in_flange`; None without a tare or a torque.
+    """
 
     bias: tuple[float, float, float] | None
     note: str
+    torque_bias: tuple[float, float, float] | None = None
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:
@@ -50,10 +55,10 @@ def baseline(forces: Array) -> tuple[Array, Array]:
     return forces.mean(axis=0), forces.std(axis=0)
 
 
-def tare_of(forces: Array, speeds: Array, criterion: RestCriterion) -> Tare:
-    """Tare from a window at the start: its mean force if it is at rest, else nothing.
+def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Array | None = None) -> Tare:
+    """Tare from a window at the start: its mean force and torque if it is at rest, else nothing.
 
-    forces: (n, 3) [N] base frame; speeds: (n,) [m/s].
+    forces: (n, 3) [N] base frame; speeds: (n,) [m/s]; torques: (n, 3) [Nm], or none with n = 0.
     """
     mean, scatter = baseline(forces)
     fastest, worst = float(speeds.max()), float(scatter.max())
@@ -64,7 +69,12 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion) -> Tare:
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return Tare(None, f"Not tared: the force varied by {worst:.2f} N at the start ({limit}).")
     x, y, z = mean.tolist()
-    return Tare((x, y, z), f"Tared at the start: ({x:.2f}, {y:.2f}, {z:.2f}) N are taken off.")
+    taken = f"({x:.2f}, {y:.2f}, {z:.2f}) N"
+    if torques is None or not len(torques):
+        return Tare((x, y, z), f"Tared at the start: {taken} are taken off.")
+    a, b, c = torques.mean(axis=0).tolist()
+    taken += f" and ({a:.2f}, {b:.2f}, {c:.2f}) Nm"
+    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", (a, b, c))
 
 
 class TareState(NamedTuple):
@@ -73,6 +83,7 @@ class TareState(NamedTuple):
     tare: Tare | None = None
     forces: Array = np.empty((0, 3))
     speeds: Array = np.empty(0)
+    torques: Array = np.empty((0, 3))  # none where there is no torque
 
 
 @dataclass(frozen=True)
@@ -82,16 +93,20 @@ class Taring:
     last_row: int
     criterion: RestCriterion
 
-    def advance(self, state: TareState, first: int, forces: Array, speeds: Array) -> TareState:
-        """Take rows first, first + 1, …: forces (n, 3) [N] base frame, speeds (n,) [m/s]."""
+    def advance(
+        self, state: TareState, first: int, forces: Array, speeds: Array, torques: Array | None = None
+    ) -> TareState:
+        """Take rows first, first + 1, …: forces (n, 3) [N] base frame, speeds (n,) [m/s], torques (n, 3)."""
         if state.tare is not None:
             return state
         n = max(0, self.last_row + 1 - first)
         forces = np.concatenate([state.forces, forces[:n]])
         speeds = np.concatenate([state.speeds, speeds[:n]])
+        if torques is not None:
+            torques = np.concatenate([state.torques, torques[:n]])
         if first + len(speeds) - len(state.speeds) <= self.last_row:
-            return TareState(None, forces, speeds)
-        return TareState(tare_of(forces, speeds, self.criterion))
+            return TareState(None, forces, speeds, state.torques if torques is None else torques)
+        return TareState(tare_of(forces, speeds, self.criterion, torques))
 
     def interrupted(self, state: TareState, why: str) -> TareState:
         """Give up on a window that will not become complete: nothing is taken off."""

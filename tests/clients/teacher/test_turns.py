@@ -80,6 +80,9 @@ def test_a_screw_sinks_by_its_pitch_and_resists_more_and_more(robot: Robot) -> N
     taught = teach("screwing", person=replace(THESIS, bias_wander_n=0.0), robot=robot)
     tip, lever = tips(taught)
     signals = taught.recording.signals
+    driving = [(one["t0"], one["axis"], one["pitch_m"]) for one in taught.truth["screws"]]
+    starts = [taught.recording.t[first] for first, _ in np.array(spans(taught, "turning"))[[0, 2, 4]]]
+    assert driving == [(pytest.approx(t, abs=0.01), [0.0, 0.0, -1.0], 0.0015) for t in starts]
     about_tip = signals["torque"] - np.cross(lever, signals["force"])
     held = []
     for first, last in np.array(spans(taught, "turning"))[[0, 2, 4]]:

@@ -29,6 +29,7 @@ from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profiled import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
+from caesura_service.changepoint.resistance import Resistance
 from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
@@ -215,10 +216,13 @@ EVERYTHING: dict[str, ChannelModel] = {
     "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoRise(scale=1.0),
     "pace": Pace("rotation", least=0.02, most=0.1),
+    "resistance": Resistance(least=0.2, aligned=0.5),
+    "no resistance": Resistance(most=0.2),
     "pivot": Pivot(floor=0.001, share=0.02, reach=0.1),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
     "default's lattice with an orientation": Whole(PRESETS["default"].lattice(orientation=True)),
+    "default's lattice with a torque": Whole(PRESETS["default"].lattice(orientation=True, torque=True)),
 }
 
 
@@ -229,7 +233,8 @@ def observations(count: int, seed: int = 0) -> list[Observed]:
     force = rng.normal([0.5, 0.0, -3.0], 1.0, (count, 3))
     holding = np.resize([np.nan, 0.0, 0.0, 1.0, np.nan], count)
     rotation = np.cumsum(rng.normal(0, 0.05, (count, 3)), axis=0)
-    return [Observed(*one) for one in zip(position, force, holding.tolist(), rotation, strict=True)]
+    torsion = 0.1 * rng.normal(size=(count, 1)) * force
+    return [Observed(*one) for one in zip(position, force, holding.tolist(), rotation, torsion, strict=True)]
 
 
 def digest() -> str:

@@ -103,7 +103,7 @@ def test_every_model(model: ChannelModel) -> None:
 )
 def test_every_preset(name: str, parameters: FilterParameters, count: int) -> None:
     rng = np.random.default_rng(1)
-    lattice = PRESETS[name].lattice(orientation=True)
+    lattice = PRESETS[name].lattice(orientation=True, torque=True)
     follow(lattice, pieces(rng, count), parameters, PRESETS[name].hazard)
 
 

@@ -23,6 +23,7 @@ from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.resistance import Resistance
 from caesura_service.changepoint.rise import NoRise
 from service.changepoint.catalogue import (
     APART,
@@ -293,5 +294,6 @@ def test_the_catalogue_has_every_model_of_every_preset() -> None:
         NoRise,
         Pace,
         Pivot,
+        Resistance,
     }
     assert used <= listed

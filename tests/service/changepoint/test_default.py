@@ -24,6 +24,7 @@ TOUCHED = {
     "without_correlation": {"moving", "untouched", "pressed", "laden"},
     "without_pace": {"moving", "still"},
     "without_friction": {"slid_along"},
+    "without_torque": {"resisted", "unresisted"},
     "without_transitions": set(),
     "without_refractory": set(),
     "without_power": set(),

@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
 
+from caesura_clients.bridge.teacher.guiding import start_posture
 from caesura_clients.bridge.teacher.person import THESIS
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.programs.safety import DEFAULT, Safety
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.turning import torque_about_axis
 from caesura_service.execution.arm import Arm
 from caesura_service.execution.executor import Done, Place, execute, run
 from caesura_service.execution.findings import RefusedError
@@ -170,3 +173,52 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
     if said:
         assert done.stopped is not None
         assert said in done.stopped
+
+
+SCREW_HEAD = (0.45, -0.05, 0.200)
+
+
+def driven(torque_nm: float) -> tuple[App, ...]:
+    """Touch the screw of the scenario `screwing`, and drive it by 60° with 12 N."""
+    start = Rotation.from_matrix(start_posture(load_panda(), SCENARIOS["screwing"].start)[1])
+    end = Rotation.from_rotvec([0.0, 0.0, -np.radians(60.0)]) * start
+    screw = ScrewMotion(
+        axis=(0.0, 0.0, -1.0),
+        point=SCREW_HEAD,
+        angle=np.radians(60.0),
+        pitch_m=0.0015,
+        pitch_sd_m=1e-5,
+        torque=(0.0, 0.0, -torque_nm),
+    )
+    down, turned = ({"orientation": tuple(one.as_quat().tolist())} for one in (start, end))
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=SCREW_HEAD, **down),
+        tn=4.5,
+        length_m=0.0,
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+    return (
+        app("cartesian_motion", 0.0, 1.5, (0.45, -0.05, 0.23), **down),
+        app("move_to_contact", 1.5, 2.5, SCREW_HEAD, **down),
+        app("apply_force", 2.5, 4.5, SCREW_HEAD, force=(0.0, 0.0, -12.0), screw=screw, path=path, **turned),
+    )
+
+
+def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
+    place = Place(SCENARIOS["screwing"], THESIS, 1)
+    done, tight = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
+    assert done.stopped is None
+    assert tight.stopped is None
+    (screw,) = (one.screw for one in segment_recording(done.recording).segments if one.kind == "turning")
+    assert screw is not None
+    # The arm lags by 0.7 Nm at 60 Nm/rad, and a turning begins and ends where it is faster than 0.1 rad/s.
+    assert np.degrees(screw.angle) == pytest.approx(60.0, abs=5.0)
+    assert np.degrees(np.arccos(-screw.axis[2])) < 3.0
+    assert screw.pitch_m == pytest.approx(0.0015, rel=0.1)
+    assert torque_about_axis(screw) == pytest.approx(-0.6, abs=0.1), "0.4 Nm, and 0.25 Nm more each radian"
+    most_nm, stopped_nm = (float(one.trace.environment[:, 5].max()) for one in (done, tight))
+    assert most_nm == pytest.approx(0.66, abs=0.05)
+    assert stopped_nm == pytest.approx(1.5 * 0.3, abs=0.03), "at one and a half times what was taught"

@@ -11,7 +11,7 @@ from caesura_service.judge.faults import faults
 from caesura_service.judge.metrics import Look
 from caesura_service.judge.score import Found, Part, score
 from caesura_service.judge.summary import margins, summarise
-from caesura_service.truth import Leniency, Point, Quantity, Span, Truth
+from caesura_service.truth import Leniency, Point, Quantity, Screwing, Span, Truth
 
 TRUTH = Truth(
     name="one",
@@ -59,6 +59,27 @@ def test_boundaries_between_phases_are_counted_within_half_a_second():
     unphased = score("mine", TRUTH, Found((), phases=(3.0,)))
     assert summarise([unphased])["phase_f1"].n == 0, "nothing is judged without true phases"
     assert summarise([score("mine", phased, Found(()))])["phase_f1"].n == 0, "nor without found ones"
+
+
+def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
+    stroke = Screwing(4.0, 8.0, (0.0, 0.0, -1.0), 0.0015)
+    found = Found(
+        (),
+        (
+            Part(0.0, 4.5, "turning", force_n=1.0, screw=((1.0, 0.0, 0.0), 0.1)),
+            Part(4.5, 8.0, "turning", force_n=1.0, screw=((0.0, 0.6, -0.8), 0.0012)),
+            Part(8.0, 10.0, "contact", force_n=1.0),
+        ),
+    )
+    one = score("mine", replace(TRUTH, screws=(stroke, Screwing(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found)
+    assert one.axis_errors_deg == pytest.approx((math.degrees(math.acos(0.8)),))
+    assert one.pitch_errors == pytest.approx((0.2,))
+    shown = summarise([one])
+    assert shown["screws_found"].value == 0.5, "the second one is in no part"
+    assert shown["pitch_error"].value == pytest.approx(0.2)
+    assert summarise([score("mine", TRUTH, found)])["screws_found"].n == 0, (
+        "without a screw nothing is judged"
+    )
 
 
 def test_a_floor_widens_what_is_narrower():

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals import Layout
-from service.signals.samples import FORCE, JOINTS, POSITION, QUATERNION, TAU
+from service.signals.samples import FORCE, JOINTS, POSITION, QUATERNION, TAU, TORQUE
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,11 @@ def wrench_of_joint_torques(q: Array, tau: Array) -> Array:
 LAYOUTS = {
     "pose, flange force, gripper": Layout(
         ("t", *POSITION, *QUATERNION, *FORCE, "gripper"), wrench_source="flange_sensor", force_frame="flange"
+    ),
+    "pose, flange wrench, gripper": Layout(
+        ("t", *POSITION, *QUATERNION, *FORCE, *TORQUE, "gripper"),
+        wrench_source="flange_sensor",
+        force_frame="flange",
     ),
     "joints and torques": Layout(
         ("t", *JOINTS, *TAU),
@@ -47,7 +52,7 @@ def awkward_samples(layout: Layout, seed: int, rate_hz: float, n: int) -> Array:
     for gap in rng.integers(1, n, size=rng.integers(0, 3)):
         t[gap:] += rng.uniform(0.1, 0.6)
     samples = {name: np.cumsum(rng.normal(0, 1e-3, n)) for name in layout.columns}
-    samples |= {name: rng.normal(0, rng.choice([0.1, 2.0]), n) for name in (*FORCE, *TAU)}
+    samples |= {name: rng.normal(0, rng.choice([0.1, 2.0]), n) for name in (*FORCE, *TAU, *TORQUE)}
     turns = rng.normal(size=4) + np.cumsum(rng.normal(0, 0.02, (n, 4)), axis=0)
     turns *= rng.choice([-1, 1], (n, 1)) / np.linalg.norm(turns, axis=1)[:, None]
     samples |= dict(zip(QUATERNION, turns.T, strict=True))

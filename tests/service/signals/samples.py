@@ -15,6 +15,7 @@ POSITION = ("px", "py", "pz")
 QUATERNION = ("qx", "qy", "qz", "qw")
 JOINTS = tuple(f"q{i}" for i in range(1, 8))
 FORCE = ("fx", "fy", "fz")
+TORQUE = ("mx", "my", "mz")
 TAU = tuple(f"tau{i}" for i in range(1, 8))
 
 

@@ -25,6 +25,7 @@ from caesura_clients.bridge.teacher.person import THESIS, Person, draw_person, h
 from caesura_clients.bridge.teacher.phases import phases_of
 from caesura_clients.bridge.teacher.plan import DT, make_plan
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
+from caesura_clients.bridge.teacher.screws import screws_of
 from caesura_clients.bridge.teacher.sensor import Sensors
 from caesura_clients.bridge.teacher.truth import State, annotate
 from caesura_clients.recording import Recording
@@ -104,7 +105,9 @@ class Teaching:
             raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
         names = [field.name for field in fields(State)]
         parts = [[getattr(state, name) for state in self._states] for name in names]
-        truth = annotate(State(*(np.concatenate(part) for part in parts)), guided=self._guided)
+        state = State(*(np.concatenate(part) for part in parts))
+        truth = annotate(state, guided=self._guided)
+        screws = screws_of(self.scenario.surfaces, state, truth["segments"])
         phases = phases_of(self._phases, truth["changepoints"], truth["window"][1])
         return {
             "file": f"{self.scenario.name}.npz",
@@ -117,6 +120,7 @@ class Teaching:
             in ("flange_sensor_with_hand", "joint_torque_estimate"),
             **truth,
             **({"phases": phases} if phases else {}),
+            **({"screws": screws} if screws else {}),
         }
 
     def _state(self, trace: Trace) -> State:

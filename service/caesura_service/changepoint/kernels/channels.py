@@ -27,7 +27,10 @@ from caesura_service.changepoint.kernels.layout import (
     PACE,
     PIVOT,
     PROFILED,
+    RESISTANCE,
+    ROTATION,
     STATES,
+    TORSION,
     VELOCITY,
     WALK,
 )
@@ -92,6 +95,8 @@ def take_weighing(here, c, joins):
         pace(here, c, joins)
     elif which == NO_RISE:
         no_rise(here, c, joins)
+    elif which == RESISTANCE:
+        resistance(here, c, joins)
 
 
 @compiled
@@ -115,6 +120,26 @@ def pace(here, c, joins):
         step2 = step_squared(here, channel.signal, joins)
         log_weight = log_presence(step2, channel.least) + log_absence(step2, channel.still)
     add_to_all(state.sums[channel.field], state.channel[c], log_weight, whole(state.counters[0].living))
+
+
+@compiled
+def resistance(here, c, joins):
+    """`Resistance`. Field: Σ log weight. The step is the same for every hypothesis."""
+    model, state = model_at(here), state_at(here)
+    channel, now, told = model.channels[c], state.now, 0.0
+    if joins:
+        along = torsion2 = about = force2 = 0.0
+        for a in range(AXES):
+            turned = now[ROTATION + a] - state.previous[ROTATION + a]
+            along += now[TORSION + a] * turned
+            torsion2 += now[TORSION + a] ** 2
+            about += now[FORCE + a] * turned
+            force2 += now[FORCE + a] ** 2
+        step2 = step_squared(here, ROTATION, joins)
+        if force2 < channel.force2 or about**2 >= channel.aligned2 * step2 * force2:
+            against = max(-along / math.sqrt(step2 + channel.pace**2), 0.0)
+            told = log_presence(against**2, channel.least) + log_absence(torsion2, channel.still)
+    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
 
 
 @compiled

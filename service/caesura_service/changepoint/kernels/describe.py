@@ -46,6 +46,7 @@ from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.resistance import LEAST_FORCE_N, Resistance
 from caesura_service.changepoint.rise import NoRise
 from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.changepoint.walk import Walk
@@ -326,6 +327,12 @@ def _pace(model: Pace) -> Record:
     return {"model": layout.PACE, "signal": SIGNALS[model.channel], "least": model.least, "still": model.most}
 
 
+def _resistance(model: Resistance) -> Record:
+    weights = {"least": model.least, "still": model.most, "pace": model.pace}
+    where = {"aligned2": model.aligned**2, "force2": LEAST_FORCE_N**2}
+    return {"model": layout.RESISTANCE, **weights, **where}
+
+
 def _no_rise(model: NoRise) -> Record:
     return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach}
 
@@ -359,6 +366,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     Pivot: _pivot,
     Pace: _pace,
     NoRise: _no_rise,
+    Resistance: _resistance,
 }
 _NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
 _WIDTHS: Mapping[type, int] = {
@@ -377,6 +385,7 @@ _WIDTHS: Mapping[type, int] = {
     Pivot: 15,
     Pace: 1,
     NoRise: 2,
+    Resistance: 1,
 }
 
 

@@ -27,7 +27,7 @@ BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
 STATES = 3  # of the contact model
 # Where the values of an observation begin. All but the last, which may be unknown, have to be finite.
-POSITION, FORCE, ROTATION, HOLDING = (AXES * i for i in range(4))
+POSITION, FORCE, ROTATION, TORSION, HOLDING = (AXES * i for i in range(5))
 SEEN = HOLDING + 1  # numbers of an observation
 PAST = 16  # observations that a model may look back on
 
@@ -36,7 +36,7 @@ WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
 PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION = range(10)
-GUIDED, CORNER, PIVOT, PACE, NO_RISE = range(10, 15)
+GUIDED, CORNER, PIVOT, PACE, NO_RISE, RESISTANCE = range(10, 16)
 PREVIOUS, FIRST, ZERO = range(3)
 
 CHANNEL = np.dtype(
@@ -96,6 +96,8 @@ CHANNEL = np.dtype(
         ("dip_width", "f8"),
         ("chord", "i8"),
         ("reach", "i8"),
+        ("aligned2", "f8"),
+        ("force2", "f8"),  # [N²] from which a force has a direction
     ]
 )
 
@@ -147,8 +149,8 @@ class State(NamedTuple):
     """
 
     counters: NDArray[Any]  # (1,) COUNTERS
-    now: Floats  # (10,) the observation: position 3, force 3, rotation 3, whether the gripper holds something
-    previous: Floats  # (10,) the one before
+    now: Floats  # (13,) the observation: position, force, rotation, torsion, what the gripper holds
+    previous: Floats  # (13,) the one before
     past: Floats  # (PAST, 6) the last positions and rotations, this one included
     starts: Ints  # (s,)
     nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned

@@ -35,6 +35,8 @@ NUMBERS = (
     "confidence",
 )
 WIDTHS = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
+NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
+WIDTHS_OF_SCREW = {"axis": 3, "point": 3, "torque": 3}
 LEAST_S = 0.1
 ABSURD = 1e6  # no number of a program is larger, whatever its unit
 LEAST_PRESS_N = 1.0
@@ -57,16 +59,19 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
 
 
 def _not_numbers(index: int, app: App) -> Iterator[Finding]:
-    for name in NUMBERS:
-        value: Any = getattr(app, name)
+    given: list[tuple[str, Any, int]] = [(name, getattr(app, name), WIDTHS.get(name, 1)) for name in NUMBERS]
+    if app.screw is not None:
+        numbers = ((name, WIDTHS_OF_SCREW.get(name, 1)) for name in NUMBERS_OF_SCREW)
+        given += [(f"screw.{name}", getattr(app.screw, name), width) for name, width in numbers]
+    for name, value, width in given:
         if value is None:
             continue
         try:
             values = np.asarray(value, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             values = np.full(1, np.nan)
-        if values.size != WIDTHS.get(name, 1) or not (np.abs(values) < ABSURD).all():
-            many = "a number" if name not in WIDTHS else f"{WIDTHS[name]} numbers"
+        if values.size != width or not (np.abs(values) < ABSURD).all():
+            many = "a number" if width == 1 else f"{width} numbers"
             expected = f"{many}, finite and below {ABSURD:g}"
             yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
 
@@ -116,6 +121,9 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
     if app.orientation is not None:
         length = float(np.linalg.norm(app.orientation))
         yield _Range("length of the orientation", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
+    if app.screw is not None:
+        length = float(np.linalg.norm(app.screw.axis))
+        yield _Range("length of the turn's axis", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
 
 
 def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:

@@ -1,0 +1,36 @@
+"""A screw motion in numbers and words that reports, tables and exporters share."""
+
+from __future__ import annotations
+
+import math
+
+from caesura_protocol.messages import ScrewMotion
+
+
+def exerted(screw: ScrewMotion | None) -> ScrewMotion | None:
+    """The same motion with the torque that the robot exerts, which is the opposite of what acts on it."""
+    if screw is None or screw.torque is None:
+        return screw
+    x, y, z = screw.torque
+    return screw.model_copy(update={"torque": (-x, -y, -z)})
+
+
+def torque_about_axis(screw: ScrewMotion) -> float | None:
+    """Torque [Nm] about the axis, above 0 in the direction of the turn; None where it is not known."""
+    if screw.torque is None:
+        return None
+    return sum(a * b for a, b in zip(screw.torque, screw.axis, strict=True))
+
+
+def screw_in_words(screw: ScrewMotion) -> str:
+    """Angle, axis, advance in one turn and torque about the axis, with units.
+
+    >>> about_z = {"axis": (0.0, 0.0, -1.0), "point": (0.4, 0.0, 0.3), "angle": 2.0, "pitch_m": 0.0015}
+    >>> screw_in_words(ScrewMotion(**about_z, pitch_sd_m=0.00001, torque=(0.1, 0.0, -0.9)))
+    '115° about (0.00, 0.00, -1.00), 1.50 ± 0.01 mm a turn, 0.90 Nm'
+    """
+    axis = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in screw.axis)
+    advance = f"{1000 * screw.pitch_m:.2f} ± {1000 * screw.pitch_sd_m:.2f} mm a turn"
+    torque = torque_about_axis(screw)
+    felt = "" if torque is None else f", {abs(torque):.2f} Nm"
+    return f"{math.degrees(screw.angle):.0f}° about ({axis}), {advance}{felt}"

@@ -1,0 +1,157 @@
+"""A turn read from its observations: its axis, a point of it, how far it leads along it, and the torque held.
+
+Nothing here changes where a segment begins or ends. In base coordinates the pose of a turn about an axis is
+
+    p_i = b + E_i x + (k θ_i + κ f_i) a,    E_i = R_i R_0⁻¹ − I
+
+with the axis a, the angle θ_i about it, and the lever x from the axis to the flange at the start. k is the
+advance for each radian. What is pressed gives way: κ is its compliance, and f_i by how much the force along
+the axis has changed. Without that term a press that grows during a turn passes for advance. All of b, x, k
+and κ is one linear least-squares problem.
+
+The axis is the direction that the turn leaves as it is, on average over the turn: with M the mean of
+R_i R_0⁻¹, the left singular vector of M of the largest singular value. It does not depend on how the flange's
+frame is turned in the tool, and it turns with the base. The rotation from the first to the last pose alone
+would take in by how much the tool leans at these two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import ScrewMotion
+from caesura_service.signals.torque import about
+
+Array = NDArray[np.float64]
+
+AXES = 3
+LEAST_ANGLE_RAD = 0.1  # a turn by less has no axis to speak of
+LEAST_LOOKS = 5  # poses, below which there are fewer equations than make an error bar
+NOISE_M = 1e-4  # by which a pose leaves a turn, beside which the prior scales count
+LEVER_M = 0.12  # prior scale of the lever along the axis: the length of a tool
+COMPLIANCE_M_PER_N = 1e-4  # prior scale of the compliance of what is pressed: a soft hand on a stiff screw
+DEPENDENT = 4.0  # errors stay alike for 0.2 s, so that many observations count as one
+PRESSED_SHARE = 0.5  # of the force of a tenth of the time, from which on a turn in contact is pressed
+HELD_SHARE = 0.7  # of the torque of a tenth of the time, from which on a torque is held
+UPPER = 0.9
+POINT, LEVER, ADVANCE, COMPLIANCE, UNKNOWNS = slice(0, 3), slice(3, 6), 6, 7, 8
+
+
+class Course(NamedTuple):
+    """The observations of a turn, base frame.
+
+    positions: (n, 3) [m] of the flange; orientations: (n, 4) x y z w; turned: (n, 3) [rad] sum of the
+    rotation vectors since the first; forces: (n, 3) [N]; torques: (n, 3) [Nm] about the flange, None without.
+    """
+
+    positions: Array
+    orientations: Array
+    turned: Array
+    forces: Array
+    torques: Array | None
+
+
+class Fit(NamedTuple):
+    """Least squares of a turn: a point of its axis [m], and the advance with its deviation [m/rad]."""
+
+    point: Array
+    advance: float
+    sd: float
+
+
+def screw_of(course: Course, *, pressed: bool) -> ScrewMotion | None:
+    """Read a turn; None where it is too small or too short to have an axis.
+
+    pressed: whether it is in contact: then only what is pressed counts, and what is pressed gives way.
+    """
+    angle = math.sqrt(course.turned[-1] @ course.turned[-1])
+    if angle < LEAST_ANGLE_RAD or len(course.positions) < LEAST_LOOKS:
+        return None
+    turns = rotations_since(course.orientations)
+    axis = axis_of(turns, course.turned[-1])
+    counts = _strong(course.forces, PRESSED_SHARE) if pressed else np.ones(len(turns), bool)
+    if np.count_nonzero(counts) < LEAST_LOOKS or np.ptp(course.turned[counts] @ axis) < LEAST_ANGLE_RAD:
+        counts = np.ones(len(turns), bool)
+    fit = fit_turn(course, turns, axis, counts, pressed=pressed)
+    point = fit.point + axis * (axis @ (course.positions[0] - fit.point))
+    return ScrewMotion(
+        axis=_vector(axis),
+        point=_vector(point),
+        angle=float(course.turned[-1] @ axis),
+        pitch_m=2.0 * math.pi * fit.advance,
+        pitch_sd_m=2.0 * math.pi * fit.sd,
+        torque=None if course.torques is None else _vector(held_torque(course, axis, point)),
+    )
+
+
+def axis_of(turns: Array, total: Array) -> Array:
+    """Axis (3,) of unit length of turns (n, 3, 3), about which the whole turn, (3,) [rad], is positive."""
+    axis: Array = np.linalg.svd(turns.mean(axis=0))[0][:, 0]
+    return axis if axis @ total >= 0.0 else -axis
+
+
+def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_], *, pressed: bool) -> Fit:
+    """Solve the module's equation over the observations that count, (n,) bool.
+
+    turns: (n, 3, 3) since the first. The lever along the axis, of which a turn about one axis says nothing,
+    and the compliance have a normal prior about 0. There is no compliance where nothing is pressed.
+    """
+    places, angles = course.positions[counts] - course.positions[0], course.turned[counts] @ axis
+    felt = (course.forces[counts] - course.forces[counts][0]) @ axis if pressed else np.zeros(len(places))
+    n = len(places)
+    design = np.zeros((n, AXES, UNKNOWNS))
+    design[:, :, POINT] = np.eye(AXES)
+    design[:, :, LEVER] = turns[counts] - np.eye(AXES)
+    design[:, :, ADVANCE] = np.outer(angles, axis)
+    design[:, :, COMPLIANCE] = np.outer(felt, axis)
+    prior = np.zeros((2, UNKNOWNS))
+    prior[0, LEVER], prior[1, COMPLIANCE] = NOISE_M / LEVER_M * axis, NOISE_M / COMPLIANCE_M_PER_N
+    stacked = np.vstack([design.reshape(-1, UNKNOWNS), prior])
+    found = np.linalg.lstsq(stacked, np.append(places.ravel(), (0.0, 0.0)), rcond=None)[0]
+    left = (places - design @ found) @ axis
+    spread = DEPENDENT * float(left @ left) / max(n - 2, 1)
+    sd = math.sqrt(spread * np.linalg.pinv(stacked.T @ stacked)[ADVANCE, ADVANCE])
+    return Fit(course.positions[0] + found[POINT] - found[LEVER], float(found[ADVANCE]), sd)
+
+
+def held_torque(course: Course, axis: Array, point: Array) -> Array:
+    """Mean (3,) [Nm] of the torque about a point while the torque about the axis is strong.
+
+    r × F of the flange's lever from the point is taken out.
+    """
+    assert course.torques is not None, "asked where there are torques"
+    torques = about(point, course.positions, course.forces, course.torques)
+    held: Array = torques[_strong(torques @ axis[:, None], HELD_SHARE)].mean(axis=0)
+    return held
+
+
+def rotations_since(orientations: Array) -> Array:
+    """Rotation matrices (n, 3, 3) in the base frame since the first of quaternions (n, 4) x y z w."""
+    frames = _matrices(orientations)
+    turns: Array = frames @ frames[0].T
+    return turns
+
+
+def _matrices(quaternions: Array) -> Array:
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _strong(values: Array, share: float) -> NDArray[np.bool_]:
+    """(n,) where the size of values (n, c) is at least a share of what a tenth of them exceeds."""
+    sizes = np.linalg.norm(values, axis=1)
+    return np.asarray(sizes >= share * np.quantile(sizes, UPPER))
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

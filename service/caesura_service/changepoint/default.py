@@ -104,7 +104,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerStart(gamma=40.0, standing=20.0, fast=FAST, pace=SLOW),
+        "corner": CornerStart(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
         "still": Walk("position", scale=REST_STEP_M, still=REST),
         "stopped": Walk("position", scale=REST_STEP_M),
         "turning": Pace("rotation", least=REST / HANDS_BREADTH_M),

@@ -77,3 +77,12 @@ def test_the_table_has_a_column_a_set_and_a_line_a_figure(
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "| figure | mine | ideal | habits |"
     assert len(lines) == 2 + len(FIGURES)
+
+
+def test_a_steady_speed_has_the_innovation_that_its_memory_leaves() -> None:
+    """At 15 mm/s a step is 1.5 mm; a velocity that lasts for 0.5 s explains all but (1 − ρ)² of it."""
+    position = np.outer(T, (0.015, 0.0, 0.0))
+    found = describe(T, position, STILL)
+    left = (1.0 - np.exp(-0.2)) ** 2 * 1.5 / np.sqrt(3.0)
+    assert np.median(found["innovation_slow"]) == pytest.approx(left, rel=1e-3)
+    assert found["innovation_fast"] == []

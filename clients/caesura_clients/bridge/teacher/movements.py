@@ -36,6 +36,8 @@ EDGE_M_PER_S = (0.005, 0.025)  # between which a start or stop is timed
 TREND_S = 0.1  # force that changes faster is noise
 FREE_N = 6.0  # a rest with more force may be a contact
 RIPPLE_HZ = 1.0  # speed changes slower than this are intended
+STEP_TICKS, MEMORY_S = 10, 0.5  # of steps of 0.1 s, whose speed lasts for half a second
+SLOW_M_PER_S, FAST_M_PER_S = (0.010, 0.025), (0.200, 0.400)  # at which innovations are read
 
 FIGURES: Mapping[str, str] = MappingProxyType(
     {
@@ -49,6 +51,8 @@ FIGURES: Mapping[str, str] = MappingProxyType(
         "bow": "of the chord",
         "turn": "rad/m",
         "ripple": "of the speed",
+        "innovation_slow": "mm an axis, at 10 to 25 mm/s",
+        "innovation_fast": "mm an axis, at 200 to 400 mm/s",
         "start_edge": "s",
         "stop_edge": "s",
         "creep_share": "of the rest",
@@ -81,7 +85,8 @@ def movement_spans(speed: Array) -> list[tuple[int, int]]:
 
 
 def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
-    """Measure every figure of `FIGURES`: one value a movement; of creep and rests, one a recording.
+    """Measure every figure of `FIGURES`: one value a movement; of creep and rests, one a recording; of
+    innovations, one a step of 0.1 s.
 
     t: (m,) [s], rising; position: (m, 3) [m]; force: (m, 3) [N].
     """
@@ -95,7 +100,7 @@ def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
             figures[name].append(value)
     for name, side in (("start_edge", -1), ("stop_edge", 1)):
         figures[name] = [edge for span in spans if (edge := _edge(speed, span, side)) is not None]
-    figures |= _creep(speed, spans) | _forces(felt, spans)
+    figures |= _creep(speed, spans) | _forces(felt, spans) | _innovations(velocity)
     return {name: [v for v in values if np.isfinite(v)] for name, values in figures.items()}
 
 
@@ -107,6 +112,19 @@ def _forces(force: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]
     levels = [level for r in rests if np.linalg.norm(level := np.median(r, axis=0)) < FREE_N]
     apart = [float(np.linalg.norm(np.ptp(np.array(levels), axis=0)))] if len(levels) > 1 else []
     return {"force_noise": [float(fast[a:b].std()) for a, b in spans], "rest_force": apart}
+
+
+def _innovations(velocity: Array) -> dict[str, list[float]]:
+    """What is new in steps u of 0.1 s beside those before: |u_t − 2ρ u_{t−1} + ρ² u_{t−2}| / √3."""
+    whole = len(velocity) // STEP_TICKS
+    steps = velocity[: whole * STEP_TICKS].reshape(whole, STEP_TICKS, 3).sum(axis=1) / GRID_HZ
+    rho = np.exp(-STEP_TICKS / GRID_HZ / MEMORY_S)
+    new = np.linalg.norm(steps[2:] - 2.0 * rho * steps[1:-1] + rho**2 * steps[:-2], axis=1) / np.sqrt(3.0)
+    speed = np.linalg.norm(steps[1:-1], axis=1) * GRID_HZ / STEP_TICKS
+    ranges = {"innovation_slow": SLOW_M_PER_S, "innovation_fast": FAST_M_PER_S}
+    return {
+        name: (1e3 * new[(speed >= low) & (speed < high)]).tolist() for name, (low, high) in ranges.items()
+    }
 
 
 def _movement(velocity: Array) -> dict[str, float]:

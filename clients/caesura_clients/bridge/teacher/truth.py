@@ -61,8 +61,10 @@ GUIDED_RULE = (
     RULE.replace(
         "Motion starts and stops at 5 mm/s.", "Motion starts and stops at 10 mm/s, and creep below is rest."
     )
-    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. A pause below 0.3 s and"
-    " a corner with less than 10 mm beside it are optional. A gradual edge has a wider tol, up to 0.4 s."
+    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. A pause below 0.3 s, a"
+    " rest that is never below 5 mm/s for 0.3 s, a corner with less than 10 mm beside it, one within 0.25 s"
+    " of a start or stop, and one whose two readings do not both exceed 50 deg are optional. A gradual edge"
+    " has a wider tol, up to 0.4 s. A release that lasts is accepted at either end."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement
@@ -406,10 +408,11 @@ def _without_doubtful_rests(
 ) -> tuple[list[Span], list[dict[str, Any]]]:
     """Leave open what is a rest by one reading only: below 10 mm/s, but never below 5 mm/s for 0.3 s.
 
-    Such a span has no class, and a start or stop beside it is optional. marks: one for each pair of spans.
+    Such a span has no class, and a start or stop beside it is optional. In contact a press may move the hand.
+    marks: one for each pair of spans.
     """
     speed = uniform_filter1d(state.pace, round(SMOOTH_S / state.dt), mode="nearest")
-    spans = [s if _large(s) or s.small else s._replace(clear=_rests(speed, s, state.dt)) for s in spans]
+    spans = [s._replace(clear=s.cls not in ("steady", "hold") or _rests(speed, s, state.dt)) for s in spans]
     marks = [
         mark if (before.clear and after.clear) or mark["kind"] not in ("start", "stop") else _optional(mark)
         for mark, (before, after) in zip(marks, pairwise(spans), strict=True)

@@ -38,7 +38,10 @@ class Bridge:
         self.replay = session.declare_queryable(f"{self.key}/replay", self.answer)
 
     def ask(self, command):
-        """Send a command until somebody answers; returns the Ack. A refusal ends the program."""
+        """Send a command until the service answers; returns the Ack. A refusal ends the program.
+
+        A close that comes before the last batch is no such refusal: `value` is the batch that is missing.
+        """
         while True:
             replies = self.session.get(
                 f"{self.key}/control",
@@ -50,6 +53,8 @@ class Bridge:
                 if reply.ok is not None:
                     return msgpack.unpackb(reply.ok.payload.to_bytes())
                 refusal = msgpack.unpackb(reply.err.payload.to_bytes())
+                if refusal["code"] == "conflict" and refusal.get("limit", -1) == command.get("last_seq"):
+                    return {"state": "open", "next_seq": refusal["value"]}
                 if refusal["code"] not in ("overloaded", "internal"):
                     raise SystemExit(f"{refusal['code']}: {refusal['message']}")
             time.sleep(0.2)

@@ -53,7 +53,8 @@ class Bridge:
                 if reply.ok is not None:
                     return msgpack.unpackb(reply.ok.payload.to_bytes())
                 refusal = msgpack.unpackb(reply.err.payload.to_bytes())
-                if refusal["code"] == "conflict" and refusal.get("limit", -1) == command.get("last_seq"):
+                missing = command["type"] == "close" and refusal.get("limit") == command["last_seq"]
+                if refusal["code"] == "conflict" and missing:
                     return {"state": "open", "next_seq": refusal["value"]}
                 if refusal["code"] not in ("overloaded", "internal"):
                     raise SystemExit(f"{refusal['code']}: {refusal['message']}")

@@ -205,6 +205,8 @@ def load_recording(
         raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
+        if arrays.pop("torque", None) is not None:  # it has the frame of `force`
+            ignored = [*ignored, "torque"]
     overrides = {
         "wrench_source": wrench_source,
         "hand_on_robot": hand_on_robot,

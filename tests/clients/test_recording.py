@@ -150,6 +150,16 @@ def test_what_is_not_read_is_named(tmp_path):
     assert load_recording(tmp_path / "a.csv").ignored == ("length_units", "Fz")
 
 
+def test_a_torque_beside_a_force_in_the_base_frame_is_not_read(tmp_path):
+    """It has the frame of `force`, so that r × F with `force_base` would mix two frames."""
+    arrays = {name: np.ones((2, 3)) for name in ("pos", "force", "torque")}
+    written(tmp_path / "a.npz", t=np.arange(2.0), force_base=np.full((2, 3), 2.0), **arrays)
+    read = load_recording(tmp_path / "a.npz", wrench_source="flange_sensor")
+    assert (read.force_frame, float(read.signals["force"][0, 0])) == ("base", 2.0)
+    assert "torque" not in read.signals
+    assert "torque" in read.ignored
+
+
 @pytest.mark.parametrize(
     ("name", "meant"),
     [

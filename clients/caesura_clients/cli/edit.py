@@ -30,7 +30,7 @@ _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 def edit(
     station: Annotated[str, typer.Argument(help="Teaching station.")],
     session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
-    action: Annotated[list[str], typer.Argument(help=f"{USAGE}. Times [s]; NEWTON none lifts a limit.")],
+    action: Annotated[list[str], typer.Argument(help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit.")],
     author: Annotated[
         str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose correction; by default the login's.")
     ] = None,

@@ -52,7 +52,7 @@ ForceLimit = Annotated[
     typer.Option(min=0.1, help="The cell's limit [N]: no app exerts more. Without it, as it was taught."),
 ]
 PathTolerance = Annotated[
-    float | None, typer.Option(min=0.1, help="Of the apps' paths [mm]; by default the service's, 2.")
+    float | None, typer.Option(min=0.1, help="Of the apps' paths \\[mm]; by default the service's, 2.")
 ]
 AngleTolerance = Annotated[
     float | None, typer.Option(min=0.1, help="Of the orientations on them [°]; by default the service's, 1.")

@@ -62,7 +62,7 @@ AXIS = Port("axis", DOUBLES, "x;y;z of unit length: what is turned about, in the
 POINT = Port("axis_point", DOUBLES, "x;y;z of a point of that axis [m]")
 ANGLE = Port("angle", DOUBLE, "about that axis [rad]")
 PITCH = Port("pitch", DOUBLE, "along the axis in one whole turn [m]")
-TORQUE = Port("torque", DOUBLE, "about the axis that the robot exerts, and at which the turn ends [Nm]")
+TORQUE = Port("torque", DOUBLE, "taught about the axis, above 0 in the direction of the turn [Nm]")
 
 PATH = (VIA, TURNING, ARRIVES, LENGTH, SPEED, TURN)
 SCREW = (AXIS, POINT, ANGLE, PITCH, TORQUE)

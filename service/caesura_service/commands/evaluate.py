@@ -107,8 +107,8 @@ def evaluate(
         float,
         typer.Option(
             min=0.0,
-            help="Results are shown without slack and with so much [s] added to each point's own tolerance, "
-            "before --tolerance. 0 shows the former only.",
+            help="Results are shown without slack and with so much \\[s] added to each point's own "
+            "tolerance, before --tolerance. 0 shows the former only.",
         ),
     ] = SLACK_S,
     ablate: Annotated[

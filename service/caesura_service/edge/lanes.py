@@ -67,9 +67,8 @@ class Lanes:
         return True
 
     def _wake(self) -> None:
-        if self._idle >= len(self._ready):
-            self._changed.notify()
-        elif len(self._threads) < THREADS:
+        self._changed.notify()  # an idle thread may have been told of another lane, and not run yet
+        if self._idle < len(self._ready) and len(self._threads) < THREADS:
             name = f"caesura-lanes-{len(self._threads)}"
             self._threads.append(threading.Thread(target=self._run, name=name, daemon=True))
             self._threads[-1].start()

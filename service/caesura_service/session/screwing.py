@@ -38,6 +38,7 @@ DEPENDENT = 4.0  # errors stay alike for 0.2 s, so that many observations count 
 PRESSED_SHARE = 0.5  # of the force of a tenth of the time, from which on a turn in contact is pressed
 HELD_SHARE = 0.7  # of the torque of a tenth of the time, from which on a torque is held
 UPPER = 0.9
+TURNING_RAD = 0.01  # by which an observation turns beyond the one before, at 0.1 rad/s
 POINT, LEVER, ADVANCE, COMPLIANCE, UNKNOWNS = slice(0, 3), slice(3, 6), 6, 7, 8
 
 
@@ -119,12 +120,16 @@ def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_
 
 
 def held_torque(course: Course, axis: Array, point: Array) -> Array:
-    """Mean (3,) [Nm] of the torque about a point while the torque about the axis is strong.
+    """Mean (3,) [Nm] of the torque about a point while the tool turns and that about the axis is strong.
 
-    r × F of the flange's lever from the point is taken out.
+    r × F of the flange's lever from the point is taken out. What is held before the tool gives way, or after,
+    is not the torque of the turn.
     """
     assert course.torques is not None, "asked where there are torques"
-    torques = about(point, course.positions, course.forces, course.torques)
+    steps = np.linalg.norm(np.diff(course.turned, axis=0, prepend=course.turned[:1]), axis=1)
+    turns = steps >= TURNING_RAD
+    turns = turns if turns.any() else ~turns
+    torques = about(point, course.positions, course.forces, course.torques)[turns]
     held: Array = torques[_strong(torques @ axis[:, None], HELD_SHARE)].mean(axis=0)
     return held
 

@@ -156,6 +156,17 @@ def test_the_torque_is_that_of_the_forces_about_a_point_of_the_axis() -> None:
     assert given.torque == pytest.approx(-about_point, abs=1e-9)
 
 
+def test_a_torque_before_the_tool_turns_is_not_that_of_the_turn() -> None:
+    """The rest before a turn may still hold the torque of the stroke before it."""
+    one, start, frame = helix(6, most_rad=2.0)
+    angles = np.concatenate([np.zeros(30), one.angles])
+    course = Helix(one.axis, one.point, one.advance, angles).course(start, frame)
+    held = np.where(np.arange(len(angles)) < 30, 1.4, -0.2)[:, None] * one.axis
+    found = screw_of(course._replace(forces=np.zeros_like(course.forces), torques=held), pressed=False)
+    assert found is not None
+    assert found.torque == pytest.approx(-0.2 * one.axis, abs=1e-9)
+
+
 def test_a_press_that_grows_during_the_turn_is_no_advance() -> None:
     """A screw of 1.5 mm on a spring of 50 kN/m: 9 N more are 0.18 mm, a third of what 120° lead."""
     angles = np.radians(np.linspace(0.0, 120.0, 31))

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.network import QUERY_TIMEOUT_S, Answers, Priority
+from caesura_clients.network import QUERY_TIMEOUT_S, Answers, Priority, unanswered
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
@@ -85,11 +85,11 @@ class MemoryTransport:
         questions = [MemoryQuestion(key, parameters, content) for _ in asked]
         for inbox, question in zip(asked, questions, strict=True):
             inbox.offer(question)
-        for question in questions:
-            question.ended.wait(timeout_s)
+        late = [question for question in questions if not question.ended.wait(timeout_s)]
+        refusals = [refusal for question in questions for refusal in question.refusals]
         return Answers(
             tuple(reply for question in questions for reply in question.replies),
-            tuple(refusal for question in questions for refusal in question.refusals),
+            (*refusals, *(unanswered() for _ in late)),
         )
 
     def alive(self, key: str) -> tuple[str, ...]:

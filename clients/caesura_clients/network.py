@@ -21,6 +21,11 @@ class Answers(NamedTuple):
     refusals: tuple[ProtocolError, ...]
 
 
+def unanswered() -> ProtocolError:
+    """The refusal of a query that somebody received and did not answer before it ended."""
+    return ProtocolError("overloaded", "no answer within the time of the query: ask again")
+
+
 class Transport(Protocol):
     """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
 
@@ -42,7 +47,7 @@ class Transport(Protocol):
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
     ) -> Answers:
-        """Ask, and wait for every answer or the timeout."""
+        """Ask, and wait for every answer or the timeout, which is a refusal: see `unanswered`."""
 
     def alive(self, key: str) -> tuple[str, ...]:
         """Keys of the liveliness tokens that exist now, sorted."""

@@ -20,10 +20,6 @@ M = TypeVar("M", bound=Message)
 ASKED = 3  # times at most
 
 
-class PiecesLostError(ProtocolError):
-    """A long answer came, but not all of it."""
-
-
 @dataclass(frozen=True)
 class SessionInfo:
     """A session, as a list shows it."""
@@ -140,10 +136,15 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
 
 
 def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
-    """Who answers, with what. Asked again where pieces of the answer were lost: nobody waits to send them."""
+    """The answers to a query. Asks again, ASKED times in all, where the refusal is `overloaded`: pieces of a
+    long answer were lost, or it took longer than the query lasts.
+    """
     for _ in range(ASKED - 1):
-        with suppress(PiecesLostError):
+        try:
             return decoded(transport.query(key), model, complete=complete)
+        except ProtocolError as error:
+            if error.code != "overloaded":
+                raise
     return decoded(transport.query(key), model, complete=complete)
 
 
@@ -158,7 +159,7 @@ def decoded(answers: Answers, model: type[M], *, complete: bool = False) -> list
     if answers.refusals and (complete or not whole):
         raise answers.refusals[0]
     if joining.unfinished and (complete or not whole):
-        raise PiecesLostError("overloaded", "pieces of the answer were lost on the way: ask again")
+        raise ProtocolError("overloaded", "pieces of the answer were lost on the way: ask again")
     found, spoilt = [], None
     for reply in whole:
         try:

@@ -25,7 +25,7 @@ import zenoh
 from caesura_clients.diagnosis import why_not
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority
+from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority, unanswered
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
@@ -40,6 +40,7 @@ SETTINGS: Mapping[str, Any] = {
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
 # Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
+TIMEOUT = b"Timeout"  # what zenoh 1.10 replies where a queryable is there and does not answer in time
 MAX_TEXT = 1001  # characters of an encoding, or of a question's parameters; ours are shorter
 
 # Keys and encodings in use, read once: of a thousand sessions, and of every type of message.
@@ -229,9 +230,12 @@ def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> Answers:
 
 
 def _refusal(error: zenoh.ReplyError) -> ProtocolError:
-    """The refusal in an error reply; the library's own (a timeout, say) carries plain text."""
+    """The refusal in an error reply. One of the library itself carries plain text: a timeout, say."""
+    payload = error.payload.to_bytes()
+    if payload == TIMEOUT:
+        return unanswered()
     try:
-        return decode_error(error.payload.to_bytes(), str(error.encoding))
+        return decode_error(payload, str(error.encoding))
     except ProtocolError as unreadable:
         return ProtocolError("overloaded", "no readable answer", value=unreadable.value)
 

@@ -102,6 +102,17 @@ def test_a_question_nobody_answers_comes_back_empty_at_once(network):
     assert time.monotonic() - started < 0.5
 
 
+def test_a_query_that_is_received_and_not_answered_in_time_is_refused_as_overloaded(network):
+    with network.transport().answer(KEY, Inbox()):
+        refusals = []
+        eventually(
+            lambda: refusals.extend(network.transport().query(KEY, timeout_s=0.2).refusals) or refusals
+        )
+    assert {(one.code, one.message.partition(":")[0]) for one in refusals} == {
+        ("overloaded", "no answer within the time of the query")
+    }
+
+
 def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
     before, after = Inbox(), Inbox()
     here, there = network.transport(), network.transport()

@@ -30,13 +30,14 @@ SENT = batches(90)
 
 
 class Held:
-    """The fake pipeline, which waits before every push."""
+    """The fake pipeline, which sets `held` and waits for `gate` before every push."""
 
-    def __init__(self, pipeline: Pipeline, gate: threading.Event) -> None:
+    def __init__(self, pipeline: Pipeline, gate: threading.Event, held: threading.Event) -> None:
         self._pipeline = pipeline
-        self._gate = gate
+        self._gate, self._held = gate, held
 
     def push(self, samples: NDArray[np.float64]) -> bool:
+        self._held.set()
         assert self._gate.wait(30.0)
         return self._pipeline.push(samples)
 
@@ -59,12 +60,18 @@ def gate() -> Iterator[threading.Event]:
 
 
 @pytest.fixture
-def service(config: ServiceConfig, gate: threading.Event) -> Iterator[Service]:
-    def held(command: Open, preset: str) -> Pipeline:
-        return Held(make_fake_pipeline(command, preset), gate)
+def held() -> threading.Event:
+    """Set once the worker holds a batch."""
+    return threading.Event()
+
+
+@pytest.fixture
+def service(config: ServiceConfig, gate: threading.Event, held: threading.Event) -> Iterator[Service]:
+    def waiting(command: Open, preset: str) -> Pipeline:
+        return Held(make_fake_pipeline(command, preset), gate, held)
 
     limits = Limits(replay_batches=8)
-    with Service(replace(config, queue=QUEUE, limits=limits), pipeline_factory=held) as running:
+    with Service(replace(config, queue=QUEUE, limits=limits), pipeline_factory=waiting) as running:
         yield running
         gate.set()
 
@@ -175,10 +182,11 @@ def test_what_was_dropped_and_nobody_has_any_more_is_a_gap(service, peer, gate):
     assert [gap.reason for gap in status.gaps] == ["evicted"]
 
 
-def test_a_key_that_names_no_station_overloads_and_hurts_nobody(service, peer, gate, caplog):
+def test_a_key_that_names_no_station_overloads_and_hurts_nobody(service, peer, gate, held, caplog):
     caplog.set_level(logging.WARNING, "caesura_service.edge.announcer")
     peer.command(opening())
     peer.send(SENT[0])
+    assert held.wait(30.0), "else the worker may take what names no station first"
     for _ in range(60):
         peer.put("caesura/v1/station/No Such Name!/samples", b"\xc1", "text/plain")
     # All 62 have come but the one that the worker holds, which is neither waiting nor done.

@@ -46,7 +46,7 @@ class LogNormal(NamedTuple):
     def log_density(self, seconds: float) -> float:
         """Log density [1/s]."""
         z = math.log(seconds / self.median_s) / self.spread
-        return -0.5 * z * z - math.log(seconds * self.spread * math.sqrt(2.0 * math.pi))
+        return -0.5 * z * z - math.log(seconds * self.spread * SQRT_TAU)
 
     def log_survival(self, seconds: float) -> float:
         """Log probability that it lasts longer; at most 38 standard deviations are told apart."""

@@ -84,10 +84,8 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
         standing = _bump(standing, "changepoints")
         said.append(Publish(changepoints_of(standing, first)))
-    first, first_phase = (
-        first_difference(old.segments, view.segments),
-        first_difference(old.phases, view.phases),
-    )
+    first = first_difference(old.segments, view.segments)
+    first_phase = first_difference(old.phases, view.phases)
     if first is not None or first_phase is not None:
         standing = _bump(standing, "segments")
         first = len(view.segments) if first is None else first

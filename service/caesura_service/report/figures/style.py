@@ -43,12 +43,8 @@ COLOUR_OF_KIND = {
     "hold": "#cc79a7",
     "turning": "#f0e442",
 }
-KIND_OF_PHASE = {
-    "free": "motion",
-    "contact": "contact",
-    "transport": "transport",
-    "cycle": "motion",
-}  # whose colour it has
+# A phase has the colour of this kind.
+KIND_OF_PHASE = {"free": "motion", "contact": "contact", "transport": "transport", "cycle": "motion"}
 SHADE = 0.30  # opacity of a segment behind signals
 # x, y, z: apart from the kinds, from each other in lightness, and by their dashes in black and white.
 AXIS_LINES: tuple[dict[str, Any], ...] = (

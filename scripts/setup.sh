@@ -10,5 +10,7 @@ if ! "$python" -c 'import ensurepip' 2>/dev/null; then
   scripts/debian.sh
 fi
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+# The distribution was named `caesura` once: both together would give every command twice.
+"$venv/bin/pip" uninstall --quiet --yes caesura 2>/dev/null
 "$venv/bin/pip" install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 "$venv/bin/python" -m caesura_service.prepare

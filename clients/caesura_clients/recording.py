@@ -36,6 +36,7 @@ import numpy as np
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.formats.content import Array, Content
 from caesura_clients.programs.safety import UNSET, Setting
+from caesura_protocol.extras import installing
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -401,7 +402,7 @@ def needing(extra: str, what: object) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in {"caesura_clients", "caesura_protocol"}:
             raise
-        raise BadSource(f"{what} needs {error.name}: pip install 'caesura[{extra}]'") from error
+        raise BadSource(f"{what} needs {error.name}: {installing(extra)}") from error
 
 
 _Reader = Callable[[Path, Path | None, str | None], Content]

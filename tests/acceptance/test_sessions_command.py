@@ -78,7 +78,7 @@ def test_mcap_without_its_extra_is_one_line_that_names_it(directory, monkeypatch
     monkeypatch.setattr("caesura_service.commands.sessions.find_spec", lambda name: None)
     done = caesura("export", "s2", "-o", directory / "s2.mcap", "--journal", directory)
     assert (done.exit_code, done.stdout) == (1, "")
-    assert done.stderr == "error: writing .mcap needs pip install 'caesura[mcap]'\n"
+    assert done.stderr == "error: writing .mcap needs pip install '.[mcap]' in a clone of Caesura\n"
 
 
 def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_cannot(directory):

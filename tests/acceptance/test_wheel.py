@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from caesura_protocol.extras import DISTRIBUTION
+
 ROOT = Path(__file__).parents[2]
 HEAVY = {"scipy", "pinocchio", "numba"}
+# In the index the name is another project's.
+STRANGER = re.compile(r"pip install '?caesura(\[|\s|`|$)", re.MULTILINE)
 
 LOOK = """
 import importlib, json, pkgutil, sys
@@ -58,8 +63,18 @@ def test_a_client_imports_nothing_heavy(installed: Path, tmp_path: Path):
     assert HEAVY & set(found["modules"]) == set()
 
 
+def test_no_hint_names_a_distribution_that_is_another_projects(installed: Path):
+    (metadata,) = installed.glob("*.dist-info/METADATA")
+    assert f"Name: {DISTRIBUTION}" in metadata.read_text().splitlines()
+    sources = [*ROOT.glob("README.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("deploy/**/*.*")]
+    for folder in ("protocol", "service", "clients"):
+        sources += (ROOT / folder).rglob("*.py")
+    strangers = [str(file) for file in sources if STRANGER.search(file.read_text(errors="replace"))]
+    assert strangers == []
+
+
 def test_an_install_without_extras_asks_for_nothing_heavy(installed: Path):
-    (metadata,) = installed.glob("caesura-*.dist-info/METADATA")
+    (metadata,) = installed.glob("caesura_teaching-*.dist-info/METADATA")
     wanted = [line for line in metadata.read_text().splitlines() if line.startswith("Requires-Dist:")]
     plain = [line for line in wanted if "extra ==" not in line]
     assert plain

@@ -375,7 +375,9 @@ def test_whoever_types_one_is_told_what_to_install(client_only, typed, extra):
     # "No such command" was once all that a client install had to say.
     result = CliRunner().invoke(client_only, typed)
     assert result.exit_code == 2
-    assert result.stderr == f"error: caesura {typed[0]} needs pip install 'caesura[{extra}]'\n"
+    assert (
+        result.stderr == f"error: caesura {typed[0]} needs pip install '.[{extra}]' in a clone of Caesura\n"
+    )
 
 
 def test_what_is_installed_has_no_stand_in():
@@ -400,7 +402,7 @@ def test_what_needs_the_journal_says_where_it_runs(name: str):
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == (
         f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
-        "it comes with pip install 'caesura[service]'\n"
+        "it comes with pip install '.[service]' in a clone of Caesura\n"
     )
     before = len(group.registered_commands)
     stand_in(group)

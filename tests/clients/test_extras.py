@@ -38,14 +38,16 @@ def without(monkeypatch):
 def test_a_file_that_needs_an_extra_names_it(tmp_path, without, extra, file):
     (tmp_path / file).write_bytes(b"not looked at")
     without(extra)
-    with pytest.raises(BadSource, match=rf"{file} needs .*: pip install 'caesura\[{extra}\]'"):
+    with pytest.raises(BadSource, match=rf"{file} needs .*: pip install '\.\[{extra}\]' in a clone"):
         load_recording(tmp_path / file)
 
 
 @pytest.mark.parametrize("source", ["ros2", "franky", "panda"])
 def test_a_source_that_needs_an_extra_names_it(without, source):
     without(source)
-    with pytest.raises(BadSource, match=rf"the source {source} needs .*: pip install 'caesura\[{source}\]'"):
+    with pytest.raises(
+        BadSource, match=rf"the source {source} needs .*: pip install '\.\[{source}\]' in a clone"
+    ):
         open_source(source, SourceOptions(host="172.16.0.2", ros="tcp/127.0.0.1:1"))
 
 

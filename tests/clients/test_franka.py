@@ -165,7 +165,7 @@ def test_the_bridge_sends_what_came_and_then_says_why_it_ended(play, arm, memory
 def test_a_missing_extra_is_named(monkeypatch, arm):
     monkeypatch.setitem(sys.modules, "franky", None)
     monkeypatch.setitem(sys.modules, "panda_py.libfranka", None)
-    with pytest.raises(BadSource, match=rf"the source {arm} needs .*: pip install 'caesura\[{arm}\]'"):
+    with pytest.raises(BadSource, match=rf"the source {arm} needs .*: pip install '\.\[{arm}\]' in a clone"):
         open_source(arm, SourceOptions(host="172.16.0.2"))
     with pytest.raises(BadSource, match="needs --host"):
         open_source(arm, SourceOptions())

@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
+from caesura_protocol.extras import installing
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
@@ -69,5 +70,5 @@ def _stand_in(app: typer.Typer, name: str, extra: str) -> None:
 
     @app.command(name, hidden=True, context_settings=anything)
     def _missing() -> None:
-        typer.echo(f"error: caesura {name} needs pip install 'caesura[{extra}]'", err=True)
+        typer.echo(f"error: caesura {name} needs {installing(extra)}", err=True)
         raise typer.Exit(2)

@@ -14,6 +14,7 @@ from rich.console import Console, Group
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.show import outcome_line, program_view, segments_view, sessions_view
 from caesura_clients.errors import Absent
+from caesura_protocol.extras import installing
 
 sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
@@ -90,7 +91,7 @@ def _elsewhere(group: typer.Typer, name: str) -> None:
     def _missing() -> None:
         typer.echo(
             f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
-            "it comes with pip install 'caesura[service]'",
+            f"it comes with {installing('service')}",
             err=True,
         )
         raise typer.Exit(2)

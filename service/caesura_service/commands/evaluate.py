@@ -16,6 +16,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.extras import installing
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 from caesura_service.judge import calibration, diagram
 from caesura_service.judge import evidence as libraries
@@ -289,7 +290,7 @@ def _draw(result: calibration.Calibrated, file: Path) -> None:
     try:
         diagram.write(result, file)
     except ModuleNotFoundError as error:
-        message = f"{error.name} is not installed; pip install 'caesura[report]', or leave out --diagram"
+        message = f"{error.name} is not installed; {installing('report')}, or leave out --diagram"
         raise MissingExtraError(message) from error
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {file}: {error.strerror}") from error

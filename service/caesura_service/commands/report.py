@@ -14,6 +14,7 @@ from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.programs.safety import Setting
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.extras import installing
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import Content, gather
@@ -70,4 +71,4 @@ def _writers() -> ModuleType:
     try:
         return import_module("caesura_service.report.writers")
     except ModuleNotFoundError as error:
-        raise CaesuraError(f"a report needs {error.name}: pip install 'caesura[report]'") from error
+        raise CaesuraError(f"a report needs {error.name}: {installing('report')}") from error

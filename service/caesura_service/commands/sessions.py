@@ -15,6 +15,7 @@ from caesura_clients.cli.options import Station, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.errors import Absent, CaesuraError
 from caesura_clients.recording import Recording
+from caesura_protocol.extras import installing
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
     Copy,
@@ -107,7 +108,7 @@ def _writer_of(out: Path) -> Callable[[Journal, Key, Path], Recording]:
     if out.suffix not in WRITERS:
         raise CaesuraError(f"cannot write {out}: expected the suffix {' or '.join(WRITERS)}")
     if out.suffix == ".mcap" and find_spec("mcap") is None:
-        raise CaesuraError("writing .mcap needs pip install 'caesura[mcap]'")
+        raise CaesuraError(f"writing .mcap needs {installing('mcap')}")
     return WRITERS[out.suffix]
 
 

@@ -14,6 +14,6 @@ def has_kernels() -> bool:
     try:
         import numba  # noqa: F401, PLC0415
     except ImportError:
-        logger.warning("numba is not installed: segmentation is slow; pip install 'caesura[service]'")
+        logger.warning("numba is not installed: segmentation is slow; the extra 'service' has it")
         return False
     return True

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from caesura_clients.recording import Recording
+from caesura_protocol.extras import installing
 from caesura_protocol.messages import Segment
 from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
 from caesura_service.judge.bocpd import gaussian_log, student_speed
@@ -88,7 +89,7 @@ def baselines() -> list[Method]:
         from caesura_service.judge import libraries  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(
-            f"{error.name} is not installed; pip install 'caesura[judge]', or give --no-baselines"
+            f"{error.name} is not installed; {installing('judge')}, or give --no-baselines"
         ) from error
     return [
         Baseline("thresholds", thresholds),

@@ -12,6 +12,7 @@ from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import declared_units, load_recording, needing
 from caesura_clients.transport import endpoint_of
+from caesura_protocol.extras import installing
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
 from caesura_protocol.plausibility import WIRE_UNIT
 
@@ -142,7 +143,7 @@ def _teacher(options: SourceOptions) -> Source:
     try:
         from caesura_clients.bridge.teacher.teaching import Teaching  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:
-        raise BadSource(f"the source teacher needs {error.name}: pip install 'caesura[teacher]'") from error
+        raise BadSource(f"the source teacher needs {error.name}: {installing('teacher')}") from error
     source = options.wrench_source or "flange_sensor"
     if source not in WRENCH_SOURCES:
         raise BadSource(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")

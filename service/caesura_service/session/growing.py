@@ -78,7 +78,8 @@ class GrowingProgram:
         return apps if self.limited is None else tuple(map(self.limited, apps))
 
     def _moment(self, t: float) -> Moment:
-        """The same ones are asked for at every look."""
+        """The same ones are asked for at every look. A program is built from many: it gives way at each."""
+        give_way()
         if (seen := self._seen.get(t)) is not None:
             return seen
         moment = self.moment_at(t)

@@ -16,7 +16,7 @@ from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve, turning_of
-from caesura_protocol.turning import torque_about_axis
+from caesura_protocol.turning import tight_nm
 from caesura_service.execution.arm import Arm, Felt, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
 from caesura_service.execution.motion import course, press_direction, rotation_of
@@ -32,7 +32,6 @@ SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
 MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
-TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn ends; what is a torque at all
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
 SINK_S = 0.3  # least time for pushing it in
@@ -241,15 +240,13 @@ class Tight:
 
     def __init__(self, screw: ScrewMotion | None) -> None:
         """screw: with the torque that the robot exerts; without one nothing is ever tight."""
-        taught_nm = None if screw is None else torque_about_axis(screw)
-        self._most_nm = np.inf
-        if screw is not None and taught_nm is not None and taught_nm >= LEAST_TORQUE_NM:
-            self._most_nm = TIGHT * taught_nm
+        self._most_nm = tight_nm(screw)
+        if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 
     def reached(self, felt: Felt) -> bool:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
-        if self._most_nm == np.inf:
+        if self._most_nm is None:
             return False
         about_point = felt.torque + np.cross(felt.position - self._point, felt.force)
         return -float(self._axis @ about_point) > self._most_nm

@@ -4,7 +4,7 @@
     python scripts/check_words.py --count     # how many findings each room has, by rule
 
 Words are checked in docs, in docstrings, in comments and in every string of the source: help texts, errors,
-log lines and status texts are strings. Names in the source and `code` in the docs are not words of a sentence.
+log lines and status texts are strings. Names in the source and `code` in the docs are not words.
 Sentences are checked in docs. A full stop, a colon and a semicolon end one; code blocks, tables and headings
 have none. `ROOMS` names what is checked; `LEFT_OUT` names what is not yet, and why.
 """

@@ -1,4 +1,4 @@
-"""Is a service there? Told from liveliness tokens, as they come and go.
+"""Whether a service is live, from liveliness tokens as they appear and disappear.
 
 >>> attendance = Attendance()
 >>> [attendance.receive(Presence("service/a/alive", alive)) for alive in (True, True, False, True)]

@@ -120,7 +120,7 @@ class Caesura:
         return edit(self.transport, station, session, action, author=author, revision=revision)
 
     def sessions(self, station: str = "*") -> list[SessionInfo]:
-        """All sessions that the service knows."""
+        """Return all sessions that the service holds."""
         return query.sessions(self.transport, station)
 
     def stations(self) -> list[str]:

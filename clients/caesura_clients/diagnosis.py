@@ -131,7 +131,7 @@ def _alert(error: ssl.SSLError) -> str:
 
 
 def _context(read: Read) -> ssl.SSLContext:
-    """What Zenoh was told to trust and to show."""
+    """Return the TLS settings of Zenoh's configuration: trusted authority and own certificate."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     authority = _pem(read, "root_ca_certificate")
     if authority:

@@ -1,7 +1,7 @@
 """Correcting a session: one edit, carried out once or refused with the reason.
 
-An edit names the revision that its author has seen, so that nobody overwrites what somebody else has
-corrected meanwhile. A closed session may have to be rebuilt from the journal first; until then the service
+An edit names the revision that its author has seen, so that no operator overwrites the correction of
+another. A closed session may have to be rebuilt from the journal first; until then the service
 says `overloaded`, and is asked again.
 """
 
@@ -36,8 +36,8 @@ def edit(
     """Correct a session; the Ack has its new revision.
 
     revision: that the author has seen; by default the current one, which is asked first. Raises ProtocolError
-    where the service refuses (`conflict` with the current revision as its limit where somebody was faster),
-    Absent, or Unreachable where nobody answers: whether the edit was carried out the revision tells then.
+    where the service refuses (`conflict` with the current revision as its limit if another edit came first),
+    Absent, or Unreachable where no service answers: the revision then shows whether the edit was applied.
     """
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
@@ -63,7 +63,7 @@ def send(transport: Transport, station: str, made: Edit, *, patience_s: float = 
 def mark(
     transport: Transport, station: str, session: str, t: float, *, author: str, revision: int = 0
 ) -> Ack:
-    """Force a changepoint at a time [s], whatever anybody else corrects at the same time.
+    """Force a changepoint at a time [s], whatever other editors correct at the same time.
 
     revision: a guess. Raises as `edit`.
     """
@@ -80,7 +80,7 @@ def mark(
 
 
 def is_stale(refusal: ProtocolError) -> bool:
-    """Was it refused because somebody else was faster? Its limit is the current revision then."""
+    """Return whether another editor was first; the limit is then the current revision."""
     return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
 
 
@@ -92,6 +92,6 @@ def _ask(transport: Transport, station: str, made: Edit) -> Ack:
     if answers.refusals:
         raise answers.refusals[0]
     raise Unreachable(
-        f"nobody answered the edit of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, or it is forbidden; "
-        f"if its revision is still {made.revision}, nothing has changed"
+        f"no service answered the edit of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, "
+        f"or it is forbidden; if its revision is still {made.revision}, nothing has changed"
     )

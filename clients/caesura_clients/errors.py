@@ -8,7 +8,7 @@ class CaesuraError(Exception):
 
 
 class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better where it is caught
-    """Nobody answers: no router at the endpoint, or no service behind it."""
+    """No answer: there is no router at the endpoint, or no service behind it."""
 
 
 class NotLetIn(Unreachable):

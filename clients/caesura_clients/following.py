@@ -3,8 +3,8 @@
 A lost last message shows no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked
 for: once where it is closed, else again and again, ever less often.
 
-A session that the service, asked twice, no longer knows is dropped: it was restarted without it. While no
-service is there, what is known stays. `events` tells both; `follow` yields the updates alone.
+A session that the service twice does not report is dropped: the service was restarted without it. While no
+service is live, the last results stay. `events` yields both cases; `follow` yields the updates alone.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from caesura_protocol.pieces import Joining
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
 SNAPSHOT_ATTEMPTS = 3
 ALL = ("*", "*")
-ALL_S = 600.0  # after which all are asked for, whatever is heard: some may be forgotten
+ALL_S = 600.0  # after which all are queried, whatever is received: the service may have dropped some
 
 
 @dataclass(frozen=True)
 class Forgotten:
-    """The service no longer knows a session."""
+    """The service no longer holds a session."""
 
     station: str
     session: str
@@ -117,7 +117,7 @@ class _Follower:
         self._asked_all = float("-inf")  # [s]
 
     def attend(self, presence: Presence) -> Iterator[Event]:
-        """A service came or went: say so, and look what it knows."""
+        """Yield that a service came or went, and query its sessions."""
         change = self._attendance.receive(presence)
         if change is not None:
             yield ServiceIs(change)

@@ -1,7 +1,7 @@
 """What arrives, and the one queue it arrives in.
 
-Rule 1: whoever receives from the network only enqueues; work happens in the thread that calls `get`. A slow
-callback inside the network library delays every other subscriber of the process.
+Rule 1: a callback that receives from the network only enqueues; work happens in the thread that calls `get`.
+A slow callback inside the network library delays every other subscriber of the process.
 Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are
 dropped and counted: readers of results find the hole by its sequence number, and a question that is dropped
 is refused as `overloaded`.

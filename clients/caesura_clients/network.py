@@ -15,14 +15,14 @@ Priority = Literal["data_high", "data", "data_low"]
 
 
 class Answers(NamedTuple):
-    """What came back from a query. Nothing at all means: nobody is there, or it is forbidden."""
+    """What came back from a query. An empty one means: no queryable is there, or the query is forbidden."""
 
     replies: tuple[Delivery, ...]
     refusals: tuple[ProtocolError, ...]
 
 
 def unanswered() -> ProtocolError:
-    """The refusal of a query that somebody received and did not answer before it ended."""
+    """Return the refusal of a query that a queryable received and did not answer in time."""
     return ProtocolError("overloaded", "no answer within the time of the query: ask again")
 
 

@@ -37,7 +37,7 @@ def snapshots(
 ) -> list[Snapshot]:
     """Everything about every session that matches, one of the highest epoch each; none is no error.
 
-    complete: raise, as where nobody answers, also where only some of the instances that are there have.
+    complete: also raise where only some of the live instances have answered.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
     for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot, complete=complete):
@@ -56,7 +56,7 @@ def snapshot(transport: Transport, station: str, session: str | None = None) -> 
     found = snapshots(transport, station, name or "*")
     if not found:
         raise _nothing(transport, f"station {station!r} has no session {name or ''}".rstrip())
-    # Where no program tells which is the newest, an open one may be, or else the last by name.
+    # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
 
 
@@ -76,7 +76,7 @@ def current_sessions(transport: Transport) -> dict[str, str]:
 
 
 def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
-    """All sessions that the service knows, by station and name. Raises Unreachable."""
+    """Return all sessions that the service holds, by station and name. Raises Unreachable."""
     found = snapshots(transport, station)
     if not found:
         _require_service(transport)

@@ -52,8 +52,8 @@ class Recorder:
     session: str
     batches: dict[int, SampleBatch] = field(default_factory=dict)
     spoiled: int = 0  # batches that cannot be read
-    known: int = -1  # the newest number that anybody spoke of
-    began_s: float = float("inf")  # [s] time of day at session time 0, as far as batches tell
+    known: int = -1  # the newest number in any message
+    began_s: float = float("inf")  # [s] time of day at session time 0, estimated from the batches
     _whole: int = 0  # all before this one are here, unreadable or given up
     _unreadable: set[int] = field(default_factory=set)  # from there on
     _asked: tuple[int, int] = (-1, 0)  # what was asked for last and not answered, and how often
@@ -92,14 +92,14 @@ class Recorder:
         return ReplayRange(first, last, last - first + 1, self.session)
 
     def unanswered(self, asked: ReplayRange, *, nobody: bool = False) -> None:
-        """Nobody had them this time; after ATTEMPTS they are a gap."""
+        """Count a replay without these batches; after ATTEMPTS they are a gap."""
         first, tried = self._asked
         self._asked = (asked.first, tried + 1 if first == asked.first else 1)
         if self._asked[1] >= ATTEMPTS:
             self.evicted(self.known + 1 if nobody else asked.last + 1)
 
     def evicted(self, oldest: int) -> None:
-        """Nobody has those before the oldest any more."""
+        """Give up the batches before the oldest one that the ring has."""
         self._whole = max(self._whole, min(oldest, self.known + 1))
         self._unreadable = {seq for seq in self._unreadable if seq >= self._whole}
 
@@ -136,10 +136,10 @@ class Recorder:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One session, as far as it was heard."""
+    """One session, as far as it was received."""
 
     recording: Recording
-    snapshot: Snapshot | None  # the results; None where no service tells any
+    snapshot: Snapshot | None  # the results; None where no service has any
     recorder: Recorder
     closed: bool  # did it end while it was recorded?
 
@@ -152,7 +152,7 @@ class Recorded:
         status = None if self.snapshot is None else self.snapshot.status
         if status is None:
             said.append(
-                "no service told results, units and frames: m and base are assumed; "
+                "no service reported results, units and frames: m and base are assumed; "
                 "the wrench source is not stated"
             )
         elif status.samples > self.recording.t.size:
@@ -168,17 +168,17 @@ def record(
     session: str | None = None,
     *,
     over: threading.Event | None = None,
-    told: Callable[[Recorder], None] = lambda recorder: None,
+    on_message: Callable[[Recorder], None] = lambda recorder: None,
     clock: Callable[[], float] = time.monotonic,
     time_of_day: Callable[[], float] = time.time,
 ) -> Recorded:
-    """Record a session until it is closed or `over` is set: the one named, or the first that is heard.
+    """Record a session until it is closed or `over` is set: the one named, or the first that is received.
 
-    told: is called whenever something has come. Raises CaesuraError where nothing came at all.
+    on_message: is called after every received message. Raises CaesuraError where nothing came at all.
     """
     ending = over or threading.Event()
     inbox = Inbox()
-    heard = _Hearing(transport, station, session, told=told, clock=clock, time_of_day=time_of_day)
+    heard = _Hearing(transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day)
     with ExitStack() as stack:
         for key in (station_key(station, "samples"), session_key(station, session or "*", "status")):
             stack.enter_context(transport.subscribe(key, inbox))
@@ -189,7 +189,7 @@ def record(
             heard.take(rest)
         recorder = heard.recorder
         if recorder is None:
-            raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was heard")
+            raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was received")
         until = clock() + LAST_S
         while _ask(transport, station, recorder) and clock() < until:
             pass
@@ -199,7 +199,7 @@ def record(
 
 
 class _Hearing:
-    """What is heard of a session, from its first message on, and what is asked about it meanwhile."""
+    """Receives a session from its first message on, and requests what is missing."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class _Hearing:
         station: str,
         session: str | None,
         *,
-        told: Callable[[Recorder], None],
+        on_message: Callable[[Recorder], None],
         clock: Callable[[], float],
         time_of_day: Callable[[], float],
     ) -> None:
@@ -216,7 +216,7 @@ class _Hearing:
         self._transport = transport
         self._station = station
         self._session = session
-        self._told = told
+        self._on_message = on_message
         self._clock = clock
         self._time_of_day = time_of_day
         self._heard_s = self._asked_s = clock()
@@ -228,11 +228,11 @@ class _Hearing:
             return
         if self.recorder is None:
             if isinstance(message, SessionStatus) and message.state == "closed":
-                return  # somebody corrects what is over
+                return  # a correction of a session that is closed
             self._session, self.recorder = message.session, Recorder(message.session)
         self._heard_s = self._clock()
         self.closed |= _take(self.recorder, message, self._time_of_day)
-        self._told(self.recorder)
+        self._on_message(self.recorder)
 
     def mind(self) -> None:
         """Ask the bridge for what is missing, and after a silence the service whether it is over."""
@@ -254,13 +254,13 @@ HEARD: tuple[type[Heard], ...] = (SampleBatch, Heartbeat, SessionStatus)
 def _readable(delivery: Delivery) -> Heard | None:
     try:
         message = decode(delivery.payload, delivery.encoding, *HEARD)
-    except ProtocolError:  # whatever else somebody puts there
+    except ProtocolError:  # any other payload on these keys
         return None
     return message if isinstance(message, HEARD) else None
 
 
 def _take(recorder: Recorder, message: Heard, time_of_day: Callable[[], float]) -> bool:
-    """Keep what a message tells; is the session over?"""
+    """Store a message; return whether the session is over."""
     match message:
         case SampleBatch():
             recorder.take(message, time_of_day())

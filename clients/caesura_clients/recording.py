@@ -1,7 +1,7 @@
 """A recording: everything one robot reported during one demonstration.
 
 The same names are used in npz, csv and MCAP files, on the wire and in a live source, so that a recording and
-a live robot are the same thing to whoever reads them. A signal is a matrix with one row a sample:
+a live robot have one form for a reader. A signal is a matrix with one row a sample:
 
     pos (n, 3)   flange position in the base frame, in `length_unit`
     quat (n, 4)  flange orientation in the base frame, x y z w
@@ -194,7 +194,7 @@ def load_recording(
 
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
-    a csv or a rosbag2 of somebody else (`formats.mapping`).
+    a csv or a rosbag2 of other software (`formats.mapping`).
     time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
     another unit (`caesura_protocol.plausibility`).
@@ -372,7 +372,7 @@ def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
 
 
 def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
-    """Ours, or a rosbag2 that is one file."""
+    """Read Caesura's MCAP, or a rosbag2 that is one file."""
     with needing("mcap", path):
         from caesura_clients.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
     if profile_of(path) == ROS2:

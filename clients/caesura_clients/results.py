@@ -61,7 +61,7 @@ class Update:
 
 
 class SessionReader:
-    """One session as its results tell it: a fold over messages, without a network or a clock."""
+    """The state of one session from its results: a fold over messages, without a network or a clock."""
 
     def __init__(self) -> None:
         self.update: Update | None = None

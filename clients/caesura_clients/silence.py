@@ -1,6 +1,6 @@
 """When to ask about what says nothing: after a while, and then less and less often.
 
-Whoever is heard again is waited for anew; what was not answered is asked again as soon as at first.
+A key that is received again starts anew; a query without an answer is repeated after the first interval.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ LONGEST_S = 60.0  # between two questions about the same
 
 class _Waiting(NamedTuple):
     due: float  # [s] when to ask
-    wait_s: float  # since it was heard, or asked for
+    wait_s: float  # since it was received, or queried
 
 
 class Silence(Generic[K]):
     """Of many, each by its key."""
 
     def __init__(self, patience_s: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """patience_s: how long nothing may be heard."""
+        """patience_s: how long nothing may be received before a query."""
         self._patience_s = patience_s
         self._clock = clock
         self._waiting: dict[K, _Waiting] = {}

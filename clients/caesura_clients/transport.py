@@ -38,10 +38,10 @@ SETTINGS: Mapping[str, Any] = {
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
 # One attempt to connect. `connect/timeout_ms: -1` retries for ever as well, but inside the library, where
-# Ctrl-C is not heard and no deadline ends it. Once connected, a session reconnects for ever either way.
+# neither Ctrl-C nor a deadline ends it. Once connected, a session reconnects for ever either way.
 ATTEMPT_MS = 500
 TIMEOUT = b"Timeout"  # what zenoh 1.10 replies where a queryable is there and does not answer in time
-MAX_TEXT = 1001  # characters of an encoding, or of a question's parameters; ours are shorter
+MAX_TEXT = 1001  # characters of an encoding, or of a query's parameters; those of Caesura are shorter
 
 # Keys and encodings in use, read once: of a thousand sessions, and of every type of message.
 expression_of = lru_cache(4096)(zenoh.KeyExpr)

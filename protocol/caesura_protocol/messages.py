@@ -88,7 +88,7 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     def model_post_init(self, context: Any, /) -> None:
-        """Nobody asks which fields were given: a set of their names would be half of what a message takes."""
+        """Drop the set of given fields: nothing reads it, and it is half of the memory of a message."""
         object.__setattr__(self, "__pydantic_fields_set__", _NOT_ASKED)
 
 
@@ -98,7 +98,7 @@ class Message(BaseModel):
 class SampleBatch(Message):
     """Some consecutive samples of one robot.
 
-    samples: little-endian float32 or float64 (the size tells which), matrix (n, columns), row major;
+    samples: little-endian float32 or float64 (the size determines which), matrix (n, columns), row major;
     its first column is the time offset from `t0` [s].
     """
 
@@ -251,7 +251,7 @@ class Changepoint(Message):
     certainty: Certainty  # a final one is never revised but by an edit
     t_low: Seconds | None = None  # [s] it lies between these two with probability 0.9
     t_high: Seconds | None = None
-    corrected: bool = False  # somebody said that it is here
+    corrected: bool = False  # an operator set it
 
 
 class ScrewMotion(Message):
@@ -284,7 +284,7 @@ class Segment(Message):
     force_held: Vector | None  # [N] contact and sliding: the press proper, without touching and letting go
     load_kg: float | None  # transport and hold: what is carried
     load_sd_kg: float | None
-    corrected: bool = False  # somebody said what it is
+    corrected: bool = False  # an operator set its kind
     turn: Vector | None = None  # [rad] base frame: axis times angle, of all turns together
     centre: Vector | None = None  # [m] turning: the point of its axis that is nearest to where it begins
     screw: ScrewMotion | None = None  # turning: its torque is that of the environment on the robot
@@ -320,11 +320,11 @@ class Gap(Message):
 
     t0: Seconds
     tn: Seconds
-    reason: Literal["source", "evicted"]  # the source paused, or nobody has them any more
+    reason: Literal["source", "evicted"]  # the source paused, or no ring has the samples any more
 
 
 class Result(Message):
-    """What every result carries, so that a reader can tell old from new and lost from late."""
+    """Fields of every result, by which a reader separates old from new and lost from late."""
 
     station: Name
     session: Name
@@ -344,7 +344,7 @@ class Changepoints(Result):
 class Segments(Result):
     """All segments from the `first` on; those before it stay as they were.
 
-    The last one of an open session goes on: where it ends is told once a second.
+    The last one of an open session still grows: its end is published once a second.
     Likewise all phases from the `first_phase` on. An older service sends none.
     """
 
@@ -367,7 +367,7 @@ class WrenchReport(Message):
     source: WrenchSource  # the one in use
     stated: bool = True  # False: the session does not state its source, and `source` is assumed
     hand_on_robot: HandOnRobot = "unknown"
-    contact_models: bool  # are contact and free space told apart?
+    contact_models: bool  # are contact and free space distinguished?
     transport_models: bool  # is a load weighed?
     tare: Vector | None  # [N] bias taken off; None while there has been no rest to take it from
     note: str
@@ -375,7 +375,7 @@ class WrenchReport(Message):
 
 
 class Refusal(Message):
-    """The last message that was refused, as its sender would have been told."""
+    """The last message that was refused, with the error that its sender gets."""
 
     code: ErrorCode
     message: str
@@ -429,7 +429,7 @@ class SessionStatus(Result):
     undoable: bool = False  # is there a correction to take back?
     redoable: bool = False  # is there one that was taken back?
     length_unit: LengthUnit = "m"  # of the samples' positions; results are in metres
-    budgets: StationBudgets | None = None  # of its station; an older service does not tell
+    budgets: StationBudgets | None = None  # of its station; None from an older service
 
 
 class ViaPoint(Message):
@@ -533,9 +533,9 @@ class ServiceStatus(Message):
     queue: Count
     queue_capacity: Count
     dropped: Count
-    journal: JournalReport | None = None  # an older instance does not tell
+    journal: JournalReport | None = None  # None from an older instance
     overloaded: bool = False  # more than it can do arrives; said before anything is dropped
-    time: Seconds | None = None  # [s] of day (UTC) there, when it said so; an older instance does not tell
+    time: Seconds | None = None  # [s] of day (UTC) there, at publishing; None from an older instance
     # Of the stations that come nearest to a limit, or that were refused something, fullest first.
     budgets: Annotated[tuple[StationBudgets, ...], Field(max_length=MAX_BUDGETS, fail_fast=True)] = ()
 
@@ -544,7 +544,7 @@ class Piece(Message):
     """Some of the bytes of a message that is too long for one. All of them, in order, are its payload."""
 
     encoding: Annotated[str, Field(max_length=100)]  # of the whole
-    whole: Count  # tells which pieces belong together
+    whole: Count  # the same in all pieces of one message
     number: Count  # of this one, from 0
     count: Annotated[int, Field(ge=1, le=MAX_WHOLE_BYTES // PIECE_BYTES)]
     payload: Annotated[bytes, Field(max_length=PIECE_BYTES)]

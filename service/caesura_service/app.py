@@ -157,7 +157,7 @@ def _switching_often() -> Iterator[None]:
 def stopping(*, with_stdin: bool = False) -> Iterator[threading.Event]:
     """An event that SIGINT and SIGTERM set while the context lasts.
 
-    with_stdin: also the end of the standard input, which whoever started us holds open while it lives.
+    with_stdin: also the end of the standard input, which the parent process holds open while it lives.
     """
     over = threading.Event()
 

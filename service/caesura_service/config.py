@@ -1,4 +1,4 @@
-"""What an instance of the service is told when it starts. Everything has a default that works on one host."""
+"""Settings of an instance of the service. Each has a default that works on one host."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEFAULT_PRESET = "default"
 
 
 def journal_directory() -> Path:
-    """Where journals are kept unless told otherwise: the user's state directory."""
+    """Return the default directory of journals: the user's state directory."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(state) / "caesura"
 

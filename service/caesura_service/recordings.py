@@ -121,14 +121,14 @@ def segment_recording(
     setting: Setting = UNSET,
     progress: Callable[[int], None] = lambda samples: None,
 ) -> View:
-    """Segment a whole recording; progress is told how many samples have been taken. As `views`."""
+    """Segment a whole recording; progress is called with the number of samples taken. As `views`."""
     for view in views(recording, preset, threshold=threshold, setting=setting):
         progress(view.samples)
     return view
 
 
 def as_json(view: View) -> dict[str, Any]:
-    """Everything a script wants, as plain values."""
+    """Return the view as plain values, for scripts."""
     return {
         "segments": [segment.model_dump(mode="json") for segment in view.segments],
         "phases": [phase.model_dump(mode="json") for phase in view.phases],

@@ -127,11 +127,11 @@ def test_where_all_is_well_nothing_is_to_be_done():
         ({"time": NOW + 0.2}, "clock", "warn", "ahead of this machine"),
         ({"time": NOW - 7.0}, "clock", "warn", "7.0 s behind"),
         ({"time": NOW + 0.04}, "clock", "ok", "39.0 ms ahead"),
-        ({"time": None}, "clock", "warn", "does not tell its time"),
+        ({"time": None}, "clock", "warn", "does not state its time"),
         ({"queue": 3000, "queue_capacity": 4096}, "queue", "bad", "3000 of 4096"),
         ({"overloaded": True}, "queue", "bad", "it is behind"),
         ({"dropped": 3}, "queue", "warn", "3 dropped"),
-        ({"journal": None}, "journal", "warn", "does not tell"),
+        ({"journal": None}, "journal", "warn", "does not report it"),
     ],
 )
 def test_what_a_service_tells_is_judged(changes, check, grade, words):

@@ -34,7 +34,7 @@ def test_marks_that_nobody_takes_do_not_hold_up_the_end(monkeypatch: pytest.Monk
         for t in range(1, count):
             making.put(float(t))
     assert making.failed == [
-        f"mark at {t:.2f} s: nobody took it within 0.05 s of the end" for t in range(1, count)
+        f"mark at {t:.2f} s: no service accepted it within 0.05 s of the end" for t in range(1, count)
     ]
     answered.set()
 

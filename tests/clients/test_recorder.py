@@ -154,7 +154,7 @@ def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=la
         bridge.send(samples(20 * before))
         eventually(lambda: bridge._sender._next_put == before)
         network.lose = lose
-        future = pool.submit(record, recording_transport, "cell-1", over=over, told=heard.append)
+        future = pool.submit(record, recording_transport, "cell-1", over=over, on_message=heard.append)
         try:
             eventually(lambda: any(key == station_key("cell-1", "samples") for key, _ in network.subscribers))
             eventually(lambda: len(network.subscribers) >= 3)
@@ -211,7 +211,7 @@ def test_another_session_of_the_station_is_not_mixed_in(memory):
 def test_nothing_heard_is_an_error_that_names_the_station(memory):
     over = threading.Event()
     over.set()
-    with pytest.raises(CaesuraError, match="cell-1: no session s9 was heard"):
+    with pytest.raises(CaesuraError, match="cell-1: no session s9 was received"):
         record(memory.transport(), "cell-1", "s9", over=over)
 
 

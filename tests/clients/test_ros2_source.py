@@ -238,7 +238,7 @@ def test_the_bridge_makes_the_marks_of_its_source(memory):
         ),
         (rmw_zenoh("/pose", POSE), b"", "no CDR of .* in 0 bytes"),
         (rmw_zenoh("/pose", POSE)[:-3] + "000", b"", r"another definition there \(RIHS01_.*000\) than here"),
-        ("pose", b"", r'its key does not tell its type.*\[topics."/pose"\] with type ='),
+        ("pose", b"", r'its key does not contain its type.*\[topics."/pose"\] with type ='),
     ],
 )
 def test_what_cannot_be_read_names_the_topic(router, demonstration, key, payload, message):

@@ -221,7 +221,7 @@ def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, sta
     operator.press("Insert")
     eventually(lambda: slow.has_heard("revision 1"))
     slow.release()
-    operator.is_told("somebody else corrected this session meanwhile (it is at revision 1, you saw 0)")
+    operator.is_told("another operator corrected this session meanwhile (it is at revision 1, you saw 0)")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
     assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
 

@@ -75,5 +75,5 @@ def test_a_refusal_is_passed_on(error):
 
 def test_where_nobody_answers_that_is_said(memory, monkeypatch):
     monkeypatch.setattr(editing, "SILENCE_S", 0.3)
-    with pytest.raises(Refused, match="nobody answered the edit of cell-1/s1"):
+    with pytest.raises(Refused, match="no service answered the edit of cell-1/s1"):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

@@ -240,9 +240,9 @@ class Bridge:
             self._check()  # the session may be another bridge's
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
-        """Ask once. A service that has lost the session, or waits for more, is told the session again.
+        """Ask once, and open the session again at a service that has lost it or lacks batches.
 
-        The last value says whether it has the session now: only then is there somebody to send batches to.
+        The last value states whether a service has the session now: only then can batches be sent.
         """
         try:
             ack = self._control.ask(close)
@@ -279,7 +279,7 @@ class Bridge:
             self._over.wait(self.settings.tick_s)
 
     def _ask_to_open(self) -> bool:
-        """Tell a service the session; True where one answered."""
+        """Send the session's `Open`; return True if a service answered."""
         ack = self._control.ask(self._open)
         if ack is not None:
             self.acknowledged = ack.next_seq
@@ -312,7 +312,7 @@ class Bridge:
         return True
 
     def _begin(self) -> None:
-        """Make sure that the session is ours: new, or what a predecessor with a lower epoch has left."""
+        """Open this bridge's session: a new one, or one that a predecessor with a lower epoch has left."""
         if self._open.epoch > 0:
             self._sender.continue_from(self.acknowledged)
         elif self.acknowledged > self.sent:

@@ -23,7 +23,7 @@ class ControlLine:
         self._key = station_key(station, "control")
 
     def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
-        """The service's Ack; None where nobody could answer. Raises ProtocolError for a refusal.
+        """Send a command; return the Ack, or None without an answer. Raises ProtocolError for a refusal.
 
         An error of the service's own may not be there the next time; the service has it in its log.
         """

@@ -45,7 +45,7 @@ class Marks:
             self._waiting.put(None, timeout=LAST_S)
         self._thread.join(LAST_S)
         if self._thread.is_alive():
-            self._give_up(f"nobody took it within {LAST_S:g} s of the end")
+            self._give_up(f"no service accepted it within {LAST_S:g} s of the end")
             self._waiting.put(None)
 
     def put(self, t: float) -> None:

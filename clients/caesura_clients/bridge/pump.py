@@ -10,7 +10,7 @@ from caesura_clients.bridge.sender import Sender
 
 
 class Pump:
-    """Puts what a sender has numbered until it is over; an error is kept, and ends it for everybody."""
+    """Puts numbered batches until the sender has ended; an error is stored, and ends the bridge."""
 
     def __init__(
         self,

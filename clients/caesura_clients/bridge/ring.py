@@ -6,7 +6,7 @@ A clock that jumps evicts nothing: from one batch to the next no more than `STEP
 nothing.
 
 The ring is also the queue between the robot's thread and the network: a batch is in it from the moment it is
-numbered, and becomes bytes when somebody first needs them, once.
+numbered, and is encoded once, at its first use.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Two sides that share the ring and nothing else. The robot's side (`push`, `flush
 appends it; its lock is held for microseconds and never across a call of the network, so that a robot's loop
 does not wait, whatever the network does. The network's side (`put_waiting`, `heartbeat`, `resend`) encodes
 and puts, in any other thread. Where the network is slower than the robot for longer than the ring lasts, what
-the ring drops was never put: the service finds the hole by the numbers and is told `evicted`.
+the ring drops was never put: the service finds the hole by the numbers, and its replay is answered `evicted`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a bridge may be told; the defaults suit a robot at 1 kHz."""
+"""Settings of a bridge; the defaults suit a robot at 1 kHz."""
 
 from __future__ import annotations
 

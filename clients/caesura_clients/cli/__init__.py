@@ -1,6 +1,6 @@
 """The command `caesura`. It assembles itself from what is installed: every entry point of the group
 `caesura.commands` names a function that adds its commands. Those whose extra is missing are not listed, but
-whoever types one is told what to install.
+using one prints what to install.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ def reported() -> Iterator[None]:
     try:
         yield
     except (CaesuraError, ProtocolError) as error:
-        # Whoever typed it need not know that the wire would call it malformed.
+        # `malformed` is a code of the wire: it says nothing about a command line.
         typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
         raise typer.Exit(1) from error
 

@@ -1,4 +1,4 @@
-"""`caesura record`: a live session in a file, on any machine that hears the station."""
+"""`caesura record`: a live session in a file, on any machine that receives the station's samples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def record_session(
     station: Annotated[str, typer.Option(help="Teaching station.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
     session: Annotated[
-        str | None, typer.Option(help="Session to record; by default the first one that is heard.")
+        str | None, typer.Option(help="Session to record; by default the first one that is received.")
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
@@ -43,7 +43,7 @@ def record_session(
         with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
             where = endpoint_of(endpoint, config)
             typer.echo(f"waiting for {station}/{session or '…'} at {where}; Ctrl-C ends it", err=True)
-            found = record(caesura.transport, station, session, over=over, told=_teller(station))
+            found = record(caesura.transport, station, session, over=over, on_message=_progress(station))
         try:
             _write(out, station, found)
         except OSError as error:
@@ -57,7 +57,7 @@ def record_session(
         raise typer.Exit(1)
 
 
-def _teller(station: str) -> Callable[[Recorder], None]:
+def _progress(station: str) -> Callable[[Recorder], None]:
     """Says once what is recorded."""
     said: set[str] = set()
 

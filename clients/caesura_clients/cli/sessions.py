@@ -22,7 +22,7 @@ from caesura_clients.cli.show import (
 from caesura_clients.errors import Absent
 from caesura_protocol.extras import installing
 
-sessions = typer.Typer(name="sessions", help="List the sessions that the service knows, or look at one.")
+sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
 
 
@@ -34,7 +34,7 @@ def _default(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """List the sessions that the service knows, or look at one."""
+    """List the sessions of the service, or show one."""
     if context.invoked_subcommand is None:
         list_sessions(station, as_json, endpoint, config)
     elif any(_was_typed(context, name) for name in context.params):
@@ -53,7 +53,7 @@ def list_sessions(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """List the sessions that the service knows."""
+    """List the sessions of the service."""
     with reported(), connected(endpoint, config) as caesura:
         found = caesura.sessions(station or "*")
         if not found and not caesura.services():  # access rules deny without a word

@@ -34,7 +34,7 @@ def dashboard(
         typer.Option(help="First line: the password to log in with.", exists=True, dir_okay=False),
     ] = None,
     insecure: Annotated[
-        bool, typer.Option("--insecure", help="Let everybody in who reaches --host, without a password.")
+        bool, typer.Option("--insecure", help="Admit every browser that reaches --host, without a password.")
     ] = False,
     read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
     endpoint: Connect = None,
@@ -50,7 +50,7 @@ def dashboard(
         address = Address(host, port, tuple(name or ()), _password(password_file))
         if not address.is_local and address.password is None and not insecure:
             raise CaesuraError(
-                f"--host {host}: other machines reach it, and anybody could correct programs; add "
+                f"--host {host}: other machines reach it, and any visitor could correct programs; add "
                 "--password-file, or a reverse proxy before 127.0.0.1, or --insecure on a network you trust"
             )
         check_free(address)

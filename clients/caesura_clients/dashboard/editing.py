@@ -22,7 +22,7 @@ Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises Protoco
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 
 
-class Refused(Exception):  # noqa: N818 - it is no error of ours
+class Refused(Exception):  # noqa: N818 - the service refused; nothing failed here
     """A correction that was not made; says why in words for an operator."""
 
 
@@ -59,7 +59,7 @@ def said(error: ProtocolError) -> str:
     """A refusal, for an operator."""
     if is_stale(error):
         return (
-            f"Not done: somebody else corrected this session meanwhile (it is at revision {error.limit}, "
+            f"Not done: another operator corrected this session meanwhile (it is at revision {error.limit}, "
             f"you saw {error.value}). What is there now is shown: look, and do it again."
         )
     return f"Not done: {error}"

@@ -24,11 +24,11 @@ UNSEEN = 3  # payloads that a browser may be behind
 LAGS = 4096  # measured, of all browsers together
 
 WEB = Path(__file__).parent / "web"
-lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to hearing that it was seen
+lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to its acknowledgement by the browser
 
 
 class Live(Element, esm={"caesura-dashboard": str(WEB)}):
-    """A component that is told what to show. initial: shown before the connection stands."""
+    """A component whose content the server sends. initial: shown before the connection is open."""
 
     def __init__(self, initial: dict[str, Any] | None = None) -> None:
         super().__init__()

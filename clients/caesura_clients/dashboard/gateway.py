@@ -136,7 +136,7 @@ class Gateway:
             self._keep_posterior(update.station, update.posterior)
 
     def _current(self) -> Mapping[str, str]:
-        """The session of each station's program; as it was, where nobody has time to say."""
+        """The session of each station's program; the last known one where no service answers in time."""
         try:
             found = current_sessions(self.transport)
         except (CaesuraError, ProtocolError):
@@ -178,7 +178,7 @@ class Gateway:
                 self._change(alive=_with(self.world.alive, instance, presence.alive))
 
     def _sampled(self, delivery: Delivery) -> None:
-        """One bad sender must not end what everybody sees."""
+        """Store a batch of samples; a bad sender must not end the updates of all browsers."""
         try:
             station = parse_station_key(delivery.key)[0]
             batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)

@@ -26,7 +26,7 @@ SAID: Mapping[State, str] = {
 
 @dataclass(frozen=True)
 class World:
-    """Everything that the gateway knows, at one moment. Times are of its monotonic clock [s]."""
+    """The state that the gateway has received, at one moment. Times are of its monotonic clock [s]."""
 
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
@@ -145,19 +145,19 @@ def stale(world: World, update: Update | None, bridge: bool, heard: Heard | None
 
 
 def reached(update: Update) -> float:
-    """[s] Up to where there are results. A status is told once a second, and lags behind the others."""
+    """[s] Up to where there are results. A status is published once a second, and lags behind the others."""
     posterior = update.posterior.t if update.posterior else update.t
     last = update.segments[-1].tn if update.segments else update.t
     return max(update.t, posterior, last)
 
 
 def gaps(update: Update | None) -> int:
-    """How many stretches of a session nobody has seen."""
+    """Count the gaps of a session."""
     return 0 if update is None else len(update.status.gaps) + update.status.gaps_before
 
 
 def troubled(found: Iterable[Glance]) -> int:
-    """How many stations need somebody."""
+    """Count the stations that need an operator."""
     return sum(one.state == "stale" or one.overloaded for one in found)
 
 

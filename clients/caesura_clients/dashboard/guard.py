@@ -1,7 +1,7 @@
 """Who may look at the dashboard, before anything else sees a request.
 
-Rule 1: pages of other sites must not reach it through somebody's browser. A request has to be asked of one of
-the names it is known by (or DNS could be bent to it), and a socket or a form has to come from its own pages.
+Rule 1: pages of other sites must not reach it through an operator's browser. A request must name one of the
+dashboard's host names (or DNS could be bent to it), and a socket or a form has to come from its own pages.
 Rule 2: with a password nothing but the login is answered without its cookie.
 Rule 3: a wrong password delays its own address and no other. Until then no password from there is compared.
 Rule 4: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.

@@ -38,7 +38,7 @@ class Address:
 
     @property
     def is_local(self) -> bool:
-        """Can nobody but this machine reach it?"""
+        """Return whether only this machine can reach it."""
         return self.host in LOOPBACK
 
     @property
@@ -53,7 +53,7 @@ class Address:
 
 
 def check_free(address: Address) -> None:
-    """Raise CaesuraError where somebody listens there already."""
+    """Raise CaesuraError where another process listens there already."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -65,13 +65,13 @@ def check_free(address: Address) -> None:
 
 
 def serve(site: Site, address: Address) -> None:
-    """Serve until the process is told to end."""
+    """Serve until the process is asked to end."""
     declare(site)
     run(address)
 
 
 def run(address: Address) -> None:
-    """Serve the pages that are declared, behind the guard, until the process is told to end."""
+    """Serve the pages that are declared, behind the guard, until the process is asked to end."""
     app.add_middleware(Guard, names=address.known_as, password=address.password)
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(

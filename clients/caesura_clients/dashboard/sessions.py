@@ -1,4 +1,4 @@
-"""The history: every session that the service still knows, the newest first."""
+"""The history: every session that the service still holds, the newest first."""
 
 from __future__ import annotations
 

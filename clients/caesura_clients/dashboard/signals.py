@@ -35,7 +35,7 @@ class Row(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What a ring has beyond what somebody has seen."""
+    """The rows of a ring that a browser has not received yet."""
 
     session: str
     unit: str  # of the speed

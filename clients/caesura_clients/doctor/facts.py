@@ -111,7 +111,7 @@ def _listen(inbox: Inbox, facts: Facts, began: float, seconds: float) -> None:
             try:
                 _hear(facts, item, time.monotonic() - began)
             except ProtocolError as error:
-                facts.refusals.append(error)  # somebody publishes what nobody can read
+                facts.refusals.append(error)  # a publisher sends messages that no reader can decode
 
 
 def _hear(facts: Facts, item: Delivery, at: float) -> None:

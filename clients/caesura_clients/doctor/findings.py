@@ -28,10 +28,10 @@ def ok(check: str, found: str, *, station: str | None = None) -> Finding:
 
 
 def warn(check: str, found: str, remedy: str, *, station: str | None = None) -> Finding:
-    """It works, and somebody should know."""
+    """Make a warning: the check passes, with a limitation."""
     return Finding("warn", check, found, remedy, station)
 
 
 def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> Finding:
-    """Somebody has to do something."""
+    """Make an error: an action is required."""
     return Finding("bad", check, found, remedy, station)

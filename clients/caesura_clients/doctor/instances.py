@@ -18,7 +18,7 @@ MB = 10**6
 
 
 def check_services(facts: Facts, version: str) -> Iterator[Finding]:
-    """Which instances live, and whether they are what we are. version: ours."""
+    """Report live instances, and whether their release is this client's. version: of this client."""
     for key in facts.other_versions:
         major = "/".join(key.split("/")[:2])
         yield bad("service", f"{key} speaks {major}, we speak {ROOT}", "install the same release on both")
@@ -34,7 +34,7 @@ def check_services(facts: Facts, version: str) -> Iterator[Finding]:
             found = f"{instance} is version {versions[instance]}, this is {version}"
             yield warn("service", found, f"both speak {ROOT}; install the same release on both")
         else:
-            yield ok("service", f"{instance} is alive: version {version} as ours, {ROOT}")
+            yield ok("service", f"{instance} is alive: version {version} as here, {ROOT}")
 
 
 def check_credentials(facts: Facts) -> Iterator[Finding]:
@@ -93,7 +93,7 @@ def _clock(reported: Reported) -> Finding:
     """A status is from between question and answer, which is how sure its time can be."""
     status = reported.status
     if status.time is None:
-        return warn("clock", f"{status.instance} does not tell its time", "install the same release on both")
+        return warn("clock", f"{status.instance} does not state its time", "install the same release on both")
     half_s = (reported.answered - reported.asked) / 2
     ahead_s = status.time - (reported.asked + reported.answered) / 2
     way = "ahead of" if ahead_s > 0 else "behind"
@@ -110,12 +110,12 @@ def _clock(reported: Reported) -> Finding:
 def _journal(status: ServiceStatus) -> Finding:
     journal, name = status.journal, status.instance
     if journal is None:
-        return warn("journal", f"{name} does not tell", "install the same release on both")
+        return warn("journal", f"{name} does not report it", "install the same release on both")
     if journal.trouble is not None:
         remedy = "make room or repair the disk: samples are refused meanwhile, and asked for again after"
         return bad("journal", f"{name}: {journal.trouble}", remedy)
     if journal.kind == "memory":
-        remedy = "start it with --journal DIR, or a restart knows nothing of earlier sessions"
+        remedy = "start it with --journal DIR, or a restart loses earlier sessions"
         return warn("journal", f"{name} keeps sessions in memory", remedy)
     said = f"{name}: {journal.size / MB:.1f} of {journal.size_limit / MB:.0f} MB"
     if journal.size > JOURNAL_SHARE * journal.size_limit:

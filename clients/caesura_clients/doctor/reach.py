@@ -1,4 +1,4 @@
-"""Does anything listen at the endpoint? Tells a wrong address from a wrong certificate."""
+"""Check whether a process listens at the endpoint: a wrong address or a wrong certificate."""
 
 from __future__ import annotations
 

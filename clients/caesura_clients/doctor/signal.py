@@ -22,11 +22,11 @@ UNEVEN_SHARE = 0.02
 REST_M_PER_S, REST_RAD_PER_S = 0.005, 0.02
 CELL_S = 0.1  # a movement is between means over cells: a tremor is none
 REST_CELLS = 3  # the fewest that say something of noise
-BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that nobody took off
+BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that was not tared
 NOISE_LIMIT_N = 1.0
 METRES = UNITS["length"]
 WHAT_FOR: Mapping[str, str] = {
-    "force": "contact and load cannot be told",
+    "force": "contact and load cannot be found",
     "quat": "apps have no orientation",
     "gripper": "grasps are not seen",
 }
@@ -103,7 +103,7 @@ def check_signals(samples: Samples, *, station: str | None = None) -> Iterator[F
 
 def _has(samples: Samples, name: str) -> bool:
     if name == "quat" and "q" in samples.signals:
-        return True  # joints tell it
+        return True  # the joints determine it
     if name == "force" and "tau" in samples.signals:
         return True  # an estimate of it
     return name in samples.signals
@@ -128,7 +128,7 @@ def check_noise(samples: Samples, *, station: str | None = None) -> Iterator[Fin
 
 
 def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Finding]:
-    """bias: (3,) [N] what the sensor says while nothing touches it; None where nobody could tell."""
+    """Check the bias. bias: (3,) [N] reading while nothing touches the sensor; None where unknown."""
     if bias is None:
         return
     x, y, z = bias.tolist()

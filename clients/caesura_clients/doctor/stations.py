@@ -28,18 +28,18 @@ STILL_S = 1.0  # how long no sample may come while a session is open
 
 @dataclass(frozen=True)
 class Station:
-    """One station, as the facts have it. heard: of its current session, in order; may be empty."""
+    """One station, from the facts. statuses: of its current session, in order; may be empty."""
 
     name: str
     connected: bool
-    heard: Sequence[Heard]
+    statuses: Sequence[Heard]
     batches: Sequence[SampleBatch]
     listened_s: float
 
     @property
     def status(self) -> SessionStatus | None:
         """The last word on its current session."""
-        return self.heard[-1].status if self.heard else None
+        return self.statuses[-1].status if self.statuses else None
 
 
 def stations_of(facts: Facts) -> list[Station]:
@@ -67,8 +67,8 @@ def check_station(station: Station) -> Iterator[Finding]:
 
 
 def _station(facts: Facts, name: str) -> Station:
-    own = [heard for (station, _), heard in facts.statuses.items() if station == name and heard]
-    current = max(own, key=lambda heard: _rank(heard[-1].status), default=[])
+    own = [statuses for (station, _), statuses in facts.statuses.items() if station == name and statuses]
+    current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
     batches = [one for (station, _), some in facts.batches.items() if station == name for one in some]
     return Station(name, name in facts.bridges, current, batches, facts.listened_s)
 
@@ -105,7 +105,7 @@ def _bridge(station: Station, status: SessionStatus) -> Finding:
 
 def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
     """Do samples come, how many, and how evenly?"""
-    first, last = station.heard[0], station.heard[-1]
+    first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
     batches = last.status.batches - first.status.batches
     if batches == 0 and not station.batches and not station.connected:
@@ -141,12 +141,12 @@ def _even(station: Station) -> Finding:
     """From the service's counts, where the samples themselves are not for these credentials."""
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
-        for before, after in zip(station.heard, station.heard[1:], strict=False)
+        for before, after in zip(station.statuses, station.statuses[1:], strict=False)
         if after.status.t - before.status.t >= STILL_S / 2
     ]
     if not steps:
         remedy = "listen for longer with --seconds"
-        return warn("rate", "too few statuses in this time to tell", remedy, station=station.name)
+        return warn("rate", "too few statuses in this time for a rate", remedy, station=station.name)
     said = f"about {np.median(steps):.0f} Hz, as the service counts"
     return ok("rate", said, station=station.name)
 
@@ -158,7 +158,7 @@ _NO_SAMPLES = (
 
 
 def _samples(station: Station, status: SessionStatus) -> Samples | None:
-    """The batches that were heard, in order and once; None where they are too few to say anything."""
+    """Return the received batches, in order and once; None where they are too few to judge."""
     own = {one.seq: one for one in station.batches if one.session == status.session}
     columns = {one.columns for one in own.values()}
     if len(columns) != 1:
@@ -219,7 +219,7 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
         for name, there in (("contact", wrench.contact_models), ("load", wrench.transport_models))
         if there
     ]
-    said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be told. {wrench.note}"
+    said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
     if not can:
         remedy = "with a sensor below the hand, say --wrench-source flange_sensor; else there are only moves"
         if not wrench.stated:

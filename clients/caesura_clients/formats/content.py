@@ -1,4 +1,4 @@
-"""What a file holds of a recording, before anybody has checked it."""
+"""The content of a recording's file, before it is validated."""
 
 from __future__ import annotations
 

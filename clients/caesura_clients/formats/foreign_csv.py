@@ -1,4 +1,4 @@
-"""A csv file of somebody else, by a mapping: which column is which of ours, in which unit, times what.
+"""A csv file in another layout, read by a mapping: column, unit and factor of each of Caesura's columns.
 
     delimiter = ";"                  # "," unless said
     decimal = ","                    # "." unless said
@@ -9,9 +9,9 @@
     unit = "ms"                      # s unless said; ms, us, ns
 
     [columns]
-    px = "X"                         # ours = theirs
+    px = "X"                         # Caesura's column = the file's
     pz = { column = "Z", unit = "mm" }
-    fz = { column = "F3", scale = -1.0 }   # it tells the robot's force on the environment
+    fz = { column = "F3", scale = -1.0 }   # the file has the robot's force on the environment
 
 Where the first row holds numbers alone there is no header: columns are then called by their number, from 1.
 """
@@ -32,7 +32,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ANGLES = {"rad": 1.0, "deg": float(np.pi / 180.0)}
-#: What a unit is in ours, by signal; positions keep the file's own `length_unit` where no unit is said.
+#: A unit in Caesura's, by signal; positions keep the file's own `length_unit` where no unit is said.
 UNITS: Mapping[str, Mapping[str, float]] = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "pos": LENGTHS,
@@ -47,7 +47,7 @@ SIGNAL_OF_COLUMN = {"t": "t", **{column: s for s, names in COLUMNS_OF_SIGNAL.ite
 
 
 class Rule(NamedTuple):
-    """Where a column of ours comes from."""
+    """The source of one of Caesura's columns."""
 
     ours: str
     theirs: str
@@ -137,7 +137,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _numbers(path: Path, mapped: Mapped, table: Table, rule: Rule) -> Array:
-    """One column of theirs. Raises RecordingError, which names the column, the line and the value."""
+    """Return one column. Raises RecordingError, which names the column, the line and the value."""
     found = table.header.count(rule.theirs)
     if found != 1:
         what = f"no column {rule.theirs!r}" if not found else f"{found} columns {rule.theirs!r}"

@@ -3,7 +3,7 @@
 A row is made for every value of the signal that leads (`pos`, or else `q`); each other signal stands in it
 with its newest value at or before that time, never with a later one: live there is none. Nothing is made up
 where a signal pauses: after `max_age_s` rows end until it is back, and the service sees a gap. A gripper may
-be silent as long as it likes, because it tells when it moves.
+be silent as long as it likes, because it publishes when it moves.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Joiner:
         self._now: dict[str, tuple[int, Values]] = {}  # the newest of each at or before the row
 
     def push(self, stamp: int, values: Mapping[str, Values]) -> list[Row]:
-        """Take what one message tells; returns the rows that are whole."""
+        """Add the values of one message; return the rows that are whole."""
         for name, value in values.items():
             if name == self.leader:
                 self._led.append((stamp, value))

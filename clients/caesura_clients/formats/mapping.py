@@ -1,4 +1,4 @@
-"""A mapping file: what somebody else's names and units are in ours. TOML; `docs/recordings.md` has examples.
+"""A mapping file: names and units of other software in Caesura's. TOML; `docs/recordings.md` has examples.
 
 Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
 common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`.
@@ -39,7 +39,7 @@ class Mapped:
         return found
 
     def known(self, where: str, found: Iterable[str], expected: Iterable[str]) -> None:
-        """Raises RecordingError for a key that nobody reads: a typo must not pass in silence."""
+        """Raise RecordingError for an unknown key: a typo must not pass in silence."""
         unknown = sorted(set(found) - set(expected))
         if unknown:
             raise self.wrong(

@@ -31,25 +31,25 @@ _TOPICS: Mapping[str, type[Message]] = {"/state": State, "/wrench": Wrench}
 
 
 def read_mcap(path: Path) -> Content:
-    """The samples of a file of ours. Raises ValueError for any other."""
+    """Return the samples of a file that Caesura wrote. Raises ValueError for any other."""
     with path.open("rb") as stream:
         return _translated(_content, stream)
 
 
 def profile_of(path: Path) -> str:
-    """`ros2` for a rosbag2, nothing for ours. Raises ValueError for what is no MCAP file."""
+    """Return `ros2` for a rosbag2, `""` for Caesura's. Raises ValueError for a file that is no MCAP."""
     with path.open("rb") as stream:
         return _translated(_profile, stream)
 
 
 def metadata_of(reader: McapReader) -> Mapping[str, str]:
-    """What we wrote of the session. Raises ValueError where somebody else wrote the file."""
+    """Return Caesura's metadata of the session. Raises ValueError where other software wrote the file."""
     for record in reader.iter_metadata():
         if record.name == METADATA:
             return record.metadata
     topics = sorted(channel.topic for channel in _channels(reader))
     raise ValueError(
-        f"has no metadata {METADATA!r}, so it is neither ours nor a rosbag2 (profile {ROS2!r}); "
+        f"has no metadata {METADATA!r}, so it is neither Caesura's nor a rosbag2 (profile {ROS2!r}); "
         f"its topics: {', '.join(topics) or 'none'}"
     )
 

@@ -45,7 +45,7 @@ NOWHERE = Poses(np.empty(0), np.empty((0, 3)), np.empty((0, 4)))
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What a file tells."""
+    """The content of an MCAP file: samples, results and metadata of one session."""
 
     station: str
     session: str
@@ -63,7 +63,7 @@ class Demonstration:
     force_limit_n: float | None = None  # [N] of the cell
     wrench_note: str = ""
     complete: bool = False  # the session is closed
-    more: dict[str, str] = field(default_factory=dict)  # metadata of whoever writes
+    more: dict[str, str] = field(default_factory=dict)  # the caller's metadata
 
 
 class Entry(NamedTuple):

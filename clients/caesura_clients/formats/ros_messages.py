@@ -3,9 +3,9 @@
 Signs. libfranka's O_F_ext_hat_K counts forces of the robot on the environment as positive (robot_state.h:
 "Forces applied by the robot to the environment are positive, while forces applied by the environment on the
 robot are negative"; frankarobotics/libfranka issue 26 has the measurement), and tau_ext_hat_filtered, of
-which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Ours is the environment on the robot, so both are
-negated; franka_ros2 passes them on as they are. Of a WrenchStamped nobody knows: `force_of` in a mapping says
-whose force it is, the environment's unless said.
+which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot,
+so both are negated; franka_ros2 passes them on as they are. A WrenchStamped does not state it: `force_of` in
+a mapping does, with the environment's force as the default.
 
 The pose of a FrankaRobotState is that of the end effector; where that is on the flange (`f_t_ee`) stands
 beside it, and is taken off. A PoseStamped is taken for the flange in the base frame.
@@ -38,7 +38,7 @@ class TopicRule:
 
     topic: str = ""
     type: str | None = None
-    signals: tuple[str, ...] | None = None  # of all that it tells, only these
+    signals: tuple[str, ...] | None = None  # of all its signals, only these
     joints: tuple[str, ...] | None = None  # names of the seven, from the base on
     gripper: tuple[str, ...] | None = None  # names of the fingers' joints, whose positions add up
     force_of: str | None = None  # whose force on the other: environment, robot
@@ -98,7 +98,7 @@ def values_of(message_type: str, message: Any, rule: TopicRule) -> Values:
 
 
 def frame_of(message_type: str, message: Any) -> str | None:
-    """The frame in which the message gives forces, as far as its name tells; None where it does not."""
+    """The frame in which the message gives forces, as far as its name states it; None where it does not."""
     if message_type == FRANKA_STATE:
         return "base"
     name = str(message.header.frame_id)
@@ -137,7 +137,7 @@ def _wanted(signal: str, rule: TopicRule) -> bool:
 
 
 def _has_arm(message: Any, rule: TopicRule) -> bool:
-    """Are joints of the arm in it? Others of the topic's nodes may tell those of the gripper alone."""
+    """Are joints of the arm in it? Other nodes of the topic may publish those of the gripper alone."""
     if rule.joints is not None:
         return any(name in rule.joints for name in message.name)
     return any(_arm_joint(name) for name in message.name)
@@ -179,7 +179,7 @@ def _arm_joint(name: str) -> int | None:
 
 
 def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) -> list[float]:
-    """The seven joints, from the base on: by the rule's names, or by the numbers in theirs."""
+    """The seven joints, from the base on: by the rule's names, or by the numbers in their names."""
     if not names and len(values) == 7:
         return [float(value) for value in values]
     by_name = dict(zip(names, values, strict=True)) if len(names) == len(values) else {}

@@ -1,8 +1,8 @@
-"""Which topic tells which signal, found by type, or as a mapping says.
+"""Which topic carries which signal, found by type, or as a mapping states.
 
-Of two topics that tell the same the better one is taken (`_RANK`): a sensor's wrench before the estimate of
+Of two topics with the same signal the better one is taken (`_RANK`): a sensor's wrench before the estimate of
 the robot, the robot's whole state before joints and poses of others. Two of the same type are an error that
-names both: nobody but the user knows which one is meant.
+names both: only the user can choose one.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def plan_of(heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_so
     topic_of = {signal: _best(signal, names, topics) for signal, names in told.items()}
     if not {"pos", "q"} & topic_of.keys():
         raise RecordingError(
-            f"no topic tells where the robot is; there are {_listed(topics.values())}, expected one of "
-            f"{FRANKA_STATE}, {POSE}, {JOINT_STATE}"
+            f"no topic carries the pose or the joints of the robot; "
+            f"there are {_listed(topics.values())}, expected one of {FRANKA_STATE}, {POSE}, {JOINT_STATE}"
         )
     if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
         del topic_of["quat"]
@@ -68,7 +68,7 @@ def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
     best = [name for name in ranked if _RANK[topics[name].type] == _RANK[topics[ranked[0]].type]]
     if len(best) > 1:
         raise RecordingError(
-            f"{' and '.join(sorted(best))} both tell {signal}: name the one that is meant in a mapping, "
+            f"{' and '.join(sorted(best))} both carry {signal}: name the one that is meant in a mapping, "
             f'for example [topics."{min(best)}"]'
         )
     return best[0]

@@ -2,7 +2,7 @@
 
 `franka_msgs` is that of version 1.0.0 (2025-01-22), as docs.ros.org has it for Humble and as the repository
 frankaemika/franka_ros2 has it; its type hash is `FRANKA_HASH`. Later ones of Franka's add fields (the
-accelerometers of Jazzy's), and a message of another version cannot be told from its bytes. A rosbag2 that
+accelerometers of Jazzy's), and a message of another version cannot be recognised by its bytes. A rosbag2 that
 carries its own definitions is read by those, and a mapping may name the .msg file of another version.
 """
 
@@ -101,7 +101,7 @@ _DEFINITIONS = {
 
 
 def typestore(definitions: Iterable[tuple[str, str]] = ()) -> Typestore:
-    """ROS 2's own types and Franka's; definitions: (type, .msg text) that take the place of ours."""
+    """ROS 2's own types and Franka's; definitions: (type, .msg text) that replace the built-in ones."""
     others = tuple(definitions)
     return _store(others) if others else _common()
 
@@ -134,7 +134,7 @@ class Decoder:
         if type_hash is not None and type_hash.startswith("RIHS01_") and type_hash != ours:
             raise CannotDecode(
                 f"{name} has another definition there ({type_hash}) than here ({ours}): "
-                "name the .msg file of theirs as definition in a mapping"
+                "name its .msg file as definition in a mapping"
             )
         try:
             return self._store.deserialize_cdr(payload, name)

@@ -27,7 +27,7 @@ from caesura_clients.recording import RecordingError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
-LOOKED_AT = 50  # messages of a topic, to find out what it tells: joint states may come from several nodes
+LOOKED_AT = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
 def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) -> Content:
@@ -99,7 +99,7 @@ def _content(path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: P
     rows += joiner.flush()
     if not rows:
         raise RecordingError(
-            f"{path}: no time at which all of {', '.join(plan.signals)} were told; do their stamps agree?"
+            f"{path}: no time at which all of {', '.join(plan.signals)} have a value; do their stamps agree?"
         )
     matrix = np.array(rows, dtype=np.float64)
     columns = dict(zip(joiner.columns, matrix.T, strict=True))

@@ -43,7 +43,10 @@ WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, "
 
 
 def check_writable(path: Path, *others: str) -> None:
-    """Raises CaesuraError for a suffix without a writer (`others` have theirs elsewhere), or no right to."""
+    """Raise CaesuraError for a suffix without a writer or a path without write permission.
+
+    others: suffixes that have a writer elsewhere.
+    """
     known = (*WRITERS, *others)
     if path.suffix not in known:
         raise CaesuraError(f"cannot write {path}: suffix {path.suffix!r}, expected one of {', '.join(known)}")

@@ -83,7 +83,7 @@ class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
 
 
 def serve(workplace: Workplace, address: Address) -> None:
-    """Serve the page until the process is told to end."""
+    """Serve the page until the process is asked to end."""
     app.add_static_files(ASSETS, WEB)
 
     @ui.page("/")

@@ -19,21 +19,22 @@ def certs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where the files are kept.")],
     station: Annotated[_Names, typer.Option(help="A bridge of this station. Repeatable, as all are.")] = None,
     dashboard: Annotated[
-        _Names, typer.Option(help="Somebody who reads the results of every station.")
+        _Names, typer.Option(help="A viewer, who reads the results of every station.")
     ] = None,
     operator: Annotated[_Names, typer.Option(help="A dashboard that may also send commands.")] = None,
     instance: Annotated[
         _Names, typer.Option(help="An instance of the service whose router is another process.")
     ] = None,
     host: Annotated[
-        _Names, typer.Option(help="Name or address by which clients reach the router; theirs is the first.")
+        _Names,
+        typer.Option(help="Name or address by which clients reach the router; their files name the first."),
     ] = None,
     listen: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="Of the router; by default tls/[::]:7447.")
     ] = None,
     days: Annotated[int, typer.Option(min=1, max=3650, help="How long new certificates last.")] = 730,
     passwords: Annotated[
-        bool, typer.Option("--passwords", help="A user and a random password for everybody as well.")
+        bool, typer.Option("--passwords", help="Also make a user and a random password for each of them.")
     ] = False,
     renew: Annotated[
         _Names,
@@ -79,7 +80,7 @@ def _tell(kept: Directory) -> None:
     typer.echo(f"\nThe first certificate ends on {kept.ends()}. {kept.path}/ca.key stays here and secret.")
     typer.echo(f"Router and service, here:  caesura serve --zenoh-config {kept.path}/router.json5")
     if not holders:
-        typer.echo("Nobody may connect yet: add --station NAME and --dashboard NAME.")
+        typer.echo("No client may connect yet: add --station NAME and --dashboard NAME.")
     for holder in holders:
         typer.echo(
             f"Copy {kept.path}/{holder.label}.json5 to its machine:  {_command(holder, kept.endpoint)}"

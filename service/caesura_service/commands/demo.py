@@ -42,7 +42,9 @@ def demo(
         robot.bridge(STATION, open_source("teacher", source), session=SESSION) as bridge,
         ThreadPoolExecutor(1, "robot") as pool,
     ):
-        console.print(f"service at {service.endpoint}; somebody teaches {scenario} at station {STATION}")
+        console.print(
+            f"service at {service.endpoint}; a simulated person teaches {scenario} at station {STATION}"
+        )
         taught = pool.submit(bridge.run)
         _watch(reader, taught, console)
         taught.result()

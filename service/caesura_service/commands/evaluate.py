@@ -96,7 +96,7 @@ def evaluate(
         ),
     ] = REAL,
     preset: Annotated[
-        list[str] | None, typer.Option(help="Preset of ours; may be given more than once.")
+        list[str] | None, typer.Option(help="Preset of Caesura; may be given more than once.")
     ] = None,
     with_baselines: Annotated[
         bool, typer.Option("--baselines/--no-baselines", help="Judge other methods too.")
@@ -332,7 +332,7 @@ def _judged(
 
 
 def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
-    """The results, with a bar that tells how many have come."""
+    """Yield the results, with a bar that shows how many have come."""
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield from progress.track(results, total=len(of), description="judging")

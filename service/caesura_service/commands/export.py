@@ -33,7 +33,7 @@ def export_recording(
 ) -> None:
     """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.
 
-    A rosbag2, a csv of somebody else or an MCAP of ours comes out as what everything here reads. A session
+    A rosbag2, a csv in another layout or an MCAP is converted to a form that every command reads. A session
     that was taught over the wire is exported by `caesura sessions export`.
     """
     with reported():
@@ -58,7 +58,7 @@ def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
         station=STATION,
         opening=opening_of(recording, preset),
         recording=recording,
-        began_s=max(0.0, -float(recording.t.min())),  # nobody knows; before 1970 is not to be written
+        began_s=max(0.0, -float(recording.t.min())),  # unknown; a time before 1970 cannot be written
         view=view,
         notes=view.notes,
         complete=True,

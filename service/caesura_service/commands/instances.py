@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 PAUSES_S = (0.2, 30.0)  # before an instance is started again: the first, doubled each time, and the longest
 STEADY_S = 60.0  # an instance that lived so long starts with the first pause again
-PATIENCE_S = 15.0  # for an instance to leave when it is told to
+PATIENCE_S = 15.0  # for an instance to end after its standard input has
 LOOK_S = 0.2  # how often the main thread looks up for a signal, and after the instances
 BEAT_S = 1.0  # how often an instance says that it is alive
 SILENCE_S = 30.0  # of one that was ready: longer than freezes that a session survives
@@ -62,7 +62,7 @@ class Instance:
         self._process: subprocess.Popen[str] | None = None
         self._silence_s = silence_s
         self._limit_s = STARTING_S  # of its silence, now
-        self._silent_s = 0.0  # as far as anybody looked: when we were frozen ourselves it does not count
+        self._silent_s = 0.0  # as measured here: time in which this process was frozen does not count
         self._thread = threading.Thread(target=self._keep, name=f"instance {name}", daemon=True)
 
     def start(self) -> None:
@@ -143,10 +143,10 @@ def run_instances(
     *,
     silence_s: float = SILENCE_S,
 ) -> None:
-    """Keep them running until told to stop. Raises NetworkError or InstanceError where they never began.
+    """Keep them running until a signal. Raises NetworkError or InstanceError where they never began.
 
     network: of the router, which this process is unless it says `connect`; options: of `caesura serve`, for
-    an instance by its place and name; ready: told the endpoint once all are; silence_s: for so long an
+    an instance by its place and name; ready: called with the endpoint once all are; silence_s: for so long an
     instance may give no sign of life.
     """
     with _router(network, over) as endpoint, ExitStack() as stack:
@@ -190,7 +190,7 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
     def beat() -> None:
         while not over.wait(BEAT_S):
             if is_alive():
-                with suppress(OSError):  # nobody reads it any more: then the standard input has ended too
+                with suppress(OSError):  # the reader has ended: then the standard input has too
                     os.write(1, f"{ALIVE}\n".encode())
 
     thread = threading.Thread(target=beat, name="beat", daemon=True)  # which may hang with who reads it
@@ -230,7 +230,8 @@ def reachable(endpoint: str) -> str:
     >>> reachable("tcp/0.0.0.0:7447"), reachable("tls/[::]:7447"), reachable("tcp/127.0.0.1:7447")
     ('tcp/127.0.0.1:7447', 'tls/localhost:7447', 'tcp/127.0.0.1:7447')
 
-    By its name, for Zenoh takes no TLS certificate for an address in brackets; ours name localhost always.
+    By its name, because Zenoh accepts no TLS certificate for an address in brackets; Caesura's always name
+    localhost.
     """
     return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/localhost:")
 

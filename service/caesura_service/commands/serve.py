@@ -1,4 +1,4 @@
-"""`caesura serve`: the service, until it is told to stop."""
+"""`caesura serve`: the service, until a signal ends it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 
 IN_MEMORY = "memory"
 ROUTER = "router"  # what starts several instances calls itself in the log
-# What each of several instances is told in its own way, or is the router's business.
+# Options that differ between instances, or that concern only the router.
 OF_EACH = (
     "listen",
     "connect",
@@ -181,7 +181,7 @@ def _directory(journal: str | None) -> Path | None:
 def _announce(service: Service) -> None:
     config = service.config
     if config.journal_path is None:
-        logger.info("the journal is in memory: a restart knows nothing of earlier sessions")
+        logger.info("the journal is in memory: a restart loses earlier sessions")
     else:
         logger.info("journal %s, written every %g s", config.journal_path, config.journal_settings.commit_s)
     if service.web is not None:

@@ -5,7 +5,7 @@ keep loops from being done several numbers at a time. A product and a sum may be
 
 Numba keeps what it compiled by the file of a function, and does not see that a function which is called, or a
 constant, has changed in another. So what a room compiles is kept under a digest of all its sources: a kernel
-calls none of another room's. Numba wants to write where it reads: where the package cannot be written (an
+calls none of another room's. Numba writes where it reads: where the package cannot be written (an
 image), what is kept there is copied to where it can.
 """
 

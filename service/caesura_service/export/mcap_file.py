@@ -35,7 +35,7 @@ def entries(taught: Taught) -> list[Entry]:
 
 
 def told_of(taught: Taught) -> Demonstration:
-    """What a file tells of a session."""
+    """Return the content of a session's MCAP file."""
     opening, view = taught.opening, taught.view
     return Demonstration(
         station=taught.station,

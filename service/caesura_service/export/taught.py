@@ -1,8 +1,8 @@
 """A session with its samples, its results and when it was, from the journal that keeps it.
 
 When it was. Samples carry the session's own clock, the journal the time of day at which each batch came. A
-batch cannot come before its last sample was taken, so the batch that travelled the shortest time tells best
-what time of day the session's zero is; no sample is placed later than it came.
+batch cannot come before its last sample was taken, so the batch with the shortest travel time gives the
+best estimate of the session's zero as a time of day; no sample is placed later than it came.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def readable(aside: Path) -> sqlite3.Connection:
 
 
 def set_aside(path: Path) -> Path:
-    """Give the file, and its log, another name; nobody may have it open."""
+    """Give the file, and its log, another name; no process may have it open."""
     aside = path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%d-%H%M%S')}")
     for suffix in ("-wal", "-shm", ""):
         part = path.with_name(path.name + suffix)

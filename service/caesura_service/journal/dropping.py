@@ -1,7 +1,7 @@
 """Sessions that are dropped: unknown at once, and their records deleted some at a time.
 
-An hour of a station is 180,000 records, and deleting them takes seconds. Whoever commits waits for whoever
-writes, and every station for whoever commits: so nobody writes for longer than a portion takes.
+An hour of a station is 180,000 records, and deleting them takes seconds. A commit waits for a write,
+and every station for the commit: so no write takes longer than a portion.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from caesura_service.journal.schema import transaction
 
 PORTION = 400  # records, some milliseconds
 
-# Their station is none, so that nobody finds them by their names; what they are listed by passes them over.
+# Their station is empty, so that no query by name finds them; listings skip them.
 HIDE = "UPDATE sessions SET station = '', session = id WHERE station = ? AND session = ?"
 NEXT = "SELECT id FROM sessions WHERE station = '' LIMIT 1"
 DELETE_SOME = "DELETE FROM records WHERE place IN (SELECT place FROM records WHERE session_id = ? LIMIT ?)"
@@ -21,7 +21,7 @@ DELETE_SESSION = "DELETE FROM sessions WHERE id = ?"
 
 
 def hide(database: sqlite3.Connection, key: Key) -> None:
-    """Let nobody know of a session any more; an unknown one is no error."""
+    """Hide a session from queries; an unknown one is no error."""
     database.execute(HIDE, key)
 
 

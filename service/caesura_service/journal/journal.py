@@ -4,9 +4,9 @@ What changes a session is recorded in the order in which it was taken: the openi
 news, every hole that was given up (an `evicted` error), every edit, the close. What came twice, and what was
 refused without touching the session, is not.
 
-When a record is safe. Batches may be processed, and their results told, a little before: whoever sent
-them still has them, and the same batches give the same results. What nobody could send again, or would
-answer differently the second time, is safe before it is processed: `append(record, now=True)`. And so is
+When a record is safe. Batches may be processed, and their results published, a little before: the bridge
+still has them, and the same batches give the same results. What no bridge can send again, or what would
+come out differently the second time, is safe before it is processed: `append(record, now=True)`. And so is
 everything before it is acknowledged: `commit`.
 """
 
@@ -119,7 +119,7 @@ class Journal(Protocol):
         """How a session ended, where that was kept and can be read."""
 
     def release(self, station: str, session: str) -> None:
-        """Nobody holds the closed session any more: whether it is kept is the journal's own affair."""
+        """Release a closed session: from now on the journal decides whether it is kept."""
 
     def set_aside(self, station: str, session: str, why: str) -> str:
         """Keep a damaged session under another name, and free its own; the new name. Raises JournalError."""

@@ -45,7 +45,7 @@ class Share(NamedTuple):
     open_size: int  # [bytes] of those that are open
     sessions: int
     closed: int  # of these
-    touched: float  # [s] the session that nobody has written to for longest
+    touched: float  # [s] the session that was not written to for longest
 
 
 class Excess(NamedTuple):

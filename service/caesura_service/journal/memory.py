@@ -109,7 +109,7 @@ class MemoryJournal:
         return session
 
     def release(self, station: str, session: str) -> None:
-        """Drop it: memory is for sessions that somebody holds."""
+        """Drop it: memory is for sessions in use."""
         self.forget(station, session)
 
     def tidy(self, now: float) -> Mapping[Key, str]:

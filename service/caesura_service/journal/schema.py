@@ -1,8 +1,8 @@
 """What a journal's file looks like inside, and how to open one.
 
 One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
-Payloads are the codec's own bytes. `application_id` tells a journal from other databases, `user_version`
-which version of this schema it has. Every row has a checksum of its values (`checksums.py`), and a session
+Payloads are the codec's own bytes. `application_id` marks a journal among databases, `user_version`
+states the version of its schema. Every row has a checksum of its values (`checksums.py`), and a session
 the number of its records.
 """
 
@@ -315,7 +315,7 @@ def check(database: sqlite3.Connection, path: Path) -> None:
     version = _number(database, "user_version")
     if version > SCHEMA_VERSION:
         raise JournalError(
-            f"journal {path} was written by a newer caesura (journal version {version}, this one knows "
+            f"journal {path} was written by a newer caesura (journal version {version}, this one reads "
             f"{SCHEMA_VERSION}): update caesura, or name another --journal"
         )
 

@@ -1,14 +1,14 @@
 """A journal on disk: SQLite in WAL mode, one file an instance, many records a commit.
 
 Records wait in memory, in order, and are written together: at most `commit_s` after the first of them,
-by a thread of the journal's own, or at once where somebody must know them safe. A killed process loses
+by a thread of the journal's own, or at once where a caller needs them on disk. A killed process loses
 what waited; a killed machine no more, for every commit reaches the disk (synchronous FULL).
 
 When writing fails, what waits is kept and tried again, and until it is written every further append is
 refused with the reason: a session that is not journalled does not go on.
 
 Closed sessions stay until they are too old or too much, oldest first. Open ones are never dropped for
-their size, and for their age only once nobody has touched them for so long.
+their size, and for their age only once they were not written to for so long.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class SqliteJournal:
             stack.callback(self._over.set)
             self._look()
             self._seen_since_last_look()
-            self._wake.set()  # for what somebody began to drop
+            self._wake.set()  # to finish deletions that were begun
             self._stack = stack.pop_all()
         return self
 
@@ -463,7 +463,7 @@ class SqliteJournal:
             )
 
     def _append_now(self, row: Row) -> None:
-        """Either it is safe, or it is not kept: nobody else writes until that is known."""
+        """Either it is safe, or it is not kept: no other thread writes until that is decided."""
         with self._writing:
             self._append(row)
             try:
@@ -512,14 +512,14 @@ class SqliteJournal:
                 self.flush()
             try:
                 more = self._drop_some()
-            except JournalError:  # somebody else is writing
+            except JournalError:  # another process is writing
                 more = True
                 self._over.wait(RETRY_S)
             if more:
                 self._wake.set()
 
     def _drop_some(self) -> bool:
-        """Go on with what is dropped, by whomever."""
+        """Continue deletions, of this process or of another."""
         with self._writing, translated(self.path):
             return drop_some(self._database)
 

@@ -1,7 +1,7 @@
-"""What happens to sessions, told in the log: a line an event, with station and session as fields.
+"""The log of sessions: one line an event, with station and session as fields.
 
 What a peer can cause as often as it likes (a refusal, a question for batches, a question without an answer)
-is told once in QUIET_S for each station and reason, with the number of times that it was not told.
+is logged once in QUIET_S for each station and reason, with the number of suppressed lines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 QUIET_S = 10.0
 GAP_REASONS = {
     "source": "the robot's samples paused",
-    "evicted": "the samples were refused, or nobody has them any more",
+    "evicted": "the samples were refused, or no bridge has them any more",
 }
 
 
@@ -31,7 +31,7 @@ class Chronicle:
         self._quiet = Quiet(QUIET_S)
 
     def take(self, step: Step, now: float) -> None:
-        """Tell what a step has changed. now: [s]"""
+        """Log what a step has changed. now: [s]"""
         for change in step.changes:
             _tell_change(change)
         for output in step.outputs:
@@ -115,5 +115,5 @@ def _say_of(standing: Standing, level: int, what: str) -> None:
 
 def _say(level: int, station: str | None, session: str | None, what: str) -> None:
     fields: dict[str, Any] = {"station": station, "session": session}
-    who = "/".join(name for name in (station, session) if name) or "somebody"
+    who = "/".join(name for name in (station, session) if name) or "a client"
     logger.log(level, "%s %s", who, what, extra={name: value for name, value in fields.items() if value})

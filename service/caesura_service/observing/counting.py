@@ -23,7 +23,7 @@ BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 
 @dataclass(slots=True)
 class Counted:
-    """Of one station. heard: when a batch of it last came [s, the counter's clock]."""
+    """Counts of one station. received_s: when its last batch came [s, the counter's clock]."""
 
     batches: int = 0
     samples: int = 0
@@ -36,7 +36,7 @@ class Counted:
     dropped: int = 0  # batches
     replays: int = 0
     work_s: float = 0.0  # of the thread that does the work
-    heard: float | None = None
+    received_s: float | None = None
 
     def add(self, change: Change) -> None:
         """Count what a change adds. A session that is taken up as it was adds nothing."""
@@ -102,7 +102,7 @@ class Counting:
         """Count a batch of which there is nothing to say yet."""
         self.turned = now
         self.durations.add(took_s)
-        self._counted(station, known).heard = now
+        self._counted(station, known).received_s = now
 
     def spend(self, station: str, known: Container[str], seconds: float) -> None:
         """Count what the work on what a station sent took."""
@@ -125,10 +125,10 @@ class Counting:
         for change in step.changes:
             counted.add(change)
         if isinstance(step.message, SampleBatch) and not step.refused:
-            counted.heard = now
+            counted.received_s = now
 
     def _counted(self, station: str, known: Container[str]) -> Counted:
-        """Of a station so far; before a new one gets its place, those that have left lose theirs."""
+        """Return the counts of a station; a new one takes the place of stations that have left."""
         if station not in self._of_station:
             self._of_station = {name: one for name, one in self._of_station.items() if name in known}
             self._of_station[station] = Counted()

@@ -1,4 +1,4 @@
-"""Is the service alive, and can it be found? What a probe is told, and why.
+"""Whether the service is alive, and can be reached: the answers to probes, and the reasons.
 
 Alive: its process answers, and the thread that does the work comes round. A replay at the start is no reason
 to kill it, so before it is ready it counts as alive. Ready: joined, declared, and not on its way out.
@@ -13,7 +13,7 @@ from caesura_service.observing.metrics import Observed, metrics_of
 from caesura_service.observing.web import Health, Web
 
 # Far past what one arrival can take: a station that is taken over is replayed in a fifteenth of its time, and
-# this is more than an hour of it. Whoever restarts the service at this loses less than by leaving it.
+# this is more than an hour of it. A restart at this age loses less than waiting on.
 STUCK_S = 300.0
 
 

@@ -1,4 +1,4 @@
-"""The numbers for Prometheus, read from immutable standings when somebody asks: nothing is kept twice.
+"""The metrics for Prometheus, read from immutable standings at each scrape: nothing is stored twice.
 
 Labels are bounded. `station` takes at most as many values as the registry has stations (`Limits.stations`,
 256 by default), `code` as many as the protocol has codes; no session name is a label.
@@ -108,7 +108,7 @@ OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
 
 
 class ServiceCollector(Collector):
-    """Makes every metric of ours from what is now."""
+    """Makes every metric of Caesura from the present state."""
 
     def __init__(self, observed: Observed, clock: Callable[[], float] = time.monotonic) -> None:
         """clock: [s] that of the counting."""
@@ -144,7 +144,7 @@ class ServiceCollector(Collector):
             values = {station: of_session(standing) for station, standing in current.items()}
             yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
         ages = {
-            station: now - (counted.get(station, Counted()).heard or counting.began)
+            station: now - (counted.get(station, Counted()).received_s or counting.began)
             for station, standing in current.items()
             if standing.is_open
         }
@@ -179,7 +179,7 @@ class ServiceCollector(Collector):
 
 
 def metrics_of(observed: Observed) -> CollectorRegistry:
-    """Ours, and those of the process: memory, processor time, open files, garbage."""
+    """Return Caesura's metrics and the process': memory, processor time, open files, garbage."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(ServiceCollector(observed))
     ProcessCollector(registry=registry)

@@ -8,7 +8,7 @@ MAX_KEYS = 4096
 
 
 class Quiet:
-    """Tells for each key whether it is time to speak. Holds at most MAX_KEYS; past that, none is new."""
+    """Decides for each key whether a line is due. Holds at most MAX_KEYS; past that, no key is new."""
 
     def __init__(self, interval_s: float) -> None:
         self._interval_s = interval_s

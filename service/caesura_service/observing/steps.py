@@ -1,4 +1,4 @@
-"""What one call of the registry has done, as those see it who count and those who tell."""
+"""The effects of one call of the registry, for counters and log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Change(NamedTuple):
 class Step(NamedTuple):
     """One message, command or tick.
 
-    station: None where the key did not tell, or where it concerns all. refused: how many refusals it
+    station: None where the key has none, or where it concerns all. refused: how many refusals it
     made, of which `refusal` is the last.
     """
 

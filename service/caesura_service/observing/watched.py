@@ -1,4 +1,4 @@
-"""The registry, watched: every call is counted and told, and does what it does unwatched."""
+"""The registry with counters and log around every call, whose effect they do not change."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class WatchedRegistry(Registry):
         self._watch = watch
         self.counting = Counting(watch())
         self._chronicle = Chronicle()
-        # Each session as it was looked at last: whoever asks for more meanwhile takes nothing from the count.
+        # Each session at its last count: reading it in between does not change the count.
         self._seen: WeakKeyDictionary[Session, Standing] = WeakKeyDictionary()
 
     def command(self, station: str, command: Command, now: float) -> list[Output]:
@@ -87,7 +87,7 @@ class WatchedRegistry(Registry):
         tally: Tally,
         began: float,
     ) -> None:
-        """Count and tell what was done. tally: as it was when that began [s]."""
+        """Count and log what was done. tally: as it was when that began [s]."""
         now, same = self._watch(), self.tally is tally
         refused = 0 if same else _refusals(self.tally) - _refusals(tally)
         refusal = None if same else self.tally.last_refusal

@@ -1,6 +1,6 @@
-"""What is served over HTTP: /metrics for Prometheus, /healthz and /readyz for whoever restarts the service.
+"""What is served over HTTP: /metrics for Prometheus, /healthz and /readyz for a supervisor.
 
-It only tells: names of stations and how much of what, never samples, results or commands, and nothing that
+It only reads: names of stations and how much of what, never samples, results or commands, and nothing that
 a request says reaches anything but a table of paths. So it needs no credentials and may listen on any
 address; it is off unless asked for.
 
@@ -29,7 +29,7 @@ CONNECTIONS = 64
 SCRAPES = 4
 TIMEOUT_S = 5.0
 PLAIN = "text/plain; charset=utf-8"
-_POLL_S = 0.05  # how soon it ends when it is told to
+_POLL_S = 0.05  # how soon it ends when it is asked to
 
 
 class WebError(Exception):

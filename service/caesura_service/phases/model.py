@@ -49,7 +49,7 @@ class LogNormal(NamedTuple):
         return -0.5 * z * z - math.log(seconds * self.spread * SQRT_TAU)
 
     def log_survival(self, seconds: float) -> float:
-        """Log probability that it lasts longer; at most 38 standard deviations are told apart."""
+        """Log probability that it lasts longer; at most 38 standard deviations are distinguished."""
         z = math.log(seconds / self.median_s) / self.spread
         return math.log(0.5 * math.erfc(min(z, 37.0) / math.sqrt(2.0)))
 

@@ -1,6 +1,6 @@
 """Phases of a demonstration that goes on: what is decided is kept, the rest is grouped anew at every look.
 
-What settles is taken one segment at a time, so the phases do not depend on when anybody looks. After each
+What settles is taken one segment at a time, so the phases do not depend on when they are read. After each
 settled segment, states with a probability below `posterior.ALIVE` are dropped. A phase is final once all
 states that are left agree on it; nothing that comes later changes it.
 """

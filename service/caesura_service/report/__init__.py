@@ -1,1 +1,1 @@
-"""What was found in a recording, for somebody to look at: gathered, then drawn, then written."""
+"""A report of a recording's segmentation: its content is gathered, then drawn, then written."""

@@ -1,4 +1,4 @@
-"""Kinematics and dynamics of the Panda, the one place that knows pinocchio.
+"""Kinematics and dynamics of the Panda, the only module that imports pinocchio.
 
 Rules of the room: plain float64 arrays in and out; frames stand in the names; a quaternion is x y z w; a
 wrench is force over moment, and acts on the robot, at the flange, in base axes. Joint positions

@@ -1,4 +1,4 @@
-"""Who may do what on the network, and the files that say so to Zenoh. Knows keys, no network."""
+"""Access of each role on the network, and the Zenoh files that enforce it. Has keys, and no network."""
 
 from caesura_service.security.roles import ROLES, Access, Identity, Role
 

@@ -1,7 +1,7 @@
 """Certificates for mutual TLS: an authority, a router named by its hosts, clients named by their roles.
 
 A client's certificate cannot serve as a router's, nor the other way round (extended key usage): a stolen
-station's certificate does not let anybody pose as the router.
+station's certificate does not let its holder pose as the router.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Issued:
 def new_authority(days: int = AUTHORITY_DAYS, *, now: datetime | None = None) -> Issued:
     """A self-signed authority that may sign certificates, and nothing below it may."""
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _name(f"Caesura authority {secrets.token_hex(4)}")  # two authorities are told apart by name
+    name = _name(f"Caesura authority {secrets.token_hex(4)}")  # the name distinguishes two authorities
     builder = (
         _builder(name, name, key.public_key(), days, now)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -76,7 +76,7 @@ def hosts_of(certificate: bytes) -> list[str]:
 
 
 def normal_host(host: str) -> str:
-    """A host as `hosts_of` tells it.
+    """Return a host in the form of `hosts_of`.
 
     >>> normal_host("FE80::0:1"), normal_host("Cell-Router")
     ('fe80::1', 'cell-router')
@@ -190,5 +190,5 @@ def _load(certificate: bytes) -> x509.Certificate:
 def _load_key(key: bytes) -> ec.EllipticCurvePrivateKey:
     loaded = serialization.load_pem_private_key(key, password=None)
     if not isinstance(loaded, ec.EllipticCurvePrivateKey):
-        raise SecurityError("the authority's key is of another kind than ours: expected an elliptic curve")
+        raise SecurityError("the authority's key has an unsupported type: expected an elliptic curve")
     return loaded

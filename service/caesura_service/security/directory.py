@@ -78,7 +78,7 @@ class Directory:
         certificate = self._file(holder.label, "crt")
         if not certificate.exists():
             known = ", ".join(one.label for one in self.holders())
-            raise SecurityError(f"{self.path} has no {label}; it has {known or 'nobody'}")
+            raise SecurityError(f"{self.path} has no {label}; it has {known or 'no certificate'}")
         away = self.path / "revoked"
         away.mkdir(mode=0o700, exist_ok=True)
         certificate.rename(away / f"{common_name(certificate.read_bytes())}.crt")
@@ -96,7 +96,7 @@ class Directory:
         return holders
 
     def holders(self) -> list[Identity]:
-        """Everybody who has a certificate."""
+        """Return the identities that have a certificate."""
         stems = sorted(file.stem for file in self.path.glob("*.crt"))
         return [_identity(stem) for stem in stems if stem not in {AUTHORITY, ROUTER}]
 
@@ -113,7 +113,7 @@ class Directory:
         complete = kept is not None and set(hosts) <= set(hosts_of(kept.certificate))
         if kept is not None and complete and ROUTER not in wanted.renew:
             return kept
-        for suffix in ("crt", "key"):  # nobody holds a right by it
+        for suffix in ("crt", "key"):  # no right depends on it
             self._file(ROUTER, suffix).unlink(missing_ok=True)
         return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
 
@@ -154,9 +154,9 @@ class Directory:
             self._derive(self._file(ROUTER, "password.json5"), text)
 
     def _users(self, authority: bytes) -> None:
-        """A password for everybody who has none."""
+        """Make a password for each identity that has none."""
         known = self._passwords()
-        if not known:  # Zenoh lets everybody in by an empty dictionary: nobody is given this password
+        if not known:  # Zenoh admits every client by an empty dictionary: no client gets this password
             known[ROUTER] = secrets.token_urlsafe(PASSWORD_BYTES)
         new = [holder for holder in self.holders() if holder.label not in known]
         for holder in new:

@@ -1,4 +1,4 @@
-"""Who could connect to an endpoint, told before it is listened on.
+"""Which peers could connect to an endpoint, checked before the service listens on it.
 
 An endpoint that other machines reach must demand credentials: a certificate (TLS or QUIC with `enable_mtls`
 and an authority of one's own; without one, Zenoh takes every public authority's word) or a password from a
@@ -88,7 +88,7 @@ def shown(endpoint: str, read: Read) -> Credentials:
 def refusal(endpoint: str) -> str:
     """Why an endpoint that other machines reach is not listened on, and what to do."""
     return (
-        f"{endpoint} can be reached from other machines, and whoever connects may do anything there: "
+        f"{endpoint} can be reached from other machines, where every client may do anything: "
         "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "
         "listen on 127.0.0.1, or say --insecure"
     )
@@ -98,12 +98,12 @@ def warnings(endpoint: str, read: Read) -> Iterator[str]:
     """What is to be said of an endpoint that is listened on though other machines reach it."""
     credentials = demanded(endpoint, read)
     if credentials == "nothing":
-        yield f"{endpoint} is open to everybody who reaches it: --insecure"
+        yield f"{endpoint} is open to every client that reaches it: --insecure"
         return
     if parse(endpoint).protocol not in ENCRYPTED:
         yield f"{endpoint} is not encrypted: who is on the way reads everything, and may take a link over"
     if not read("access_control/enabled"):
-        yield f"{endpoint} has no access rules: whoever has any {credentials} may pose as any station"
+        yield f"{endpoint} has no access rules: a client with any {credentials} may pose as any station"
 
 
 def _mutual(parsed: Endpoint, read: Read) -> bool:
@@ -115,7 +115,7 @@ def _mutual(parsed: Endpoint, read: Read) -> bool:
 
 
 def _has_users(dictionary: str | None) -> bool:
-    """Zenoh lets everybody in by a dictionary without a line."""
+    """Return whether a dictionary has a line; Zenoh admits every client by an empty one."""
     try:
         return bool(dictionary and Path(dictionary).read_text().strip())
     except (OSError, ValueError):

@@ -1,6 +1,6 @@
 """Every role, and what it may do. Access rules and their documentation are made from this table alone.
 
-What a role is not given here it does not have. A role is held by somebody with a name: `bridge.cell-1` may
+What a role is not given here it does not have. A role is held under a name: `bridge.cell-1` may
 be station cell-1 and no other, `service.caesura-1` the instance caesura-1 and no other.
 """
 
@@ -62,7 +62,7 @@ def _bridge(station: str) -> Access:
 
 
 def _dashboard(_name: str) -> Access:
-    """Whoever reads samples and results, of every station, and changes nothing."""
+    """Return the access of a viewer: samples and results of every station, and no change."""
     return Access(
         subscribe=(*RESULTS, PROGRAMS, SAMPLES, service_key("*", "status")),
         query=(SNAPSHOTS, PROGRAMS, service_key("*", "status")),
@@ -89,7 +89,7 @@ ROLES: Mapping[Role, Callable[[str], Access]] = {
 
 
 class Identity(NamedTuple):
-    """Somebody who holds a role. The label is the user name, and begins the certificate's common name.
+    """A holder of a role. The label is the user name, and begins the certificate's common name.
 
     >>> Identity("bridge", "cell-1").label
     'bridge.cell-1'

@@ -2,8 +2,8 @@
 
 A router looks at every message twice: when it comes in from one peer (ingress) and when it goes out to
 another (egress), each time with the rights of that peer. So each thing that may be done takes several
-messages, in two directions; `MESSAGES` has them all. Deny is the default, and whoever has no policy
-(a certificate that is no longer listed) may connect, and that is all.
+messages, in two directions; `MESSAGES` has them all. Deny is the default. A peer without a policy
+(its certificate is no longer listed) may connect and do nothing else.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ MESSAGES: Mapping[str, Mapping[Flow, tuple[str, ...]]] = {
     "subscribe": {"ingress": ("declare_subscriber",), "egress": ("put",)},
     "query": {"ingress": ("query",), "egress": ("reply",)},
     "answer": {"ingress": ("declare_queryable", "reply"), "egress": ("query",)},
-    # Without "reply": who may reply to the wide expression may reply in everybody's name. A refusal, which
-    # bears the expression that was asked, is lost thereby, and reads as no answer.
+    # Without "reply": a peer that may reply to the wide expression may reply in the name of every other.
+    # A refusal bears the expression of the query, so it is lost, and reads as no answer.
     "asked": {"egress": ("query",)},
     "hold": {"ingress": ("liveliness_token",)},
     "watch": {

@@ -114,7 +114,7 @@ def password_router_file(
     }
     comment = (
         "The router shows a certificate, clients a user and a password. zenohd looks for the dictionary\n"
-        "where it is started, caesura serve beside this file. An empty one would let everybody in."
+        "where it is started, caesura serve beside this file. An empty one would admit every client."
     )
     rules = access_control({holder: holder.label for holder in holders}, "usernames")
     return _router(remark, listen, (comment, {"transport": transport}), rules)
@@ -157,7 +157,7 @@ def _router(
             "accepts nothing for 100 ms after each TLS handshake that fails.",
             {"listen": {"endpoints": [patient(listen)]}},
         ),
-        ("Nobody is looked for: a factory network names its routers.", _QUIET),
+        ("No peer is searched for: a factory network names its routers.", _QUIET),
         security,
         (
             "A larger message is dropped without an answer; the service refuses those over half of it.",
@@ -178,7 +178,7 @@ def _client(endpoint: str, transport: Mapping[str, Any]) -> str:
             {"mode": "client"},
         ),
         ("The router; --connect names another.", {"connect": {"endpoints": [endpoint]}}),
-        ("Nobody is looked for.", _QUIET),
+        ("No peer is searched for.", _QUIET),
         ("How this client is known.", {"transport": {**transport, "shared_memory": {"enabled": False}}}),
     )
 

@@ -76,7 +76,7 @@ def view_of(snapshot: Snapshot) -> View:
 
 
 def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
-    """Where a closed session stands, told by its present owner. What counts for a process begins anew."""
+    """Return the standing of a closed session under its present owner; counts of the process begin anew."""
     status = snapshot.status
     last_seq: dict[Stream, int] = {
         "status": status.seq,

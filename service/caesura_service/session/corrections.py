@@ -144,7 +144,7 @@ class Corrections:
     def again(self, edit: Edit, kinds: Sequence[str]) -> Corrections:
         """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
 
-        kinds: of segments that the session knows, which another version of the service may have changed.
+        kinds: of segments in the session, which another version of the service may have changed.
         """
 
         def known(change: Change) -> Correction:
@@ -168,7 +168,7 @@ class Corrections:
 
 
 class Heeded:
-    """The corrections of a session, as the filter is told of them: observation by observation, in order."""
+    """The corrections of a session as constraints of the filter, by observation, in order."""
 
     def __init__(self, corrections: Sequence[Correction] = ()) -> None:
         known: dict[int, tuple[int, bool]] = {}
@@ -186,7 +186,7 @@ class Heeded:
         self._names = [one.name for one in corrections if one.name is not None]
 
     def start(self, index: int, until: float) -> bool | None:
-        """Does a segment start at observation `index`? None: nobody said.
+        """Return whether a segment starts at observation `index`; None without a correction.
 
         until: [s] up to which a time means this observation, or one before it. To be asked once for each.
         """
@@ -201,7 +201,7 @@ class Heeded:
         return answer
 
     def is_certain(self, index: int) -> bool:
-        """Has somebody said that a segment starts there?"""
+        """Return whether a correction sets a start there."""
         return index in self._certain
 
     def label(self, start: int, end: int) -> str | None:
@@ -210,7 +210,7 @@ class Heeded:
         return given[-1] if given else None
 
     def force_limit(self, app: App) -> float | None:
-        """[N] What an app shall not exceed; None where nobody said."""
+        """Return the force limit of an app [N]; None without a correction."""
         given = [newton for t, newton in self._forces if app.t0 <= t <= app.tn]
         return given[-1] if given else None
 
@@ -221,7 +221,7 @@ class Heeded:
 
     @property
     def limits_forces(self) -> bool:
-        """Has somebody limited a force?"""
+        """Return whether a correction limits a force."""
         return bool(self._forces)
 
 
@@ -254,7 +254,7 @@ def _check_time(t: float, shown: Shown, *, ahead: bool = False) -> None:
 
 
 def _meant(t: float, shown: Shown) -> Mark:
-    """The changepoint that somebody points at."""
+    """Return the changepoint that a correction names by its time."""
     _check_time(t, shown)
     near = sorted(shown.marks, key=lambda mark: abs(mark.t - t))
     for mark in near:
@@ -279,7 +279,7 @@ def _relabelled(t: float, kind: str, shown: Shown) -> Correction:
 
 def _check_kind(kind: str, kinds: Sequence[str]) -> None:
     if kind not in kinds:
-        why = "this session knows no such kind of segment"
+        why = "this session has no such kind of segment"
         raise ProtocolError("malformed", why, value=kind, expected=list(kinds))
 
 

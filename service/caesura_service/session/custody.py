@@ -1,7 +1,7 @@
-"""Which stations are ours, under which epoch, and which are just being taken.
+"""The stations that this instance owns, under which epoch, and those being taken over.
 
-An epoch is that of the taking: the time of day [ms], and above every one under which this instance or one
-beside it ever had the station, so that whoever took it last is right, whatever the clock did.
+A takeover sets the epoch: the time of day [ms], raised above every epoch under which this instance or one
+beside it ever had the station. So the last owner has the highest epoch, whatever the clock did.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ class Custody:
     """Stations by name."""
 
     def __init__(self, me: Owner, own: Journal, journals: Journals) -> None:
-        """me: with the lowest epoch that we speak under."""
-        self.served: Set[str] | None = None  # the stations that are ours; None: all
+        """me: this instance, with the lowest epoch that it publishes under."""
+        self.served: Set[str] | None = None  # the stations of this instance; None: all
         self._me = me
         self._own = own
         self._journals = journals
@@ -31,7 +31,7 @@ class Custody:
         return self._owners.get(station) or self.acquire(station, now)
 
     def acquire(self, station: str, now: float) -> Owner:
-        """Take a station, perhaps once more; from here on we speak under a higher epoch than anybody did."""
+        """Take a station, perhaps once more, under a higher epoch than any owner had."""
         before = self._owners.get(station, Owner(self._me.instance, self._me.epoch - 1)).epoch
         last = max(before, self._journals.epoch_of(station))
         owner = Owner(self._me.instance, max(int(now * 1000), last + 1))

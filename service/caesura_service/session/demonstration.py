@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 class Demonstration:
     """A pipeline and its standing, which is replaced at every change.
 
-    Most batches change nothing but how many there are: those are counted until somebody asks.
+    Most batches change only their number: they are counted until the state is read.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Demonstration:
         self._status_t = 0.0  # [s] session time of the last status
         self._program_t = 0.0  # [s] session time of the last program that was put
         self._program_unsaid = False  # has it changed since?
-        self.is_hushed = False  # has an occasion just been told, so that the next one has to wait?
+        self.is_hushed = False  # was a status just published, so that the next one has to wait?
         self._hushed_until: float | None = None  # [s] real time, once it is known
         self._unsaid = False  # has something been left unsaid meanwhile?
         preset = opening.preset or ""
@@ -100,7 +100,7 @@ class Demonstration:
         return self._guarded(step)
 
     def finish(self) -> list[Output]:
-        """Decide what is still open; the state tells whether that went well."""
+        """Decide what is still open; the state shows whether that succeeded."""
 
         def step() -> list[Output]:
             self._pipeline.finish()
@@ -202,7 +202,7 @@ class Demonstration:
         return self._occasion()
 
     def tick(self, now: float) -> list[Output]:
-        """Say what could not be said at once; `is_hushed` tells whether to call it again."""
+        """Publish a status that was postponed; `is_hushed` states whether to call it again."""
         if self._hushed_until is None or now < self._hushed_until:
             self._hushed_until = self._hushed_until or now + self._limits.hush_s
             return []
@@ -232,7 +232,7 @@ class Demonstration:
         return said
 
     def _occasion(self) -> list[Output]:
-        """A status at once, or with all that comes meanwhile a little later: nobody can make us shout."""
+        """Publish a status now, or coalesce: at most one per `hush_s`."""
         if self.is_hushed:
             self._unsaid = True
             return []
@@ -284,7 +284,7 @@ class Demonstration:
 def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:
     """As the pipeline does. Raises ProtocolError `malformed` where it finds that the samples cannot be right.
 
-    It says so by a plain ValueError, and has not changed then; every other error is ours.
+    It raises a plain ValueError and has not changed then; every other error is internal.
     """
     try:
         return pipeline.push(samples)

@@ -54,7 +54,7 @@ def filter_of(
 
 
 class Division:
-    """Takes the observations of a history one by one, with what somebody has said of them."""
+    """Filters the observations of a history one by one, with the corrections of each."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class Division:
         return len((self._decided or self.online).final) - self._final
 
     def step(self, index: int) -> None:
-        """Let the filter take an observation, with what somebody has said of it.
+        """Filter an observation, with its corrections.
 
         A segment that joins the one before begins somewhere between two observations: midway, then.
         """
@@ -129,7 +129,7 @@ class Division:
         return parts[count:]
 
     def _as_said(self, stretch: Stretch) -> Stretch:
-        """As somebody has placed and named it: given its ends, a name is the whole inference."""
+        """Return the segment as corrected: given its ends, the kind is the whole inference."""
         if self._heeded.is_certain(start := stretch.start):
             stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
         label = self._heeded.label(start, stretch.end)

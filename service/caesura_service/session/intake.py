@@ -79,7 +79,7 @@ class Intake:
         return [*self._lose(target, now), *self.ask(now)]
 
     def ask(self, now: float) -> list[Output]:
-        """For what is missing, if anything is and nobody has asked for it just now."""
+        """Request the missing batches, if there are any and no request is under way."""
         hole = self._ordering.hole() if self._is_open else None
         wanted = self._asking.question(hole, now)
         return [AskReplay(self._station, self._session, *wanted)] if wanted else []

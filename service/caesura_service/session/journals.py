@@ -53,7 +53,7 @@ class Journals:
         return dict(sorted(known.items(), key=lambda item: item[1].opened))
 
     def epoch_of(self, station: str) -> int:
-        """The highest epoch under which anybody had the station; -1 if nobody had."""
+        """Return the highest epoch under which any instance had the station; -1 if none had."""
         return max(self._own.epoch_of(station), self._siblings.epoch_of(station))
 
     def outcome(self, copies: Copies) -> Outcome | None:

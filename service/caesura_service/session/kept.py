@@ -1,4 +1,4 @@
-"""Messages that nothing can change any more, kept as the codec's own bytes and read when somebody asks.
+"""Final messages, stored as the codec's own bytes and decoded when they are read.
 
 What is kept only grows, so another thread may read what a view shows of it. The old ones are in a file.
 """
@@ -71,7 +71,7 @@ class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
             return self._between(at, at + 1)[0]
         kept = self._stop - self._start
         if index.start is not None and index.start >= kept and index.stop is index.step is None:
-            return self._rest[index.start - kept :]  # as nearly always: nobody asks for what is kept
+            return self._rest[index.start - kept :]  # the common case: no stored message is read
         start, stop, step = index.indices(len(self))
         return self._between(start, stop) if step == 1 else self._between(0, len(self))[index]
 
@@ -119,7 +119,7 @@ def packed(model: type[M], messages: Iterable[M]) -> Shown[M]:
 
 
 def alike(one: Sequence[M], other: Sequence[M]) -> int:
-    """So many of the first are the same ones, at least, as what is kept of them tells."""
+    """Return a lower bound on the length of the common prefix, from the stored bytes."""
     if not (isinstance(one, Shown) and isinstance(other, Shown)) or one._start != other._start:
         return 0
     start, stop = one._start, min(one._stop, other._stop)

@@ -1,4 +1,4 @@
-"""What a session is told beside wire messages, and what it says. Pure values."""
+"""The inputs of a session beside wire messages, and its outputs. Pure values."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Incoming = Open | SampleBatch | Heartbeat | Close | Edit | ReplayEnded
 
 @dataclass(frozen=True)
 class Publish:
-    """A result for everybody who listens."""
+    """A result for all subscribers."""
 
     message: Changepoints | Segments | Posterior | SessionStatus | Program
 
@@ -73,14 +73,14 @@ class Answer:
 
 @dataclass(frozen=True)
 class Refused:
-    """A message was refused and counted; its sender cannot be told."""
+    """A message was refused and counted; its sender gets no answer."""
 
     error: ProtocolError
 
 
 @dataclass(frozen=True)
 class Failed:
-    """The session ended by an error that is ours. For the log."""
+    """The session ended by an internal error. For the log."""
 
     station: str
     session: str
@@ -89,7 +89,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Forgotten:
-    """The journal no longer keeps a session, and nobody can ask for it. For the log."""
+    """The journal no longer keeps a session: it cannot be queried. For the log."""
 
     station: str
     session: str
@@ -107,7 +107,7 @@ class NotTaken:
 
 @dataclass(frozen=True)
 class Taken:
-    """The station is ours. For the log."""
+    """The station now belongs to this instance. For the log."""
 
     station: str
     epoch: int

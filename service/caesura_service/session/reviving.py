@@ -1,7 +1,7 @@
-"""Closed sessions that somebody wants to correct: folded again from the journal, a record at a time.
+"""Closed sessions with an edit waiting: folded again from the journal, a record at a time.
 
-What is answered for from its outcome has no mathematics behind it. Folding an hour takes seconds, which the
-other stations do not wait for: whoever asks is told to come again meanwhile.
+A session that is served from its outcome has no pipeline. Folding an hour takes seconds, for which the
+other stations do not wait: until it is done, the client is asked to retry.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Reviving:
         return bool(self._under_way)
 
     def ask(self, station: str, session: Session, owner: Owner) -> ProtocolError:
-        """Begin, or go on; returns what whoever wants to correct the session is told.
+        """Begin, or go on; return the answer to the client that edits the session.
 
         Raises ProtocolError `conflict` where it cannot be had, JournalError.
         """

@@ -2,10 +2,11 @@
 
 Rules
 - What changes the session is recorded before it is processed; replaying the records gives the same
-  session bit for bit. What cannot be recorded is not processed: the sender is told, and nothing is lost.
-- Nothing that was told is taken back by a crash. A batch may be told of before its record is safe, for the
-  bridge still has it; everything else is safe before it is processed, and everything before an
-  acknowledgement.
+  session bit for bit. What cannot be recorded is not processed: the sender gets a refusal, and
+  nothing is lost.
+- A crash never retracts a published result. The results of a batch may be published before its record is
+  safe, because the bridge still has it; everything else is safe before it is processed, and everything
+  before an acknowledgement.
 - A batch is processed in sequence, exactly once (`intake`).
 - A restarted bridge opens the session again with a higher epoch and continues numbering at the
   `next_seq` of the acknowledgement: what its predecessor had not delivered is gone. Until it has opened,
@@ -181,7 +182,7 @@ class Session:
     def check_revision(self, edit: Edit) -> None:
         """Raises ProtocolError `conflict` where the editor has not seen what there is."""
         if edit.revision != self.revision:
-            why = "somebody else has corrected the session meanwhile: look at it again"
+            why = "another operator has corrected the session meanwhile: look at it again"
             raise ProtocolError("conflict", why, value=edit.revision, limit=self.revision)
 
     def refuse(self, error: ProtocolError) -> list[Output]:
@@ -235,7 +236,7 @@ class Session:
             if again != self._opening:
                 why = f"the session is {self.standing.state}: give the new one another name"
                 raise ProtocolError("conflict", why, value=again.session) from refusal
-            return [Answer(refusal)]  # told again, it trails behind the close: nobody did wrong
+            return [Answer(refusal)]  # a repeated opening behind the close: no error
         if again.epoch == self._opening.epoch:
             self._check_bridge(again)
         mine = {"epoch": self._opening.epoch, "bridge": self._opening.bridge}
@@ -333,7 +334,7 @@ class Session:
             raise ProtocolError("conflict", why, value=epoch, limit=current)
 
     def _resume(self, again: Open, now: float) -> list[Output]:
-        """A restarted bridge cannot send what its predecessor kept: give up holes, and what nobody knows."""
+        """Declare holes lost: a restarted bridge cannot send what its predecessor kept."""
         said = self._intake.give_up_holes(now)  # recorded first: the opening says nothing of them
         self._records.append(again, now)
         self._opening = again

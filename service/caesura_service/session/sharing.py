@@ -1,7 +1,7 @@
 """Which instance serves which station: rendezvous hashing (highest random weight; Thaler & Ravishankar 1998).
 
-Everybody who knows the same instances comes to the same answer without a word. An instance that goes gives
-its stations away, evenly, and no other station moves; one that comes takes its share, and no more.
+Every instance that sees the same tokens computes the same assignment, without messages. When an instance
+leaves, its stations move, evenly, and no others; when one joins, it takes its share, and no more.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Bytes that only grow: the last ones in memory, what came before them in a file, in blocks of equal size.
 
 One file a process, without a name, so that it is gone with the process however that ends. A block's room is
-used again once nobody refers to it. What cannot be written stays in memory, and is tried again a block later.
+used again once no object refers to it. What cannot be written stays in memory, and is retried a block later.
 What is there may be read by any thread while another one appends.
 """
 

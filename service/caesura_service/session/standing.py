@@ -1,6 +1,6 @@
 """Where a session stands: immutable, replaced at every change, so that any thread may read it unlocked.
 
-The messages of a snapshot are made from it when somebody asks, not at every batch.
+The messages of a snapshot are made from it at a query, not at every batch.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A session made ours: from how it ended, from one's own records, and what another instance has beyond them.
+"""A session taken over: from its outcome, from own records, and from those of another instance beyond them.
 
-What another instance has recorded is taken like something that a bridge sends: it passes the same checks, is
-recorded here, and what is known already is passed over. So it does not matter how far anybody had come, and
-whatever cannot be read is asked of the bridge.
+The records of another instance are processed like messages of a bridge: they pass the same checks and are
+recorded here; duplicates are skipped. So the progress of either instance does not matter, and batches that
+cannot be read are requested from the bridge.
 """
 
 from __future__ import annotations
@@ -81,14 +81,14 @@ class Takeover:
         return (yield from self.rebuilt(copies, owner))
 
     def rebuilt(self, copies: Copies, owner: Owner) -> Steps:
-        """The session, folded from its records as far as anybody has them; None where it cannot be had."""
+        """Return the session, folded from all its records; None where they do not suffice."""
         session = yield from self._rebuilt(copies, owner)
         if session is not None and is_behind(session, copies):
             yield from self._followed(session, copies)
         return session
 
     def returned(self) -> list[Key]:
-        """Ended sessions that only a sibling had, and has no more; told once."""
+        """Ended sessions that only a sibling had, and has no more; each is returned once."""
         known = {station: self._journals.of(station) for station in {key[0] for key in self._borrowed}}
         gone = [key for key in self._borrowed if key[1] not in known[key[0]]]
         self._borrowed.difference_update(gone)

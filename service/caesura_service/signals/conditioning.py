@@ -4,7 +4,7 @@ Theory of operation. Samples become rows of a fixed grid (`grid`), rows become f
 the base frame (`flange`), these are filtered (`filtering`), tared (`tare`) and every tenth is handed on.
 Each stage maps a frozen state and its input to the next state and its output; the conditioner keeps the
 states and replaces them when a push has succeeded, so a push that raises has changed nothing. Most pushes
-complete no observation: of those samples nothing but the grid hears.
+complete no observation: only the grid processes their samples.
 
 What comes out does not depend on how the samples were cut into pushes, bit for bit.
 """
@@ -152,7 +152,7 @@ class Conditioner:
 
     @property
     def tare_note(self) -> str:
-        """What became of the tare, for whoever reads the results."""
+        """Return a note on the tare, for readers of the results."""
         tare = self._state.tare.tare
         return "Not tared yet: the tare window is not complete." if tare is None else tare.note
 

@@ -87,9 +87,9 @@ class Resampler:
     ) -> tuple[GridState | None, Resampled]:
         """Take samples (n, 1 + c), time first [s]. The state is None before the first one.
 
-        Keeps the matrix: nobody may write to it. broken: samples before these were lost for good. Raises
-        ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or leaps by
-        more than LEAP_LIMIT_S.
+        Keeps the matrix: the caller must not write to it. broken: samples before these were lost for good.
+        Raises ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or leaps
+        by more than LEAP_LIMIT_S.
         """
         steady = self.arithmetic.is_steady
         if state is not None and not broken and steady(samples, state.latest, self.gap_limit_s):

@@ -7,8 +7,9 @@ Rules
    happens when the fingers have settled, a release or an open when they begin to move; all are reported
    once they have settled, with the width at which they did. Fingers at v m/s are seen to stop up to
    still_range_m / v early and to begin as much late.
-3. The opening alone cannot tell an object from a commanded stop: fingers that close part of the way have
-   grasped. Nor can it tell what they hold at the start: posture is then open, or closed if nothing fits.
+3. The opening alone does not distinguish an object from a commanded stop: fingers that close part of the way
+   have grasped. Nor does it show what they hold at the start: posture is then open, or closed if nothing
+   fits.
 4. A column that is 0 has not said yet whether it is a flag (open) or an opening (closed). The first other
    value decides: 1 is a flag, which has no width; metres never reach 1.
 5. Movement slower than still_range_m / still_window_s (10 mm/s by default; a Panda's fingers travel 80 mm in
@@ -126,7 +127,7 @@ class GripperTracker:
         return state, GripperRows(early.events + late.events, np.concatenate([early.grips, late.grips]))
 
     def restarted(self, state: GripperState) -> GripperState:
-        """After a gap: what the fingers held they may still hold, but nobody has seen them rest."""
+        """Return the state after a gap: the fingers may still hold an object, but no rest was observed."""
         begun = state.last_row if state.still else state.begun
         return state._replace(tail=np.empty(0), still=False, begun=begun)
 
@@ -190,7 +191,7 @@ class GripperTracker:
         return [(i, bool(verdicts[i + 1])) for i in changed]
 
     def _closed_below(self, state: GripperState) -> float:
-        """Up to which opening fingers are closed, on something or nothing [m]; nan where nobody knows."""
+        """Up to which opening fingers are closed, on something or nothing [m]; nan where that is unknown."""
         if state.posture is None or state.signal == "undecided":
             return math.nan
         return -math.inf if state.posture == "open" else state.level + self.parameters.travel_m

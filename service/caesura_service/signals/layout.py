@@ -42,7 +42,7 @@ _KNOWN = {column: signal for signal, columns in SIGNALS.items() for column in co
 
 #: Column → how large its values may be, and what they are.
 LIMITS: Mapping[str, tuple[float, str]] = {
-    "t": (1e10, "a time [s]"),  # beyond it a double no longer tells samples at 1 kHz apart
+    "t": (1e10, "a time [s]"),  # beyond it a double no longer separates samples at 1 kHz
     "gripper": (1.0, "an opening [m] or a closed flag"),  # metres stay below it, a flag reaches it
 }
 LARGEST = float(np.finfo(np.float64).max)
@@ -78,7 +78,7 @@ class Layout:
         self._check_wrench()
 
     def __deepcopy__(self, memo: object) -> Self:
-        return self  # immutable, and its functions may hold a robot that is no state of ours
+        return self  # immutable, and its functions may hold a robot, which is not part of the state
 
     def has(self, signal: str) -> bool:
         """Whether the signal's columns are there."""
@@ -104,7 +104,7 @@ class Layout:
 
     @property
     def has_torque(self) -> bool:
-        """Whether a torque of the environment is measured: beside a force that tells contact."""
+        """Whether a torque of the environment is measured: beside a force that shows contact."""
         return self.has("torque") and self.has("force") and self.source.contact_models
 
     @cached_property

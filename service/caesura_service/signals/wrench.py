@@ -27,7 +27,7 @@ ASSUMED_NONE = "assumed: no wrench source is stated and there are no force colum
 class WrenchCapabilities:
     """Which models a wrench supports, and how its bias is estimated."""
 
-    contact_models: bool  # can contact and free space be told apart?
+    contact_models: bool  # can contact and free space be distinguished?
     transport_models: bool  # can a load be weighed?
     noise_n: float  # [N] scale of the static noise on each axis
     tare_speed_m_per_s: float  # up to which the force at the start is taken for bias

@@ -123,7 +123,7 @@ def test_somebody_elses_mcap_is_refused_with_what_it_has(tmp_path):
         writer.start()
         writer.register_channel(topic="/camera", message_encoding="json", schema_id=0)
         writer.finish()
-    with pytest.raises(CaesuraError, match=r"neither ours nor a rosbag2.*/camera"):
+    with pytest.raises(CaesuraError, match=r"neither Caesura's nor a rosbag2.*/camera"):
         load_recording(tmp_path / "foreign.mcap")
 
 

@@ -272,7 +272,7 @@ def test_a_newer_journal_is_refused_with_both_versions(path):
     newer = sqlite3.connect(path)
     newer.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
     newer.close()
-    with pytest.raises(JournalError, match=rf"version {SCHEMA_VERSION + 1}, this one knows {SCHEMA_VERSION}"):
+    with pytest.raises(JournalError, match=rf"version {SCHEMA_VERSION + 1}, this one reads {SCHEMA_VERSION}"):
         written(path)
 
 

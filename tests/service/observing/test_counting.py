@@ -120,7 +120,7 @@ def test_a_hole_is_a_question_then_a_gap(caplog):
     assert counted.gap_s == pytest.approx(6 * 0.2, abs=0.11)
     assert lines(caplog)[-2] == "cell-1/s1 asks for batches 3 to 8"
     assert lines(caplog)[-1].startswith("cell-1/s1 gap from 0.")
-    assert "(evicted): the samples were refused, or nobody has them" in lines(caplog)[-1]
+    assert "(evicted): the samples were refused, or no bridge has them" in lines(caplog)[-1]
     assert caplog.records[-1].levelno == logging.WARNING
     assert vars(caplog.records[-1])["station"] == STATION
     assert vars(caplog.records[-1])["session"] == NAME
@@ -200,9 +200,9 @@ def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
     registry = taught(watched(clock), 1)
     clock.now += 7.0
     registry.samples(STATION, heartbeat(0), 0.0)
-    assert registry.counting.of_station[STATION].heard == 100.0
+    assert registry.counting.of_station[STATION].received_s == 100.0
     registry.samples(STATION, batch(1), 0.0)
-    assert registry.counting.of_station[STATION].heard == 107.0
+    assert registry.counting.of_station[STATION].received_s == 107.0
 
 
 def test_what_a_restart_replays_is_not_counted_again():

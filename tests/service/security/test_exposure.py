@@ -132,7 +132,7 @@ def test_an_open_endpoint_is_not_listened_on(host):
 def test_insecure_listens_all_the_same_and_says_so(caplog):
     endpoint = f"tcp/0.0.0.0:{free_port()}"
     assert joined(listen=endpoint, insecure=True) == endpoint
-    assert f"{endpoint} is open to everybody" in caplog.text
+    assert f"{endpoint} is open to every client" in caplog.text
 
 
 def test_one_open_endpoint_among_several_in_a_file_is_enough(tmp_path):

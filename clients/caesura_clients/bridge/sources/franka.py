@@ -1,4 +1,4 @@
-"""A Franka arm through libfranka, whoever wraps it: its state, up to 1 kHz, read and never commanded.
+"""A Franka arm through any wrapper of libfranka: its state, up to 1 kHz, read and never commanded.
 
 What is read, in libfranka's words (franka::RobotState, robot_state.h):
   q [rad]; O_T_EE and F_T_EE, 4×4 in column-major order, from which the flange's pose is taken;
@@ -82,7 +82,7 @@ class FrankaSource:
             self._gripper = connected(f"{who}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
 
     def chunks(self) -> Iterator[Chunk]:
-        """About 20 ms of states at a time; a state that is told twice is taken once."""
+        """Yield about 20 ms of states at a time; a state that is read twice is yielded once."""
         rows: list[list[float]] = []
         first: int | None = None
         last = 0

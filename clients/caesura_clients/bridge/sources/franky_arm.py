@@ -1,9 +1,9 @@
 """The source `franky`: a Franka arm through franky-control. Needs the extra `franky`.
 
 Checked against franky-control 2.0.0 (its `_franky.pyi`): `Robot(fci_hostname, …, realtime_config=)`, property
-`Robot.state`, which waits for the next state while nobody moves the robot; in it `O_T_EE` and `F_T_EE` are
-`Affine`s (`.matrix`, 4×4), the others arrays, `time.to_msec()`; `Gripper(fci_hostname).state.width`. All of
-its exceptions derive from `franky.Exception`.
+`Robot.state`, which waits for the next state while no program moves the robot; in it `O_T_EE` and `F_T_EE`
+are `Affine`s (`.matrix`, 4×4), the others arrays, `time.to_msec()`; `Gripper(fci_hostname).state.width`. All
+of its exceptions derive from `franky.Exception`.
 
 Connecting is not wholly passive: franky sets the robot's collision thresholds (20 Nm, 30 N by default) in the
 constructor. It commands nothing else. Some of its versions read twice for one state, and so give 500 Hz.

@@ -1,10 +1,10 @@
 """The source `ros2`: live topics of ROS 2 over Zenoh, decoded and put together here. Needs the extra `ros2`.
 
-Two layouts of keys, told apart by their looks:
+Two layouts of keys, distinguished by their form:
   rmw_zenoh          <domain>/<topic>/<pkg>::msg::dds_::<Type>_/<hash>, payload CDR, an attachment of 33 bytes
                      (number, time, gid) that is not needed: times are those of the headers;
-  zenoh-bridge-ros2dds  [<namespace>/]<topic>, payload CDR; the key does not tell the type, a mapping must.
-Without a mapping every topic of a type that is read is taken, as far as rmw_zenoh's keys tell it.
+  zenoh-bridge-ros2dds  [<namespace>/]<topic>, payload CDR; the key does not contain the type, a mapping must.
+Without a mapping every topic of a type that is read is taken, as far as rmw_zenoh's keys contain it.
 
 Decoding a FrankaRobotState takes 0.1 ms, so it is done beside the robot, and the service gets batches.
 """
@@ -37,7 +37,7 @@ from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, Wrenc
 CHUNK_SAMPLES = 20
 PATIENCE_S = 0.1  # that a row waits for a topic that lags behind
 LISTEN_S = 0.5  # to what is there, from the first message on, where no mapping says what to wait for
-DISCOVER_S = 10.0  # until nobody is there
+DISCOVER_S = 10.0  # until no publisher has appeared
 CONNECT_S = 10.0
 TICK_S = 0.05
 INBOX = 16_384
@@ -54,8 +54,8 @@ class Heard(NamedTuple):
 class Ros2Source:
     """Topics as a Source; listens from the beginning, because the columns follow from what there is.
 
-    over: ends `chunks` from another thread, once what has come is told. Raises BadSource where nothing
-    comes in `discover_s`, where a payload cannot be decoded or a topic tells too little.
+    over: ends `chunks` from another thread, after the rows received so far. Raises BadSource where nothing
+    comes in `discover_s`, where a payload cannot be decoded or a topic lacks a needed signal.
     """
 
     length_unit: LengthUnit = "m"
@@ -112,7 +112,7 @@ class Ros2Source:
         self._stack.close()
 
     def chunks(self) -> Iterator[Chunk | Mark]:
-        """Rows as they become whole, what was heard while listening first."""
+        """Yield rows as they become whole, those of the discovery first."""
         try:
             rows: list[Row] = []
             for heard in self._all():
@@ -135,7 +135,7 @@ class Ros2Source:
             return self._joiner.push(stamp, self._plan.taken(heard.topic, heard.message))
 
     def _all(self) -> Iterator[Heard | None]:
-        """Everything that was and is heard; None where nothing has come for a moment."""
+        """Yield every message, those of the discovery first; None where none has come for a moment."""
         yield from self._heard
         self._heard = []
         while True:
@@ -165,7 +165,7 @@ class Ros2Source:
         kind = found.type or rule.type
         if kind is None:
             raise BadSource(
-                f"{found.topic}: its key does not tell its type: say it in a mapping, for example "
+                f"{found.topic}: its key does not contain its type: state it in a mapping, for example "
                 f'[topics."{found.topic}"] with type = "{READ[0]}"'
             )
         if kind not in READ:
@@ -196,7 +196,7 @@ class Ros2Source:
             there = ", ".join(sorted({one.topic.name for one in heard})) or "nothing"
             raise BadSource(
                 f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
-                f"{discover_s:g} s; heard {there}, listening to {', '.join(self._keys())}"
+                f"{discover_s:g} s; received {there}, listening to {', '.join(self._keys())}"
             )
         return heard
 
@@ -234,10 +234,10 @@ def open_ros2(
 
 
 class Key(NamedTuple):
-    """What a key tells."""
+    """The parts of a key."""
 
     topic: str
-    type: str | None  # None where it does not tell
+    type: str | None  # None where the key does not contain it
     hash: str | None
 
 

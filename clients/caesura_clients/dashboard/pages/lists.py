@@ -34,7 +34,7 @@ Columns = Sequence[tuple[str, str]]
 
 
 def build_sessions(site: Site) -> None:
-    """All sessions that the service knows."""
+    """Build the page of all sessions that the service holds."""
     _build(site, "Sessions", "/sessions", _sessions)
 
 
@@ -72,7 +72,7 @@ def _table(
 
 
 def _browsers() -> dict[str, Any]:
-    """From sending to hearing that it was seen, of the newest updates of all browsers."""
+    """Return the time from sending to acknowledgement, of the newest updates of all browsers."""
     measured = np.array(lags) * 1000.0
     if measured.size == 0:
         return {"viewers": str(len(Client.instances)), "median": "–", "worst": "–"}

@@ -81,7 +81,7 @@ class SessionPage:
         return {"columns" if first else "newColumns": run_lengths(fresh)}
 
     async def _edit(self, event: GenericEventArguments) -> None:
-        """Pass a correction on, without holding up anybody else's page."""
+        """Pass a correction on, without delaying any other page."""
         if self._corrector is None or not isinstance(event.args, dict):
             return
         try:

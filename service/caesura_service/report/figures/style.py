@@ -1,6 +1,6 @@
 """How every page looks: paper, ink, the colours of kinds and axes, and what recurs.
 
-Nothing is told by colour alone: kinds stand in words beside it, axes differ in their dashes.
+No colour carries a meaning alone: kinds also have their names, and axes their dashes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PAPER = "#fefefe"
 RED = "#d01c1f"
 BLUE = "#0072b2"
 WINE = "#882255"
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
+# Okabe and Ito's palette, which colour-blind readers can distinguish.
 COLOUR_OF_KIND = {
     "motion": "#56b4e9",
     "steady": "#bbbbbb",

@@ -107,25 +107,31 @@ class Outgoing:
             query.drop()  # type: ignore[no-untyped-call]
 
     def _ask(self, ask: AskReplay) -> None:
-        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
+        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW).
+
+        A question that fails ends: counted as under way for good, it would leave no room for others.
+        """
         asked = Asked(ask)
+        try:
+            self._get(asked, ask)
+        except Exception:
+            self._end(asked)
+            raise
+
+    def _get(self, asked: Asked, ask: AskReplay) -> None:
         wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1, ask.session)
         selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)}"
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
             lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
         )
-        try:
-            self._network.get(
-                selector,
-                handler,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.DATA_LOW,
-                timeout=QUERY_TIMEOUT_S,
-            )
-        except zenoh.ZError:
-            logger.exception("%s was not asked", ask)
-            self._end(asked)
+        self._network.get(
+            selector,
+            handler,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
+            timeout=QUERY_TIMEOUT_S,
+        )
 
     def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -141,7 +147,9 @@ class Outgoing:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.deliver(Ended(asked), asked.ask.station)
+        """Once: of a question that fails Zenoh ends some, and others not."""
+        if asked.ends():
+            self._inbox.deliver(Ended(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:

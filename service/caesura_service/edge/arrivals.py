@@ -22,7 +22,7 @@ MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
 
 
 class Content(NamedTuple):
-    """A payload as it came; empty if it was over the size limit, which `size` tells. Its texts are cut."""
+    """A payload as it came; empty if it was over the size limit; `size` is as it came. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -135,7 +135,7 @@ Arrival = Samples | Command | Ended | Presence | Linked | Watching | Unfinished
 
 
 def sources_of(station: str) -> tuple[str, str]:
-    """What the inbox knows a station by: live samples by their key, replayed ones by the station's name."""
+    """The inbox's names for a station: live samples by their key, replayed ones by the station's name."""
     return station_key(station, "samples"), station
 
 

@@ -71,7 +71,7 @@ class Outgoing:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
         message = publish.message
         if isinstance(message, SessionStatus):
-            message = as_told(message, self._inbox, self._budgets)
+            message = with_load(message, self._inbox, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
@@ -167,11 +167,11 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def as_told(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
-    """The status of a session with what the edge knows of its station: overload, and budgets."""
+def with_load(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
+    """The status of a session with the load that its station causes: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
-    known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
-    return status.model_copy(update=known)
+    load = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
+    return status.model_copy(update=load)
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:
@@ -199,6 +199,6 @@ def answer(query: zenoh.Query, key: str, message: Message) -> None:
 
 
 def refuse(query: zenoh.Query, error: ProtocolError) -> None:
-    """Tell the asker why not."""
+    """Reply with an error."""
     encoded = encode_error(error)
     query.reply_err(encoded.payload, encoding=encoded.encoding)

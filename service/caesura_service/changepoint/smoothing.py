@@ -27,8 +27,8 @@ class Smoothing:
     def __init__(self) -> None:
         self.window: Array = np.zeros(0)  # of the last observations, now
         self._past = array("d")  # of those before them
-        # Around a start, from an observation on: doubles, as bytes. There is one for each segment of a session,
-        # and the garbage collector would look through every array, again and again, with all stations waiting.
+        # Around a start, from an observation on: doubles, as bytes. Each segment of a session has one, and of
+        # arrays the garbage collector would visit every one, again and again, while all stations wait.
         self._undecided: dict[int, tuple[int, bytes]] = {}
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, NamedTuple, Self
@@ -21,7 +22,7 @@ MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
 
 
 class Content(NamedTuple):
-    """A payload as it came; empty if it was over the size limit, which `size` tells. Its texts are cut."""
+    """A payload as it came; empty if it was over the size limit; `size` is as it came. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -67,6 +68,11 @@ class Asked:
     replies: int = 0
     dropped: int = 0  # replies for which there was no room
     refusal: Content | None = field(default=None)
+    _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
+
+    def ends(self) -> bool:
+        """End it. False where it has ended before; any thread may ask."""
+        return self._over.acquire(blocking=False)
 
     def ended(self) -> ReplayEnded:
         """What it comes to. An answer that is no refusal of the protocol, like a timeout, counts as none."""
@@ -129,7 +135,7 @@ Arrival = Samples | Command | Ended | Presence | Linked | Watching | Unfinished
 
 
 def sources_of(station: str) -> tuple[str, str]:
-    """What the inbox knows a station by: live samples by their key, replayed ones by the station's name."""
+    """The inbox's names for a station: live samples by their key, replayed ones by the station's name."""
     return station_key(station, "samples"), station
 
 

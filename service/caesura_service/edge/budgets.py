@@ -1,8 +1,8 @@
 """What each station may use of an instance, what it has used, and what was refused because of that.
 
 Work, which is the worker's time, messages and bytes that a station puts, and commands have a budget each; the
-rates are in `rates`. Stations are told apart by name; keys that name no station count as one. Any thread may
-ask.
+rates are in `rates`. Stations are distinguished by name; keys that name no station count as one. Any thread
+may ask.
 """
 
 from __future__ import annotations
@@ -63,11 +63,13 @@ class Budgets:
         return self.refuse_work(station)
 
     def refuse_work(self, station: str) -> ProtocolError | None:
-        """Why a message is dropped or refused that would cause work, where it is."""
-        return self._refusal(station, "work") if self._work.is_spent(station) else None
+        """Count a message that is dropped or refused because it would cause work; why, where it is."""
+        if (refusal := self.exhausted(station)) is not None:
+            self._count(station, "work")
+        return refusal
 
     def exhausted(self, station: str) -> ProtocolError | None:
-        """The same words, for a station's sessions; nothing is counted."""
+        """Why a message that causes work is refused now, where it is. Counts nothing."""
         return self._words(station, "work") if self._work.is_spent(station) else None
 
     def spend(self, station: str, seconds: float) -> None:
@@ -108,17 +110,20 @@ class Budgets:
         return max(shares) + (FULL if station in self._refused else 0.0)
 
     def _refusal(self, station: str, use: Use) -> ProtocolError:
+        self._count(station, use)
+        return self._words(station, use)
+
+    def _count(self, station: str, use: Use) -> None:
         with self._lock:
             counts = self._refused.pop(station, {})
             self._refused[station] = {**counts, use: counts.get(use, 0) + 1}
             if len(self._refused) > SENDERS:
                 del self._refused[next(iter(self._refused))]
-        return self._words(station, use)
 
     def _words(self, station: str, use: Use) -> ProtocolError:
         """What was used, the limit, and when more may be."""
         (per_s, at_once), used = self._rates[use], self._used(station)[use]
-        if used == 0.0:  # a name that finds no room among those that are told apart
+        if used == 0.0:  # a name that finds no room among those that have a bucket
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"
             return ProtocolError("overloaded", why, value=station, limit=SENDERS)
         why = (

@@ -67,7 +67,7 @@ class Lanes:
         return True
 
     def _wake(self) -> None:
-        self._changed.notify()  # an idle thread may have been told of another lane, and not run yet
+        self._changed.notify()  # an idle thread may be awake for another lane, and not run yet
         if self._idle < len(self._ready) and len(self._threads) < THREADS:
             name = f"caesura-lanes-{len(self._threads)}"
             self._threads.append(threading.Thread(target=self._run, name=name, daemon=True))

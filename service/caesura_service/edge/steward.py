@@ -1,9 +1,9 @@
 """Looks after the stations of this instance: takes those that are its own, lets go of the others.
 
-Alone it serves everybody, by wildcards. With others it serves the stations that rendezvous hashing gives it,
-of those that have a bridge or a session. Whenever somebody may have served a station that is ours (an
-instance came, or our own link was lost), its journal is looked at before anything new is taken, and we speak
-under a new epoch; and again a little later, when whoever had it has let go.
+Alone it serves all stations, by wildcards. With others it serves the stations that rendezvous hashing gives
+it, of those that have a bridge or a session. Whenever another instance may have served a station that is ours
+(an instance came, or our own link was lost), its journal is looked at before anything new is taken, and we
+speak under a new epoch; and again a little later, when the instance that had it has let go.
 
 Runs in the worker's thread, a record at a time, so that stations that are served go on meanwhile.
 """
@@ -25,8 +25,8 @@ from caesura_service.session.sharing import share_of
 
 logger = logging.getLogger(__name__)
 
-LOOKS_S = (0.1, 0.5, 3.0)  # after a change: whoever lets go has done so, and whoever hung was noticed
-STATIONS = 4096  # with a token, that are told apart
+LOOKS_S = (0.1, 0.5, 3.0)  # after a change: an instance that lets go has done so, one that hung was noticed
+STATIONS = 4096  # with a token, that are remembered
 
 
 class Steward:
@@ -50,7 +50,7 @@ class Steward:
         self._due = float("inf")  # [s] the next change of membership by time alone
         self._looks: list[float] = []  # [s]
 
-    # --- the beginning, before anybody is told of us ----------------------------------------------------
+    # --- the beginning, before our token ----------------------------------------------------------------
 
     def begin(self, there: There) -> list[NotTaken]:
         """Take what will be ours, then let it reach us; returns what could not be taken."""
@@ -65,10 +65,10 @@ class Steward:
         missing = self._registry.restore(now, self._ours)
         self._registry.custody.served = served
         self._declare(served)
-        self._tell_of_start(time.monotonic() - began)
+        self._log_start(time.monotonic() - began)
         return missing
 
-    def _tell_of_start(self, took_s: float) -> None:
+    def _log_start(self, took_s: float) -> None:
         if standings := self._registry.board.standings():
             opened = sum(standing.is_open for standing in standings)
             logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)
@@ -79,7 +79,7 @@ class Steward:
     # --- in the worker's thread -------------------------------------------------------------------------
 
     def receive(self, arrival: Presence | Linked | Watching) -> None:
-        """Somebody came or went."""
+        """An instance or a bridge came or went."""
         now = self._clock()
         match arrival:
             case Watching():
@@ -103,7 +103,7 @@ class Steward:
         self._due = self._membership.due(now)
 
     def patience_s(self) -> float:
-        """How long nothing is to be done here unless somebody comes or goes."""
+        """How long nothing is to be done here unless an instance or a bridge comes or goes."""
         if self._queue or self._taking:
             return 0.0
         return max(0.0, min([self._due, *self._looks]) - self._clock())
@@ -143,7 +143,7 @@ class Steward:
         if before != self._members:
             logger.info("instances: %s", ", ".join(sorted(self._members)))
         if before == self._members == {self._me} and not renew:
-            return  # a bridge of somebody who is served already
+            return  # a bridge of a station that is served already
         served = self._share()
         ours = self._known() if served is None else served
         fresh = ours if renew else ours - self._ours

@@ -38,7 +38,7 @@ ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a pres
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
-OUT_M = 0.005  # from which on a movement leaves a contact
+OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 STROKE_ENDS_S = 0.5  # a rest at the end of a stroke that is shorter than this is no press of its own
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
@@ -115,7 +115,7 @@ def kept_steps(
         if not _lets_go(before, last, step, moment_at):
             read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
             read = _still_touching(beside, last, _as_touching(last, read, grips, moment_at), moment_at)
-            kept += [] if _pauses(read) or _ends_stroke(before, read) else [read]
+            kept += [] if _pauses(read) or _ends_stroke(last, before, read) else [read]
         before = step
     return kept
 
@@ -178,19 +178,21 @@ def _still_touching(beside: Step | None, last: Step | None, step: Step, moment_a
     base = _base(last, moment_at)
     normal = _direction(replace(beside, base=base).force)
     segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
-    out_m = float(np.subtract(segment.position_end, segment.position_start) @ normal)
-    if out_m > OUT_M or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
+    moved = np.subtract(segment.position_end, segment.position_start)
+    leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))
+    if leaves or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
         return step
     held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
     return replace(_as(step, "contact", force_held=held), base=base)
 
 
-def _ends_stroke(before: Step | None, step: Step) -> bool:
-    """Is it the rest at the end of a stroke along a surface?"""
+def _ends_stroke(last: Step | None, before: Step | None, step: Step) -> bool:
+    """Is it the rest at the end of a stroke along a surface, the last step that was kept?"""
+    if last is None or before is None or last.index != before.index:
+        return False
     segment = step.segment
-    slid = before is not None and before.touches and before.segment.motion == "motion"
-    rests = segment.kind == "contact" and step.seconds < STROKE_ENDS_S and not segment.corrected
-    return slid and rests and before is not None and not gives_way(before.segment)
+    slid = last.touches and last.segment.motion == "motion" and not gives_way(last.segment)
+    return slid and segment.kind == "contact" and step.seconds < STROKE_ENDS_S and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:

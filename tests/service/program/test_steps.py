@@ -128,15 +128,29 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool) ->
 
 
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
-    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses."""
+    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
+
+    The short press after it is no end of a stroke.
+    """
     made = program(
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 3.0, **held(13.0)),
         segment("sliding", 3.0, 5.0, **held(0.8), **ACROSS),
-        segment("contact", 5.0, 6.0, **held(13.0)),
+        segment("contact", 5.0, 5.4, **held(13.0)),
         at=drifted,
     )
     assert kinds(made) == ["move_to_contact", "apply_force", "move_to_contact", "apply_force"]
+
+
+def test_a_stroke_under_friction_is_a_contact_though_the_force_is_tilted() -> None:
+    x, y, z = DRIFT_N
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x + 1.5, y, z + 10.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 8.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
 
 
 @pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])

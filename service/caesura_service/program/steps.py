@@ -29,6 +29,7 @@ from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 
 GRAVITY = 9.81
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
+ROUNDED_S = 1e-6
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
@@ -88,6 +89,10 @@ class Step:
         """How long it lasts [s]."""
         return self.segment.tn - self.segment.t0
 
+    def lasts(self, least_s: float) -> bool:
+        """Does it last for so long [s]? Three observations are 0.3 s, whatever their times are rounded to."""
+        return self.seconds >= least_s - ROUNDED_S
+
     @property
     def touches(self) -> bool:
         """Is it in contact?"""
@@ -109,7 +114,7 @@ def kept_steps(
     touched = -1  # the last step in contact, however short
     for beside, step in zip([None, *steps], steps, strict=False):
         touched = beside.index if beside is not None and beside.touches else touched
-        if step.seconds < least_s:
+        if not step.lasts(least_s):
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, last, step, moment_at):
@@ -192,7 +197,7 @@ def _ends_stroke(last: Step | None, before: Step | None, step: Step) -> bool:
         return False
     segment = step.segment
     slid = last.touches and last.segment.motion == "motion" and not gives_way(last.segment)
-    return slid and segment.kind == "contact" and step.seconds < STROKE_ENDS_S and not segment.corrected
+    return slid and segment.kind == "contact" and not step.lasts(STROKE_ENDS_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
@@ -244,7 +249,7 @@ def _in_hand(step: Step, grips: Sequence[Grip], from_air: bool, moment_at: Momen
 def _pauses(step: Step) -> bool:
     """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
     segment = step.segment
-    return segment.kind == "hold" and step.seconds < HOLD_S and not segment.corrected
+    return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
 
 
 def holds(step: Step, grips: Sequence[Grip]) -> bool | None:

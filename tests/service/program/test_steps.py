@@ -184,6 +184,24 @@ def test_a_short_rest_at_the_end_of_a_stroke_is_its_end(seconds: float, presses:
     assert kinds(made) == ["move_to_contact", "apply_force", *["apply_force"] * presses, "cartesian_motion"]
 
 
+def test_three_observations_are_long_enough_whatever_their_times_are_rounded_to() -> None:
+    """A contact from 2.95 to 3.25 s was too short for 0.3 s, and one from 2.45 to 2.75 s was not."""
+    for t in (2.45, 2.95):
+        made = program(
+            segment("motion", 0.0, t),
+            segment("contact", t, t + 0.3, **held(9.0)),
+            segment("motion", t + 0.3, 6.0),
+            at=drifted,
+        )
+        assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+
+
+def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2), "force_held": (0.0, 0.0, 9.0)}
+    made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **down))
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+
+
 def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs() -> None:
     carry = segment("motion", 1.0, 2.0), segment("steady", 2.0, 3.5), segment("motion", 3.5, 4.2)
     assert kinds(program(*carry, grips=(GRASP,)))[1:] == ["transport", "hold", "transport"]

@@ -29,6 +29,7 @@ from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 
 GRAVITY = 9.81
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
+ROUNDED_S = 1e-6
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
@@ -38,7 +39,7 @@ ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a pres
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
-OUT_M = 0.005  # from which on a movement leaves a contact
+OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 STROKE_ENDS_S = 0.5  # a rest at the end of a stroke that is shorter than this is no press of its own
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
@@ -88,6 +89,10 @@ class Step:
         """How long it lasts [s]."""
         return self.segment.tn - self.segment.t0
 
+    def lasts(self, least_s: float) -> bool:
+        """Does it last for so long [s]? Three observations are 0.3 s, whatever their times are rounded to."""
+        return self.seconds >= least_s - ROUNDED_S
+
     @property
     def touches(self) -> bool:
         """Is it in contact?"""
@@ -109,13 +114,13 @@ def kept_steps(
     touched = -1  # the last step in contact, however short
     for beside, step in zip([None, *steps], steps, strict=False):
         touched = beside.index if beside is not None and beside.touches else touched
-        if step.seconds < least_s:
+        if not step.lasts(least_s):
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, last, step, moment_at):
             read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
             read = _still_touching(beside, last, _as_touching(last, read, grips, moment_at), moment_at)
-            kept += [] if _pauses(read) or _ends_stroke(before, read) else [read]
+            kept += [] if _pauses(read) or _ends_stroke(last, before, read) else [read]
         before = step
     return kept
 
@@ -178,19 +183,21 @@ def _still_touching(beside: Step | None, last: Step | None, step: Step, moment_a
     base = _base(last, moment_at)
     normal = _direction(replace(beside, base=base).force)
     segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
-    out_m = float(np.subtract(segment.position_end, segment.position_start) @ normal)
-    if out_m > OUT_M or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
+    moved = np.subtract(segment.position_end, segment.position_start)
+    leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))
+    if leaves or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
         return step
     held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
     return replace(_as(step, "contact", force_held=held), base=base)
 
 
-def _ends_stroke(before: Step | None, step: Step) -> bool:
-    """Is it the rest at the end of a stroke along a surface?"""
+def _ends_stroke(last: Step | None, before: Step | None, step: Step) -> bool:
+    """Is it the rest at the end of a stroke along a surface, the last step that was kept?"""
+    if last is None or before is None or last.index != before.index:
+        return False
     segment = step.segment
-    slid = before is not None and before.touches and before.segment.motion == "motion"
-    rests = segment.kind == "contact" and step.seconds < STROKE_ENDS_S and not segment.corrected
-    return slid and rests and before is not None and not gives_way(before.segment)
+    slid = last.touches and last.segment.motion == "motion" and not gives_way(last.segment)
+    return slid and segment.kind == "contact" and not step.lasts(STROKE_ENDS_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
@@ -242,7 +249,7 @@ def _in_hand(step: Step, grips: Sequence[Grip], from_air: bool, moment_at: Momen
 def _pauses(step: Step) -> bool:
     """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
     segment = step.segment
-    return segment.kind == "hold" and step.seconds < HOLD_S and not segment.corrected
+    return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
 
 
 def holds(step: Step, grips: Sequence[Grip]) -> bool | None:

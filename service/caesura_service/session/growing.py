@@ -106,4 +106,4 @@ class GrowingProgram:
 
     def _lasts(self, step: Step) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""
-        return step.seconds >= max(self.least_s, GRIP_SLACK_S)
+        return step.lasts(max(self.least_s, GRIP_SLACK_S))

@@ -128,15 +128,29 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool) ->
 
 
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
-    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses."""
+    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
+
+    The short press after it is no end of a stroke.
+    """
     made = program(
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 3.0, **held(13.0)),
         segment("sliding", 3.0, 5.0, **held(0.8), **ACROSS),
-        segment("contact", 5.0, 6.0, **held(13.0)),
+        segment("contact", 5.0, 5.4, **held(13.0)),
         at=drifted,
     )
     assert kinds(made) == ["move_to_contact", "apply_force", "move_to_contact", "apply_force"]
+
+
+def test_a_stroke_under_friction_is_a_contact_though_the_force_is_tilted() -> None:
+    x, y, z = DRIFT_N
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x + 1.5, y, z + 10.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 8.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
 
 
 @pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])
@@ -168,6 +182,24 @@ def test_a_short_rest_at_the_end_of_a_stroke_is_its_end(seconds: float, presses:
         at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0 if t < 4.0 + seconds else 0.0),
     )
     assert kinds(made) == ["move_to_contact", "apply_force", *["apply_force"] * presses, "cartesian_motion"]
+
+
+def test_three_observations_are_long_enough_whatever_their_times_are_rounded_to() -> None:
+    """A contact from 2.95 to 3.25 s was too short for 0.3 s, and one from 2.45 to 2.75 s was not."""
+    for t in (2.45, 2.95):
+        made = program(
+            segment("motion", 0.0, t),
+            segment("contact", t, t + 0.3, **held(9.0)),
+            segment("motion", t + 0.3, 6.0),
+            at=drifted,
+        )
+        assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+
+
+def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2), "force_held": (0.0, 0.0, 9.0)}
+    made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **down))
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
 
 
 def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs() -> None:

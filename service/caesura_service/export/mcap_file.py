@@ -11,8 +11,8 @@ from caesura_clients.formats.mcap_write import (
     TRANSFORM_S,
     UPRIGHT,
     Array,
-    Demonstration,
-    Entry,
+    McapContent,
+    McapMessage,
     Poses,
     every,
 )
@@ -29,15 +29,15 @@ def write_mcap(path: Path, taught: Taught) -> int:
     return write(path, told_of(taught))
 
 
-def entries(taught: Taught) -> list[Entry]:
+def entries(taught: Taught) -> list[McapMessage]:
     """Every message in order of time."""
     return list(entries_of(told_of(taught)))
 
 
-def told_of(taught: Taught) -> Demonstration:
+def told_of(taught: Taught) -> McapContent:
     """Return the content of a session's MCAP file."""
     opening, view = taught.opening, taught.view
-    return Demonstration(
+    return McapContent(
         station=taught.station,
         session=opening.session,
         preset=opening.preset or "",

@@ -20,7 +20,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from scipy.spatial import cKDTree
 
-from caesura_clients.programs.safety import Safety, Setting
+from caesura_clients.programs.safety import CellSettings, Safety
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import App
 from caesura_protocol.paths import align_signs
@@ -81,7 +81,7 @@ def travel(case: Case) -> Trip:
     teaching = Teaching(case.scenario, seed=case.seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     limit_n = LIMITS_N[case.scenario]
-    taught = segment_recording(recording, setting=Setting(force_limit_n=limit_n))
+    taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
     place = Place(teaching.scenario, teaching.person, case.seed)
     try:
         done = execute(taught.apps, place, Safety(force_n=limit_n))

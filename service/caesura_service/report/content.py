@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_clients.recording import Recording
 from caesura_service.recordings import segment_recording
 from caesura_service.report.replay import Belief, Replay, replay
@@ -96,7 +96,7 @@ class Content:
 
 
 def gather(
-    recording: Recording, preset: str, truth: Truth | None = None, setting: Setting = UNSET
+    recording: Recording, preset: str, truth: Truth | None = None, setting: CellSettings = UNSET
 ) -> Content:
     """Segment a recording and collect what there is to show; setting: what is asked of its program.
 

@@ -84,7 +84,7 @@ class Screwing:
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """The recording that an annotation belongs to: file name, SHA-256, where it comes from, its licence."""
 
     file: str
@@ -113,7 +113,7 @@ class Truth:
     robot: str = ""
     wrench_source: str | None = None
     hand_on_robot: str | None = None
-    source: Source | None = None
+    source: RecordingSource | None = None
     phases: tuple[Span, ...] = ()
     screws: tuple[Screwing, ...] = ()
 
@@ -230,7 +230,7 @@ def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | 
     return value
 
 
-def _source(entry: Any) -> Source | None:
+def _source(entry: Any) -> RecordingSource | None:
     """Read which recording an annotation names. Raises ValueError, KeyError."""
     if entry is None:
         return None
@@ -244,7 +244,7 @@ def _source(entry: Any) -> Source | None:
         raise ValueError(f"recording.file is {file!r}, expected a file name without a directory")
     if not isinstance(sha256, str) or not re.fullmatch(rf"[0-9a-f]{{{SHA256_DIGITS}}}", sha256):
         raise ValueError(f"recording.sha256 is {sha256!r}, expected {SHA256_DIGITS} lower-case hex digits")
-    return Source(file, sha256, _text(entry, "source"), _text(entry, "licence"))
+    return RecordingSource(file, sha256, _text(entry, "source"), _text(entry, "licence"))
 
 
 def _window(values: Any) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.extras import installing
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
-from caesura_service.report.content import Content, gather
+from caesura_service.report.content import ReportData, gather
 from caesura_service.truth import Truth, read_annotation, truth_file
 
 
@@ -61,7 +61,7 @@ def _report(
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> Content:
+def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
     try:
         return gather(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:

@@ -45,11 +45,11 @@ from caesura_service.session.ports import (
     Answer,
     AskReplay,
     Failed,
-    Forgotten,
     NotTaken,
     Output,
     Publish,
     Refused,
+    SessionDeleted,
     Taken,
 )
 from caesura_service.session.registry import REVIVING, Registry
@@ -245,7 +245,7 @@ class Worker(Threaded):
                     logger.error(
                         "%s/%s was closed by an error", station, session, exc_info=error, extra=fields
                     )
-                case Forgotten(station, session, why):
+                case SessionDeleted(station, session, why):
                     fields = {"station": station, "session": session}
                     logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
                 case NotTaken(station, session, error):

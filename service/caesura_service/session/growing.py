@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_protocol.messages import App, Gap
 from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Paths, Step, holds, task_program
-from caesura_service.session.kept import Kept, Shown
+from caesura_service.session.kept import Kept, MessageSequence
 from caesura_service.session.slices import give_way
 
 # Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
@@ -60,7 +60,7 @@ class GrowingProgram:
             self._seen.clear()
             begin = quiet
             give_way()
-        return Shown(self.built, self._program(steps[begin:], rest, gaps, grips))
+        return MessageSequence(self.built, self._program(steps[begin:], rest, gaps, grips))
 
     def _program(
         self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]

@@ -29,18 +29,18 @@ from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
     Change,
     Correction,
+    EditContext,
     Heeded,
-    Mark,
-    Shown,
-    Span,
+    VisibleChangepoint,
+    VisibleSegment,
     resolved,
 )
 from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, force_scale, holding
+from caesura_service.session.kept import EditContext as KeptShown
 from caesura_service.session.kept import Kept
-from caesura_service.session.kept import Shown as KeptShown
-from caesura_service.session.settled import Part
+from caesura_service.session.settled import SegmentEntry
 from caesura_service.session.slices import give_way
 from caesura_service.session.view import Pipeline, View
 from caesura_service.signals import (
@@ -299,7 +299,7 @@ class SegmentationPipeline:
             phases=self._phases_with(parts),
         )
 
-    def _phases_with(self, parts: list[Part]) -> Sequence[Phase]:
+    def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """The phases so far; parts: those that have not settled."""
         settled = self._division.settled
         segments = [part.segment for part in (*settled.since(self._phases.settled), *parts)]
@@ -307,7 +307,7 @@ class SegmentationPipeline:
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
         return KeptShown(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 
-    def _apps(self, unsettled: list[Part]) -> Sequence[App]:
+    def _apps(self, unsettled: list[SegmentEntry]) -> Sequence[App]:
         first = self._program.first
         parts = [*self._division.settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]
@@ -325,11 +325,11 @@ class SegmentationPipeline:
         limit_n = self._heeded.force_limit(app)
         return app if limit_n is None else with_force_limit(app, limit_n)
 
-    def _shown(self) -> Shown:
+    def _shown(self) -> EditContext:
         """What there is to correct."""
         parts = [*self._division.settled.since(0), *self._unsettled]
         spans = [
-            Span(
+            VisibleSegment(
                 t0=part.segment.t0,
                 tn=part.segment.tn,
                 start=part.start,
@@ -338,7 +338,7 @@ class SegmentationPipeline:
             )
             for i, part in enumerate(parts)
         ]
-        return Shown(
+        return EditContext(
             t_first=self._history.t(0) if parts else 0.0,
             t_last=self._view.t,
             finished=self._finished,
@@ -350,12 +350,12 @@ class SegmentationPipeline:
             force_limit_n=self._opening.force_limit_n,
         )
 
-    def _mark(self, before: Part, part: Part) -> Mark:
+    def _mark(self, before: SegmentEntry, part: SegmentEntry) -> VisibleChangepoint:
         """A changepoint, with what lies between its neighbours."""
         give_way()
         between = range(before.start + 1, part.end)
         shown, gaps = part.changepoint, self._division.online.boundaries
-        return Mark(
+        return VisibleChangepoint(
             t=shown.t,
             t_low=shown.t if shown.t_low is None else shown.t_low,
             t_high=shown.t if shown.t_high is None else shown.t_high,

@@ -37,7 +37,7 @@ from caesura_service.session.corrections import (
     Heeded,
     correction_of,
 )
-from caesura_service.session.kept import Shown as KeptShown
+from caesura_service.session.kept import MessageSequence as KeptShown
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.view import Pipeline, View
 

@@ -56,7 +56,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Span:
+class TrueSegment:
     """A stretch from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
 
     t0: float
@@ -106,7 +106,7 @@ class Truth:
     name: str
     window: tuple[float, float]
     points: tuple[Point, ...]
-    spans: tuple[Span, ...] = ()
+    spans: tuple[TrueSegment, ...] = ()
     loads: tuple[Quantity, ...] = ()
     forces: tuple[Quantity, ...] = ()
     hand_in_wrench: bool | None = None
@@ -114,7 +114,7 @@ class Truth:
     wrench_source: str | None = None
     hand_on_robot: str | None = None
     source: RecordingSource | None = None
-    phases: tuple[Span, ...] = ()
+    phases: tuple[TrueSegment, ...] = ()
     screws: tuple[Screwing, ...] = ()
 
 
@@ -268,14 +268,14 @@ def _point(mark: Mapping[str, Any]) -> Point:
     return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
 
 
-def _span(segment: Mapping[str, Any]) -> Span:
+def _span(segment: Mapping[str, Any]) -> TrueSegment:
     kind = segment["cls"]
     if kind not in KINDS:
         raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
-    return Span(*_ends(segment), kind)
+    return TrueSegment(*_ends(segment), kind)
 
 
-def _phases(content: Mapping[str, Any]) -> tuple[Span, ...]:
+def _phases(content: Mapping[str, Any]) -> tuple[TrueSegment, ...]:
     """Read the phases in order of time. Raises ValueError where two overlap, KeyError."""
     phases = tuple(sorted(_each(content, "phases", _phase), key=lambda phase: phase.t0))
     for before, after in pairwise(phases):
@@ -287,11 +287,11 @@ def _phases(content: Mapping[str, Any]) -> tuple[Span, ...]:
     return phases
 
 
-def _phase(entry: Mapping[str, Any]) -> Span:
+def _phase(entry: Mapping[str, Any]) -> TrueSegment:
     name = entry["name"]
     if not isinstance(name, str) or not name.strip():
         raise ValueError(f"name is {name!r}, expected text")
-    return Span(*_ends(entry), name)
+    return TrueSegment(*_ends(entry), name)
 
 
 def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:

@@ -91,7 +91,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class ReplayFinished:
     """A replay is complete, or was not answered."""
 
     asked: Asked
@@ -125,7 +125,7 @@ class Unfinished:
     lane: str
 
 
-Arrival = Samples | Command | Ended | Presence | Linked | Watching | Unfinished
+Arrival = Samples | Command | ReplayFinished | Presence | Linked | Watching | Unfinished
 
 
 def sources_of(station: str) -> tuple[str, str]:

@@ -30,14 +30,14 @@ from caesura_protocol.pieces import in_pieces
 from caesura_service.edge.arrivals import (
     Arrival,
     Asked,
-    Ended,
+    ReplayFinished,
     Samples,
     content_of,
     content_of_error,
     sources_of,
 )
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.inbox import WorkQueue
 from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import QUERY_TIMEOUT_S
 from caesura_service.session.ports import AskReplay, Publish
@@ -60,7 +60,9 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets, lanes: Lanes) -> None:
+    def __init__(
+        self, network: zenoh.Session, inbox: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes
+    ) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
         self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
@@ -141,7 +143,7 @@ class Outgoing:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.deliver(Ended(asked), asked.ask.station)
+        self._inbox.deliver(ReplayFinished(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
@@ -159,7 +161,7 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def as_told(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
+def as_told(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
     """The status of a session with what the edge knows of its station: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
     known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}

@@ -44,7 +44,7 @@ REST_N = 1e-6
 
 
 @dataclass(frozen=True)
-class Case:
+class RoundTripCase:
     """One person who teaches one scenario."""
 
     scenario: str
@@ -60,7 +60,7 @@ class Trip:
     that was run, app by app that moves; why: why it does not hold, None where it does.
     """
 
-    case: Case
+    case: RoundTripCase
     taught: tuple[str, ...]
     executed: tuple[str, ...]
     target_m: tuple[float, ...]
@@ -70,7 +70,7 @@ class Trip:
     path_rad: tuple[float, ...] = ()
 
 
-def travel(case: Case) -> Trip:
+def travel(case: RoundTripCase) -> Trip:
     """Go round once."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
     from caesura_clients.bridge.teacher.teaching import Teaching, finish  # noqa: PLC0415
@@ -141,7 +141,7 @@ def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
     return None
 
 
-def compared(case: Case, taught: Sequence[App], executed: Sequence[App]) -> Trip:
+def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> Trip:
     """What is different between the program that was run and the one that its recording gives."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
@@ -189,9 +189,9 @@ def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
     return tuple(app.kind for app in apps)
 
 
-def cases(seeds: Sequence[int]) -> list[Case]:
+def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
     """Every scenario by every person."""
-    return [Case(scenario, seed) for scenario in SCENARIOS for seed in seeds]
+    return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
 
 
 def summarise(trips: Iterable[Trip]) -> dict[str, list[Trip]]:

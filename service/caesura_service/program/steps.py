@@ -65,7 +65,7 @@ class Grip:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ProgramSegment:
     """A segment as the program sees it. base: of a contact, the force [N] before anything was touched."""
 
     index: int
@@ -91,11 +91,11 @@ class Step:
 
 
 def kept_steps(
-    steps: Sequence[Step], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
-) -> list[Step]:
+    steps: Sequence[ProgramSegment], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
+) -> list[ProgramSegment]:
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
     long = [step for step in steps if step.seconds >= least_s]
-    kept: list[Step] = []
+    kept: list[ProgramSegment] = []
     for before, step in zip([None, *long], long, strict=False):
         if not _lets_go(before, step):
             read = _leaving(_hanging(_in_hand(step, grips), grips))
@@ -135,7 +135,7 @@ def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
     return math.hypot(*vector)
 
 
-def _as_touching(before: Step | None, step: Step, moment_at: MomentAt) -> Step:
+def _as_touching(before: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
     """A contact, with the force before it; one that begins without a change goes on as what came before."""
     if before is None or not step.touches:
         return step
@@ -153,7 +153,7 @@ def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
     return x, y, z
 
 
-def _in_hand(step: Step, grips: Sequence[Grip]) -> Step:
+def _in_hand(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
     """What the fingers hold is carried, however light; what they have let go is not.
 
     Where they say nothing, what weighs nothing is not carried.
@@ -169,20 +169,20 @@ def _in_hand(step: Step, grips: Sequence[Grip]) -> Step:
     return step if carried else _as(step, "free")
 
 
-def _pauses(step: Step) -> bool:
+def _pauses(step: ProgramSegment) -> bool:
     """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
     segment = step.segment
     return segment.kind == "hold" and step.seconds < HOLD_S and not segment.corrected
 
 
-def holds(step: Step, grips: Sequence[Grip]) -> bool | None:
+def holds(step: ProgramSegment, grips: Sequence[Grip]) -> bool | None:
     """Whether the fingers hold something in the middle of it; None where they have not said anything."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
     last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
     return None if last is None else last.kind == "grasp"
 
 
-def _hanging(step: Step, grips: Sequence[Grip]) -> Step:
+def _hanging(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
     """A movement under a force that hangs on the robot is a carry, and so is a rest with something in hand.
 
     What a hand slides along pushes back; only a load pulls straight down.
@@ -195,14 +195,14 @@ def _hanging(step: Step, grips: Sequence[Grip]) -> Step:
     return _as(step, "transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
-def _leaving(step: Step) -> Step:
+def _leaving(step: ProgramSegment) -> ProgramSegment:
     """A movement far out of what was pressed goes on in the air: it is no press."""
     segment = step.segment
     leaves = segment.kind == "sliding" and gives_way(segment) and -pushed_in(segment) >= ARRIVES_M
     return _as(step, "free") if leaves else step
 
 
-def _lets_go(before: Step | None, step: Step) -> bool:
+def _lets_go(before: ProgramSegment | None, step: ProgramSegment) -> bool:
     """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off."""
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
@@ -211,7 +211,9 @@ def _lets_go(before: Step | None, step: Step) -> bool:
     return moved < DECAY_REACH_M and length(segment.force_end) < length(segment.force_start)
 
 
-def _as(step: Step, contact: str, load_kg: float | None = None, load_sd_kg: float | None = None) -> Step:
+def _as(
+    step: ProgramSegment, contact: str, load_kg: float | None = None, load_sd_kg: float | None = None
+) -> ProgramSegment:
     """The same movement or rest, touching nothing or carrying something; what somebody has named stays."""
     if step.segment.corrected:
         return step

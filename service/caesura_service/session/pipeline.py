@@ -24,7 +24,7 @@ from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.resistance import torsion_of
 from caesura_service.changepoint.threshold import check_level
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, Step
+from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, ProgramSegment
 from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
     Change,
@@ -38,8 +38,7 @@ from caesura_service.session.corrections import (
 from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, force_scale, holding
-from caesura_service.session.kept import EditContext as KeptShown
-from caesura_service.session.kept import Kept
+from caesura_service.session.kept import Kept, MessageSequence
 from caesura_service.session.settled import SegmentEntry
 from caesura_service.session.slices import give_way
 from caesura_service.session.view import Pipeline, View
@@ -305,7 +304,7 @@ class SegmentationPipeline:
         segments = [part.segment for part in (*settled.since(self._phases.settled), *parts)]
         decided, rest = self._phases.look(segments, len(settled), finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
-        return KeptShown(self._decided_phases, [self._heeded.named(phase) for phase in rest])
+        return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 
     def _apps(self, unsettled: list[SegmentEntry]) -> Sequence[App]:
         first = self._program.first
@@ -313,7 +312,7 @@ class SegmentationPipeline:
         starts = [*(part.changepoint.probability for part in parts), 1.0]
         starts[0] = starts[0] if first else 1.0
         steps = [
-            Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
+            ProgramSegment(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts)
         ]
         if self._program.paths is not None:  # the last segment goes on, and so does its path

@@ -21,11 +21,14 @@ from caesura_service.report.figures.style import LONGEST_S, windows
 from caesura_service.report.figures.tables import table_pages
 from caesura_service.report.tables import program_table, segments_table
 from caesura_service.report.writers import UnknownFormatError, write_report
-from caesura_service.truth import Point, Span, Truth
+from caesura_service.truth import Point, TrueSegment, Truth
 from harness.demonstrations import guided
 
 TRUTH = Truth(
-    "taught", (0.0, 3.0), (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)), (Span(0.0, 0.8, "steady"),)
+    "taught",
+    (0.0, 3.0),
+    (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)),
+    (TrueSegment(0.0, 0.8, "steady"),),
 )
 VOID = {"meta", "img", "br"}
 

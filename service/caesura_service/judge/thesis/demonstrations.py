@@ -124,7 +124,7 @@ TIMED: Mapping[str, Scenario] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Taught:
+class SuiteDemonstration:
     """One demonstration of the suite, not simulated yet. It can be pickled.
 
     wander: the sensor moves as drawn; gripper: it feels the gripper's inertia; timed: by the thesis' tables,

@@ -95,7 +95,7 @@ class Answers(Threaded):
             self._pass_on(Command(content_of_query(query), query))
 
     def _ask(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
-        if self._questions.allows("everybody"):  # a query does not say who asks
+        if self._questions.allows("every reader"):  # a query does not say who asks
             self._enqueue(how, query)
         else:
             _refuse_overload(query, "too many questions a second", self._questions.rates[0].per_s)

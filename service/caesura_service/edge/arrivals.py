@@ -17,11 +17,11 @@ from caesura_service.session.ports import AskReplay, ReplayEnded
 
 UNKNOWN = "?"  # the station of keys that name none
 OCTETS = "application/octet-stream"
-MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
+MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are shorter
 
 
 class Content(NamedTuple):
-    """A payload as it came; empty if it was over the size limit, which `size` tells. Its texts are cut."""
+    """A payload as it came; empty if it was over the size limit, which `size` shows. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -129,7 +129,7 @@ Arrival = Samples | Command | ReplayFinished | Presence | Linked | Watching | Un
 
 
 def sources_of(station: str) -> tuple[str, str]:
-    """What the inbox knows a station by: live samples by their key, replayed ones by the station's name."""
+    """Return a station's sources in the queue: its key for live samples, its name for replayed ones."""
     return station_key(station, "samples"), station
 
 

@@ -1,8 +1,8 @@
 """What each station may use of an instance, what it has used, and what was refused because of that.
 
 Work, which is the worker's time, messages and bytes that a station puts, and commands have a budget each; the
-rates are in `rates`. Stations are told apart by name; keys that name no station count as one. Any thread may
-ask.
+rates are in `rates`. Stations are distinguished by name; keys that name no station count as one. Any thread
+may ask.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Budgets:
     def _words(self, station: str, use: Use) -> ProtocolError:
         """What was used, the limit, and when more may be."""
         (per_s, at_once), used = self._rates[use], self._used(station)[use]
-        if used == 0.0:  # a name that finds no room among those that are told apart
+        if used == 0.0:  # a name that finds no room among those with a budget of their own
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"
             return ProtocolError("overloaded", why, value=station, limit=SENDERS)
         why = (

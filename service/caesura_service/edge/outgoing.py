@@ -162,7 +162,7 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
 
 
 def as_told(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
-    """The status of a session with what the edge knows of its station: overload, and budgets."""
+    """The status of a session with the edge's state of its station: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
     known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
     return status.model_copy(update=known)
@@ -184,7 +184,7 @@ def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
 
 
 def answer(query: zenoh.Query, key: str, message: Message) -> None:
-    """Reply to a query on a key of ours; a message that cannot go is refused instead."""
+    """Reply to a query on a key of this instance; a message that cannot go is refused instead."""
     try:
         for encoded in in_pieces(message):
             query.reply(key, encoded.payload, encoding=encoded.encoding)
@@ -193,6 +193,6 @@ def answer(query: zenoh.Query, key: str, message: Message) -> None:
 
 
 def refuse(query: zenoh.Query, error: ProtocolError) -> None:
-    """Tell the asker why not."""
+    """Reply with an error that states the reason."""
     encoded = encode_error(error)
     query.reply_err(encoded.payload, encoding=encoded.encoding)

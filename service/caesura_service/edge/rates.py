@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-SENDERS = 1024  # told apart; one more is let in once the one that was quiet for longest has full buckets
+SENDERS = 1024  # with own buckets; another is admitted once the one quiet for longest has full buckets
 
 
 class Rate(NamedTuple):
@@ -95,7 +95,7 @@ class RateLimit:
         ]
 
     def senders(self) -> list[str]:
-        """Those that are told apart now."""
+        """Return those that have buckets of their own now."""
         with self._lock:
             return list(self._buckets)
 
@@ -156,7 +156,7 @@ class WorkBudget:
         return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0
 
     def stations(self) -> list[str]:
-        """Those that are told apart now."""
+        """Return those that have buckets of their own now."""
         with self._lock:
             return list(self._left)
 

@@ -253,7 +253,8 @@ class Worker(Threaded):
                     logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)
                 case Taken(station, epoch, sessions, opened):
                     found = f"{sessions} sessions, {opened} of them open"
-                    logger.info("%s is ours, epoch %d, %s", station, epoch, found, extra={"station": station})
+                    text = "%s is owned by this instance, epoch %d, %s"
+                    logger.info(text, station, epoch, found, extra={"station": station})
                 case Answer():
                     raise TypeError("an answer without a question")
 

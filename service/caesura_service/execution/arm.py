@@ -65,7 +65,7 @@ class Setpoint:
 @dataclass(frozen=True)
 class ArmMeasurement:
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that it knows of; joints and their speeds (7,). torque: (3,) [Nm] that it
+    that it feels, without the load that is set; joints and their speeds (7,). torque: (3,) [Nm] that it
     feels about the flange, of the same force and of what resists its turning.
     """
 
@@ -89,7 +89,7 @@ class Arm:
         self._home = self._q
         self._v = np.zeros(7)
         self._rows: list[Array] = []
-        self.load_kg = 0.0  # that the controller knows of
+        self.load_kg = 0.0  # that is set in the controller
         self.felt = ArmMeasurement(
             np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v
         )
@@ -160,7 +160,7 @@ class Arm:
         return np.concatenate([force, torque])
 
     def _inertia(self, arm: HandDynamics, lever: Array) -> Array:
-        """Inertia (6, 6) of the arm at its flange, with the load that it knows of."""
+        """Inertia (6, 6) of the arm at its flange, with the load that is set."""
         mass = arm.mass_matrix
         if self.load_kg > 0.0:
             at_tip = tip_jacobian(arm.jacobian, lever)

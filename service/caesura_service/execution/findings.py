@@ -40,7 +40,7 @@ class CheckReport:
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """What somebody should know who runs it."""
+        """The findings that the operator should read before a run."""
         return tuple(one for one in self.findings if one.severity == "warning")
 
     @property

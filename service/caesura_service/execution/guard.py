@@ -1,7 +1,7 @@
 """Looks at every tick whether the robot is within its limits, and stops it with the reason if it is not.
 
-It stops before a limit: a little before those of speed and force, and where place or joints would pass theirs
-in the time that it takes to brake.
+It stops before a limit: a little before those of speed and force, and where place or joints would pass their
+limits in the time that it takes to brake.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Typical errors: what a method misses, where it cuts needlessly, and what it takes for what.
 
-For whoever improves the models. Sorted by how often, so that the first line is what is worth most.
+For developers of the models. Sorted by how often, so that the first line is what is worth most.
 """
 
 from __future__ import annotations

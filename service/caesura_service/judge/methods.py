@@ -1,6 +1,6 @@
 """What can be judged: one small interface, and our presets behind it.
 
-A method never sees the truth. Ours gets the samples batch by batch, as a session does, and what it says
+A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and what it says
 after each is kept, so that delays can be measured.
 """
 

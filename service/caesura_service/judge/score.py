@@ -58,7 +58,7 @@ class FoundSegmentation:
     """What a method makes of a recording.
 
     changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
-    method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
+    method needs the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
     probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
     next begins, None if the method finds none.
     """

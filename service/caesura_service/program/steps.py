@@ -214,7 +214,7 @@ def _lets_go(before: ProgramSegment | None, step: ProgramSegment) -> bool:
 def _as(
     step: ProgramSegment, contact: str, load_kg: float | None = None, load_sd_kg: float | None = None
 ) -> ProgramSegment:
-    """The same movement or rest, touching nothing or carrying something; what somebody has named stays."""
+    """The same movement or rest, touching nothing or carrying something; what an operator has named stays."""
     if step.segment.corrected:
         return step
     kind = KINDS[step.segment.motion, contact]

@@ -1,7 +1,7 @@
 """Whether a service is live, from liveliness tokens as they appear and disappear.
 
 >>> attendance = Attendance()
->>> [attendance.receive(Presence("service/a/alive", alive)) for alive in (True, True, False, True)]
+>>> [attendance.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
 ['there', None, 'gone', 'there']
 """
 

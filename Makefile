@@ -22,6 +22,7 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python scripts/check_words.py
 	$(BIN)/python scripts/write_schema.py --check
 	$(BIN)/python scripts/write_vectors.py --check
 	$(BIN)/python scripts/write_security.py --check

@@ -73,8 +73,19 @@ ROOMS = (
 )
 # What is not checked yet, with the reason.
 LEFT_OUT: dict[str, str] = {}
-# A ruled-out word that is right in its place: (file, word, reason).
-EXCUSED: tuple[tuple[str, str, str], ...] = ()
+# A ruled-out word or a class name that is right in its place: (file, word, reason).
+EXCUSED: tuple[tuple[str, str, str], ...] = (
+    (
+        "service/caesura_service/changepoint/kernels/layout.py",
+        "told",
+        "the name of an array of the kernels, which is renamed with the kernels",
+    ),
+    (
+        "service/caesura_service/journal/edits.py",
+        "Edit",
+        "the codec names a record by its class, and journals hold the record as the command Edit",
+    ),
+)
 
 
 class Finding(NamedTuple):
@@ -95,7 +106,7 @@ def words_in(path: str, line: int, text: str) -> Iterator[Finding]:
     for rule, pattern in WORDS.items():
         for match in pattern.finditer(prose):
             word = match.group()
-            if not any(path == file and word.lower() == excused for file, excused, _ in EXCUSED):
+            if not _is_excused(path, word):
                 yield Finding(path, line + prose.count("\n", 0, match.start()), rule, repr(word))
 
 
@@ -127,7 +138,7 @@ def in_source(path: str, text: str) -> Iterator[Finding]:
 def classes_in(path: str, text: str) -> Iterator[tuple[str, str, int]]:
     """Yield (name, path, line) of each class of a module, nested ones too."""
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ClassDef):
+        if isinstance(node, ast.ClassDef) and not _is_excused(path, node.name):
             yield node.name, path, node.lineno
 
 
@@ -164,6 +175,10 @@ def findings(top: Path) -> list[Finding]:
             found += in_source(path, text)
             classes += classes_in(path, text)
     return sorted([*found, *twice(classes)])
+
+
+def _is_excused(path: str, word: str) -> bool:
+    return any(path == file and word.lower() == excused.lower() for file, excused, _ in EXCUSED)
 
 
 def _without_code(text: str) -> str:

@@ -1,7 +1,7 @@
 """Whether a service is live, from liveliness tokens as they appear and disappear.
 
 >>> attendance = Attendance()
->>> [attendance.receive(Presence("service/a/alive", alive)) for alive in (True, True, False, True)]
+>>> [attendance.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
 ['there', None, 'gone', 'there']
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from caesura_clients.inbox import Inbox, Presence
+from caesura_clients.inbox import Inbox, TokenChange
 from caesura_clients.network import Transport
 from caesura_protocol.keys import service_key
 
@@ -30,7 +30,7 @@ class Attendance:
         """Is any service there?"""
         return bool(self._alive)
 
-    def receive(self, presence: Presence) -> Change | None:
+    def receive(self, presence: TokenChange) -> Change | None:
         """Take a presence: `there` for the first service, `gone` after the last one, else None."""
         before = bool(self)
         if presence.alive:
@@ -51,7 +51,7 @@ def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[N
         attendance = Attendance()
         while not over.is_set():
             item = inbox.get(TICK_S)
-            change = attendance.receive(item) if isinstance(item, Presence) else None
+            change = attendance.receive(item) if isinstance(item, TokenChange) else None
             if change is not None:
                 say(change)
 

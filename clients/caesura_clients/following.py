@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from caesura_clients.attendance import Attendance, Change
 from caesura_clients.errors import Unreachable
-from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.network import Transport
 from caesura_clients.query import services, snapshots
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
@@ -35,7 +35,7 @@ ALL_S = 600.0  # after which all are queried, whatever is received: the service 
 
 
 @dataclass(frozen=True)
-class Forgotten:
+class SessionRemoved:
     """The service no longer holds a session."""
 
     station: str
@@ -49,7 +49,7 @@ class ServiceIs:
     state: Change
 
 
-Event = Update | Forgotten | ServiceIs
+Event = Update | SessionRemoved | ServiceIs
 
 
 def follow(
@@ -98,7 +98,7 @@ def events(
             if isinstance(item, Delivery):
                 silent_s = 0.0
                 yield from follower.receive(item)
-            elif isinstance(item, Presence):
+            elif isinstance(item, TokenChange):
                 yield from follower.attend(item)
             yield from follower.look_after()
 
@@ -116,7 +116,7 @@ class _Follower:
         self._joining = Joining()
         self._asked_all = float("-inf")  # [s]
 
-    def attend(self, presence: Presence) -> Iterator[Event]:
+    def attend(self, presence: TokenChange) -> Iterator[Event]:
         """Yield that a service came or went, and query its sessions."""
         change = self._attendance.receive(presence)
         if change is not None:
@@ -181,7 +181,7 @@ class _Follower:
         else:
             self._silence.answered(key)
 
-    def _forget(self, missing: set[tuple[str, str]]) -> Iterator[Forgotten]:
+    def _forget(self, missing: set[tuple[str, str]]) -> Iterator[SessionRemoved]:
         """Drop what a second question does not bring up either, though every service there answers it."""
         again = self._ask(complete=True) if missing else None
         if again is None or not self._is_served():
@@ -189,7 +189,7 @@ class _Follower:
         for key in sorted(missing & self._missing(again)):
             del self._readers[key]
             self._silence.ended(key)
-            yield Forgotten(*key)
+            yield SessionRemoved(*key)
 
     def _is_served(self) -> bool:
         try:

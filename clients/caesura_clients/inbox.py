@@ -30,7 +30,7 @@ class Delivery(NamedTuple):
     encoding: str
 
 
-class Presence(NamedTuple):
+class TokenChange(NamedTuple):
     """A liveliness token appeared or went."""
 
     key: str
@@ -65,7 +65,7 @@ class Question(Protocol):
     ) -> None: ...
 
 
-Item = Delivery | Presence | Question
+Item = Delivery | TokenChange | Question
 
 
 class Inbox:
@@ -90,7 +90,7 @@ class Inbox:
             self.dropped += len(dropped)
             self._changed.notify()
         for oldest in dropped:
-            if not isinstance(oldest, Delivery | Presence):
+            if not isinstance(oldest, Delivery | TokenChange):
                 self._refuse(oldest)
 
     def get(self, timeout_s: float) -> Item | None:
@@ -125,6 +125,6 @@ def _size(item: Item) -> int:
     """Of what its sender chose the length of [bytes]."""
     if isinstance(item, Delivery):
         return len(item.payload) + len(item.key)
-    if isinstance(item, Presence):
+    if isinstance(item, TokenChange):
         return len(item.key)
     return len(item.parameters) + (len(item.content.payload) if item.content else 0)

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.network import QUERY_TIMEOUT_S, Answers, Priority, unanswered
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
+from caesura_clients.network import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
@@ -78,7 +78,7 @@ class MemoryTransport:
         *,
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
-    ) -> Answers:
+    ) -> QueryReplies:
         """Ask every queryable of the key and wait until each has ended its question."""
         with self._network.lock:
             asked = [inbox for known, inbox in self._network.queryables if intersect(known, key)]
@@ -87,7 +87,7 @@ class MemoryTransport:
             inbox.offer(question)
         late = [question for question in questions if not question.ended.wait(timeout_s)]
         refusals = [refusal for question in questions for refusal in question.refusals]
-        return Answers(
+        return QueryReplies(
             tuple(reply for question in questions for reply in question.replies),
             (*refusals, *(unanswered() for _ in late)),
         )
@@ -114,23 +114,23 @@ class MemoryTransport:
         """Be seen on the key."""
         with self._network.lock:
             self._network.tokens.append(key)
-            self._offer(self._network.watchers, key, Presence(key, alive=True))
+            self._offer(self._network.watchers, key, TokenChange(key, alive=True))
         try:
             yield
         finally:
             with self._network.lock:
                 self._network.tokens.remove(key)
-                self._offer(self._network.watchers, key, Presence(key, alive=False))
+                self._offer(self._network.watchers, key, TokenChange(key, alive=False))
 
     @contextmanager
     def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Presence for every token that is there, comes or goes."""
         with self._declared(self._network.watchers, key, inbox):
             for token in self.alive(key):
-                inbox.offer(Presence(token, alive=True))
+                inbox.offer(TokenChange(token, alive=True))
             yield
 
-    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: Delivery | Presence) -> None:
+    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: Delivery | TokenChange) -> None:
         with self._network.lock:
             inboxes = [inbox for known, inbox in declared if intersect(known, key)]
         for inbox in inboxes:

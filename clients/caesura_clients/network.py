@@ -14,7 +14,7 @@ QUERY_TIMEOUT_S = 2.0
 Priority = Literal["data_high", "data", "data_low"]
 
 
-class Answers(NamedTuple):
+class QueryReplies(NamedTuple):
     """What came back from a query. An empty one means: no queryable is there, or the query is forbidden."""
 
     replies: tuple[Delivery, ...]
@@ -46,7 +46,7 @@ class Transport(Protocol):
         *,
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
-    ) -> Answers:
+    ) -> QueryReplies:
         """Ask, and wait for every answer or the timeout, which is a refusal: see `unanswered`."""
 
     def alive(self, key: str) -> tuple[str, ...]:

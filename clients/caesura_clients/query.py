@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from caesura_clients.errors import Absent, Unreachable
-from caesura_clients.network import Answers, Transport
+from caesura_clients.network import QueryReplies, Transport
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
@@ -148,7 +148,7 @@ def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = F
     return decoded(transport.query(key), model, complete=complete)
 
 
-def decoded(answers: Answers, model: type[M], *, complete: bool = False) -> list[M]:
+def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) -> list[M]:
     """The answers. What is wrong with one is raised only where there is no other; a newer protocol always.
 
     complete: a refusal, or that pieces were lost, is raised wherever it is.

@@ -34,8 +34,8 @@ from zipfile import BadZipFile, is_zipfile
 import numpy as np
 
 from caesura_clients.errors import BadSource, CaesuraError
-from caesura_clients.formats.content import Array, Content
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.formats.content import Array, RawRecording
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_protocol.extras import installing
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -76,7 +76,7 @@ class Recording:
     ignored: tuple[str, ...] = field(default=(), compare=False)
     hand_on_robot: HandOnRobot = "unknown"
     declared_units: tuple[Quantity, ...] = field(default=(), compare=False)
-    setting: Setting = UNSET
+    setting: CellSettings = UNSET
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -155,7 +155,7 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "force_frame": FORCE_FRAMES,
     "length_unit": LENGTH_UNITS,
 }
-STATED = (*OPTIONS, *Setting._fields)  # all that a file may state
+STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 
@@ -224,14 +224,14 @@ def load_recording(
         if quantity in stated and name in arrays:
             arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
-    asked = {key: _positive(path, key, options.pop(key)) for key in Setting._fields if key in options}
+    asked = {key: _positive(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
         signals,
         name=path.name,
         ignored=tuple(ignored),
         declared_units=tuple(stated),
-        setting=Setting(**asked),
+        setting=CellSettings(**asked),
         **options,  # type: ignore[arg-type]
     )
     if check_units and (found := recording.implausible) is not None:
@@ -287,7 +287,7 @@ def did_you_mean(name: str) -> str | None:
 _ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")
 
 
-def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
     reader = _READERS.get(path.suffix.lower())
@@ -311,7 +311,7 @@ def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     _no_mapping(path, mapping)
     if not is_zipfile(path):
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
@@ -319,10 +319,10 @@ def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> Co
         arrays = {key: np.asarray(file[key], dtype=np.float64) for key in _ARRAYS if key in file.files}
         options = {key: str(file[key]) for key in STATED if key in file.files}
         ignored = [key for key in file.files if key not in {*_ARRAYS, *STATED}]
-    return Content(arrays, options, ignored)
+    return RawRecording(arrays, options, ignored)
 
 
-def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     if mapping is not None:
         from caesura_clients.formats.foreign_csv import read_foreign_csv  # noqa: PLC0415 - it imports us
         from caesura_clients.formats.mapping import load_mapping  # noqa: PLC0415
@@ -346,7 +346,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Co
     options = {key: value for key, value in stated.items() if key in STATED}
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
-    return Content(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+    return RawRecording(arrays, options, [*mistyped, *(name for name in column if name not in known)])
 
 
 def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
@@ -371,7 +371,7 @@ def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
     return not missing
 
 
-def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
     with needing("mcap", path):
         from caesura_clients.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
@@ -381,7 +381,7 @@ def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> C
     return read_mcap(path)
 
 
-def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> Content:
+def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     from caesura_clients.formats.mapping import load_mapping  # noqa: PLC0415 - it imports us
 
     with needing("ros2", path):
@@ -405,7 +405,7 @@ def needing(extra: str, what: object) -> Iterator[None]:
         raise BadSource(f"{what} needs {error.name}: {installing(extra)}") from error
 
 
-_Reader = Callable[[Path, Path | None, str | None], Content]
+_Reader = Callable[[Path, Path | None, str | None], RawRecording]
 _READERS: Mapping[str, _Reader] = {
     ".npz": _read_npz,
     ".csv": _read_csv,

@@ -24,8 +24,8 @@ import zenoh
 
 from caesura_clients.diagnosis import why_not
 from caesura_clients.errors import CaesuraError, Unreachable
-from caesura_clients.inbox import Delivery, Inbox, Presence
-from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Answers, Priority, unanswered
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
+from caesura_clients.network import DEFAULT_ENDPOINT, QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 
@@ -109,7 +109,7 @@ class ZenohTransport:
         *,
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
-    ) -> Answers:
+    ) -> QueryReplies:
         """Ask, and wait for every answer or the timeout. Consolidation is off: every answer counts."""
         payload, encoding = content or (None, None)
         with _translated(self.endpoint):
@@ -214,11 +214,11 @@ def _delivery(sample: zenoh.Sample) -> Delivery:
     return Delivery(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)[:MAX_TEXT])
 
 
-def _presence(sample: zenoh.Sample) -> Presence:
-    return Presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+def _presence(sample: zenoh.Sample) -> TokenChange:
+    return TokenChange(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
 
-def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> Answers:
+def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> QueryReplies:
     good: list[Delivery] = []
     refusals: list[ProtocolError] = []
     for reply in replies:
@@ -226,7 +226,7 @@ def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> Answers:
             good.append(_delivery(reply.ok))
         elif reply.err is not None:
             refusals.append(_refusal(reply.err))
-    return Answers(tuple(good), tuple(refusals))
+    return QueryReplies(tuple(good), tuple(refusals))
 
 
 def _refusal(error: zenoh.ReplyError) -> ProtocolError:

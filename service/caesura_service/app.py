@@ -24,7 +24,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
 from caesura_service.observing.health import alive, web_of
-from caesura_service.observing.metrics import Observed
+from caesura_service.observing.metrics import MetricsSource
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.ports import Owner, PipelineFactory
 from caesura_service.session.spool import SPOOL
@@ -71,7 +71,7 @@ class Service:
             stop=stop,
         )
         self.ready = False  # joined and declared: it can be found
-        self._observed = Observed(self.registry, self.status, lambda: self.ready, self._edge.budgets.of)
+        self._observed = MetricsSource(self.registry, self.status, lambda: self.ready, self._edge.budgets.of)
         self.web = None if self.config.metrics is None else web_of(self.config.metrics, self._observed)
         self._stack = ExitStack()
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.bridge.batching import Batcher
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_clients.recording import Recording, RecordingError
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -28,7 +28,7 @@ from caesura_service.signals import WrenchCapabilities
 BATCH_SAMPLES = 20
 
 
-def opening_of(recording: Recording, preset: str | None = None, setting: Setting = UNSET) -> Open:
+def opening_of(recording: Recording, preset: str | None = None, setting: CellSettings = UNSET) -> Open:
     """What a bridge states of the recording; what `setting` leaves open is as the recording states it."""
     return Open(
         session="file",
@@ -61,7 +61,7 @@ def views(
     preset: str = "default",
     *,
     threshold: float | None = None,
-    setting: Setting = UNSET,
+    setting: CellSettings = UNSET,
 ) -> Iterator[View]:
     """What is known after every batch of a recording, and last of all after its end.
 
@@ -108,7 +108,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
         declared_units=opening.declared_units,
-        setting=Setting(opening.force_limit_n, opening.path_tolerance_m, opening.path_tolerance_rad),
+        setting=CellSettings(opening.force_limit_n, opening.path_tolerance_m, opening.path_tolerance_rad),
         name=opening.session,
     )
 
@@ -118,7 +118,7 @@ def segment_recording(
     preset: str = "default",
     *,
     threshold: float | None = None,
-    setting: Setting = UNSET,
+    setting: CellSettings = UNSET,
     progress: Callable[[int], None] = lambda samples: None,
 ) -> View:
     """Segment a whole recording; progress is called with the number of samples taken. As `views`."""

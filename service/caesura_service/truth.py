@@ -56,7 +56,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Span:
+class TrueSegment:
     """A stretch from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
 
     t0: float
@@ -84,7 +84,7 @@ class Screwing:
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """The recording that an annotation belongs to: file name, SHA-256, where it comes from, its licence."""
 
     file: str
@@ -106,15 +106,15 @@ class Truth:
     name: str
     window: tuple[float, float]
     points: tuple[Point, ...]
-    spans: tuple[Span, ...] = ()
+    spans: tuple[TrueSegment, ...] = ()
     loads: tuple[Quantity, ...] = ()
     forces: tuple[Quantity, ...] = ()
     hand_in_wrench: bool | None = None
     robot: str = ""
     wrench_source: str | None = None
     hand_on_robot: str | None = None
-    source: Source | None = None
-    phases: tuple[Span, ...] = ()
+    source: RecordingSource | None = None
+    phases: tuple[TrueSegment, ...] = ()
     screws: tuple[Screwing, ...] = ()
 
 
@@ -230,7 +230,7 @@ def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | 
     return value
 
 
-def _source(entry: Any) -> Source | None:
+def _source(entry: Any) -> RecordingSource | None:
     """Read which recording an annotation names. Raises ValueError, KeyError."""
     if entry is None:
         return None
@@ -244,7 +244,7 @@ def _source(entry: Any) -> Source | None:
         raise ValueError(f"recording.file is {file!r}, expected a file name without a directory")
     if not isinstance(sha256, str) or not re.fullmatch(rf"[0-9a-f]{{{SHA256_DIGITS}}}", sha256):
         raise ValueError(f"recording.sha256 is {sha256!r}, expected {SHA256_DIGITS} lower-case hex digits")
-    return Source(file, sha256, _text(entry, "source"), _text(entry, "licence"))
+    return RecordingSource(file, sha256, _text(entry, "source"), _text(entry, "licence"))
 
 
 def _window(values: Any) -> tuple[float, float]:
@@ -268,14 +268,14 @@ def _point(mark: Mapping[str, Any]) -> Point:
     return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
 
 
-def _span(segment: Mapping[str, Any]) -> Span:
+def _span(segment: Mapping[str, Any]) -> TrueSegment:
     kind = segment["cls"]
     if kind not in KINDS:
         raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
-    return Span(*_ends(segment), kind)
+    return TrueSegment(*_ends(segment), kind)
 
 
-def _phases(content: Mapping[str, Any]) -> tuple[Span, ...]:
+def _phases(content: Mapping[str, Any]) -> tuple[TrueSegment, ...]:
     """Read the phases in order of time. Raises ValueError where two overlap, KeyError."""
     phases = tuple(sorted(_each(content, "phases", _phase), key=lambda phase: phase.t0))
     for before, after in pairwise(phases):
@@ -287,11 +287,11 @@ def _phases(content: Mapping[str, Any]) -> tuple[Span, ...]:
     return phases
 
 
-def _phase(entry: Mapping[str, Any]) -> Span:
+def _phase(entry: Mapping[str, Any]) -> TrueSegment:
     name = entry["name"]
     if not isinstance(name, str) or not name.strip():
         raise ValueError(f"name is {name!r}, expected text")
-    return Span(*_ends(entry), name)
+    return TrueSegment(*_ends(entry), name)
 
 
 def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:

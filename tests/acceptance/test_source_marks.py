@@ -13,7 +13,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.cli import build
-from caesura_clients.formats.mcap_write import Demonstration, write_mcap
+from caesura_clients.formats.mcap_write import McapContent, write_mcap
 from caesura_service.recordings import segment_recording
 from harness import ros
 from harness.processes import QUICK, RECORDING, SESSION, serving
@@ -55,7 +55,7 @@ def test_a_pedal_forces_a_changepoint(caesura):
 
 def as_mcap(path: Path) -> tuple[str, Path, tuple[str, ...]]:
     out = path / "x.mcap"
-    write_mcap(out, Demonstration("cell-1", "s1", "default", RECORDING, 1e9, RECORDING.columns))
+    write_mcap(out, McapContent("cell-1", "s1", "default", RECORDING, 1e9, RECORDING.columns))
     return "mcap", out, ()
 
 

@@ -54,7 +54,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "segments and changepoints": ((Division, "look"), (Division, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
-    "counting and telling": ((Counting, "take"), (Counting, "hear"), (Chronicle, "take")),
+    "counting and logging": ((Counting, "take"), (Counting, "hear"), (Chronicle, "take")),
 }
 REST = "order, standing, all else"
 

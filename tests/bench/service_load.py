@@ -28,7 +28,7 @@ import zenoh
 from machine import machine, options, pace_ms, tell
 
 from caesura_clients.errors import CaesuraError
-from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.query import snapshot
 from caesura_clients.recording import load_recording
 from caesura_clients.transport import ZenohTransport
@@ -234,7 +234,7 @@ def replay(asked: Inbox, content: Mapping[str, Sequence[Encoded]]) -> None:
     """Send again what somebody missed, as a bridge does."""
     while True:
         question = asked.get(60.0)
-        if question is None or isinstance(question, Delivery | Presence):
+        if question is None or isinstance(question, Delivery | TokenChange):
             continue
         with question:
             wanted = parse_replay_parameters(question.parameters)

@@ -21,7 +21,7 @@ from caesura_clients.bridge.sources.franka import FrankaSource, state_of
 from caesura_clients.errors import BadSource
 from caesura_clients.formats.joining import Joiner
 from caesura_clients.formats.ros_messages import TopicRule, stamp_of
-from caesura_clients.formats.ros_plan import Plan, Topic
+from caesura_clients.formats.ros_plan import Topic, TopicSelection
 from caesura_clients.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder
 from clients.fake_franka import Script, fake_libfranka, state
 from harness import ros
@@ -50,7 +50,7 @@ def live(messages: list[ros.Message], signals: dict[str, str]) -> float:
     kinds = {topic: kind for topic, kind, _, _ in messages}
     topics = {topic: Topic(topic, kind, TopicRule(topic)) for topic, kind in kinds.items()}
     payloads = [(topics[topic], ros.cdr(message, kind)) for topic, kind, _, message in messages]
-    plan, joiner, read = Plan(signals, {}), Joiner(tuple(signals), patience_s=0.1), decoder()
+    plan, joiner, read = TopicSelection(signals, {}), Joiner(tuple(signals), patience_s=0.1), decoder()
     begun, rows = time.perf_counter(), 0
     for topic, payload in payloads:
         message = read.read(topic.type, payload)

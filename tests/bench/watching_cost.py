@@ -19,7 +19,7 @@ from caesura_protocol.messages import JournalReport, ServiceStatus
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.rates import RateSettings
 from caesura_service.journal import MemoryJournal
-from caesura_service.observing.metrics import Observed, metrics_of
+from caesura_service.observing.metrics import MetricsSource, metrics_of
 from caesura_service.observing.watched import WatchedRegistry
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
@@ -69,7 +69,7 @@ def scrape(registry: WatchedRegistry) -> float:
         dropped=0,
         journal=journal,
     )
-    page = metrics_of(Observed(registry, lambda: status, lambda: True, Budgets(RateSettings()).of))
+    page = metrics_of(MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).of))
     began = time.process_time()
     generate_latest(page)
     return 1e3 * (time.process_time() - began)

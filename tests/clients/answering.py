@@ -6,7 +6,7 @@ import threading
 from contextlib import ExitStack
 from typing import Self
 
-from caesura_clients.inbox import Delivery, Inbox, Presence, Question
+from caesura_clients.inbox import Delivery, Inbox, Question, TokenChange
 from caesura_clients.memory import intersect
 from caesura_clients.network import Transport
 from caesura_protocol.codec import Encoded, encode
@@ -62,7 +62,7 @@ class Answering:
     def _run(self) -> None:
         while not self._over.is_set():
             question = self._inbox.get(TICK_S)
-            if question is not None and not isinstance(question, Delivery | Presence):
+            if question is not None and not isinstance(question, Delivery | TokenChange):
                 with question:
                     self._answer(question)
 

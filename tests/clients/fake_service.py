@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from caesura_clients.inbox import Delivery, Inbox, Presence, Question
+from caesura_clients.inbox import Delivery, Inbox, Question, TokenChange
 from caesura_clients.network import Transport
 from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import ProtocolError
@@ -79,7 +79,7 @@ class FakeService:
             item = self._inbox.get(TICK_S)
             if isinstance(item, Delivery):
                 self._take(item.key, decode(item.payload, item.encoding, SampleBatch, Heartbeat))
-            elif item is not None and not isinstance(item, Presence):
+            elif item is not None and not isinstance(item, TokenChange):
                 with item:
                     self._command(item)
             self._drain()

@@ -21,8 +21,8 @@ from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
 from caesura_clients.doctor.examination import examine_network, examine_recording, judge, our_version
-from caesura_clients.doctor.facts import Facts, Heard, Reported, gather
-from caesura_clients.doctor.findings import Finding, Grade
+from caesura_clients.doctor.facts import Facts, ReceivedStatus, Reported, gather
+from caesura_clients.doctor.findings import CheckResult, Grade
 from caesura_clients.doctor.reach import no_session
 from caesura_clients.doctor.signal import cells_at_rest
 from caesura_clients.errors import NotLetIn, Unreachable
@@ -41,11 +41,11 @@ from clients.test_bridge import QUICK
 NOW = 1000.0
 
 
-def grades(found: list[Finding], check: str) -> list[Grade]:
+def grades(found: list[CheckResult], check: str) -> list[Grade]:
     return [one.grade for one in found if one.check == check]
 
 
-def said(found: list[Finding], check: str) -> str:
+def said(found: list[CheckResult], check: str) -> str:
     return "\n".join(f"{one.found} → {one.remedy}" for one in found if one.check == check)
 
 
@@ -96,7 +96,7 @@ def well(**changes: object) -> Facts:
         reported=[service()],
         bridges=[last.station],
         snapshots=[one],
-        statuses={(last.station, last.session): [Heard(0.0, first), Heard(1.0, last)]},
+        statuses={(last.station, last.session): [ReceivedStatus(0.0, first), ReceivedStatus(1.0, last)]},
         listened_s=1.0,
     )
     for name, value in changes.items():
@@ -108,7 +108,7 @@ def well(**changes: object) -> Facts:
 def heard(facts: Facts, **changes: object) -> Facts:
     """The same, with the station's last status changed."""
     ((key, (first, last)),) = facts.statuses.items()
-    changed = Heard(last.at, last.status.model_copy(update=changes))
+    changed = ReceivedStatus(last.at, last.status.model_copy(update=changes))
     facts.statuses = {key: [first, changed]}
     return facts
 
@@ -235,7 +235,7 @@ def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
 )
 def test_a_session_that_has_just_begun_does_not_hang(first_at, grade, words):
     begun = status(batches=1, samples=20, t=0.02)
-    facts = well(statuses={(begun.station, begun.session): [Heard(first_at, begun)]}, listened_s=3.0)
+    facts = well(statuses={(begun.station, begun.session): [ReceivedStatus(first_at, begun)]}, listened_s=3.0)
     found = list(judge(facts))
     assert grades(found, "samples") == [grade]
     assert words in said(found, "samples")

@@ -14,7 +14,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.franka import FrankaSource
 from caesura_clients.bridge.sources.table import SourceOptions, open_source
 from caesura_clients.errors import BadSource
-from caesura_clients.formats.poses import HERE, Pose, flange_of, multiply, pose_of, rotate
+from caesura_clients.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
 from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
 from clients.fake_service import FakeService, eventually
 from clients.test_bridge import QUICK
@@ -174,7 +174,7 @@ def test_a_missing_extra_is_named(monkeypatch, arm):
 # --- poses ------------------------------------------------------------------------------------------------
 
 
-def matrix_of(pose: Pose) -> np.ndarray:
+def matrix_of(pose: Transform) -> np.ndarray:
     matrix = np.eye(4)
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     matrix[:3, :3] = np.array([rotate(pose.orientation, axis) for axis in axes]).T
@@ -185,7 +185,7 @@ def matrix_of(pose: Pose) -> np.ndarray:
 coordinates = st.floats(-2.0, 2.0)
 quaternions = st.tuples(*[coordinates] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
 poses = st.builds(
-    lambda p, q: Pose(p, tuple((np.array(q) / np.linalg.norm(q)).tolist())),
+    lambda p, q: Transform(p, tuple((np.array(q) / np.linalg.norm(q)).tolist())),
     st.tuples(*[coordinates] * 3),
     quaternions,
 )
@@ -208,7 +208,7 @@ def test_a_matrix_and_its_pose_are_the_same_rotation(pose):
 @given(poses)
 def test_without_a_tool_the_pose_is_untouched(pose):
     assert flange_of(pose, HERE) is pose
-    assert flange_of(pose, Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))) is pose
+    assert flange_of(pose, Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))) is pose
     assert multiply(pose.orientation, HERE.orientation) == pytest.approx(pose.orientation)
 
 

@@ -12,7 +12,7 @@ import pytest
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.inbox import Delivery
-from caesura_clients.network import Answers, unanswered
+from caesura_clients.network import QueryReplies, unanswered
 from caesura_clients.query import ASKED, decoded, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.codec import encode
@@ -110,9 +110,9 @@ def pieces_of(snapshot: Snapshot) -> list[Delivery]:
 
 def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
     parts = pieces_of(long := long_snapshot())
-    assert decoded(Answers(tuple(parts), ()), Snapshot) == [long]
+    assert decoded(QueryReplies(tuple(parts), ()), Snapshot) == [long]
     with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
-        decoded(Answers(tuple(parts[1:]), ()), Snapshot)
+        decoded(QueryReplies(tuple(parts[1:]), ()), Snapshot)
 
 
 class Lossy:
@@ -120,19 +120,19 @@ class Lossy:
 
     endpoint = "nowhere"
 
-    def __init__(self, parts: list[Delivery], spoilt: Answers, losses: int) -> None:
+    def __init__(self, parts: list[Delivery], spoilt: QueryReplies, losses: int) -> None:
         self.parts, self.spoilt, self.losses, self.asked = parts, spoilt, losses, 0
 
-    def query(self, key: str) -> Answers:
+    def query(self, key: str) -> QueryReplies:
         self.asked += 1
-        return self.spoilt if self.asked <= self.losses else Answers(tuple(self.parts), ())
+        return self.spoilt if self.asked <= self.losses else QueryReplies(tuple(self.parts), ())
 
 
 @pytest.mark.parametrize("losses", [0, 1, ASKED - 1])
 @pytest.mark.parametrize("is_late", [False, True])
 def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses: int, is_late: bool):
     parts = pieces_of(long := long_snapshot())
-    spoilt = Answers((), (unanswered(),)) if is_late else Answers(tuple(parts[1:]), ())
+    spoilt = QueryReplies((), (unanswered(),)) if is_late else QueryReplies(tuple(parts[1:]), ())
     lossy = Lossy(parts, spoilt, losses)
     assert snapshots(lossy, "cell-1", "s1") == [long]
     assert lossy.asked == losses + 1
@@ -140,7 +140,7 @@ def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses
 
 def test_an_answer_that_always_loses_a_piece_is_an_error():
     parts = pieces_of(long_snapshot())
-    lossy = Lossy(parts, Answers(tuple(parts[1:]), ()), ASKED)
+    lossy = Lossy(parts, QueryReplies(tuple(parts[1:]), ()), ASKED)
     with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
         snapshots(lossy, "cell-1", "s1")
     assert lossy.asked == ASKED

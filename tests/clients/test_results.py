@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from caesura_clients.following import Forgotten, ServiceIs, events, follow
+from caesura_clients.following import ServiceIs, SessionRemoved, events, follow
 from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
@@ -253,7 +253,7 @@ def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
         second.snapshots = [snapshot(0, session="new")]
         seen = [next(happening) for _ in range(3)]
     assert ServiceIs("there") in seen
-    assert Forgotten("cell-1", "old") in seen
+    assert SessionRemoved("cell-1", "old") in seen
     assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
 
 
@@ -267,7 +267,7 @@ def test_what_an_instance_that_is_busy_knows_is_not_forgotten(memory):
         publishing.snapshots.remove(theirs)
         busy = encode_error(ProtocolError("overloaded", "not now"))
         publishing.refusals = {session_key("cell-2", "theirs", "snapshot"): busy}
-        assert [event for event in happening if isinstance(event, Forgotten)] == []
+        assert [event for event in happening if isinstance(event, SessionRemoved)] == []
 
 
 def test_while_the_service_is_gone_what_is_known_stays(memory):

@@ -255,7 +255,7 @@ def test_what_cannot_be_read_names_the_topic(router, demonstration, key, payload
 
 
 def test_nobody_there_says_what_it_listened_to(router):
-    with pytest.raises(BadSource, match=r"no message of /ft/wrench, /pose within 0\.2 s; heard nothing"):
+    with pytest.raises(BadSource, match=r"no message of /ft/wrench, /pose within 0\.2 s; received nothing"):
         Ros2Source(router.transport(), Mapped("map.toml", MAPPING), discover_s=0.2)
     with pytest.raises(BadSource, match="no message of franka_msgs/msg/FrankaRobotState or"):
         Ros2Source(router.transport(), discover_s=0.2)

@@ -8,7 +8,7 @@ import pytest
 
 from caesura_clients import attendance, memory, recording, transport
 from caesura_clients.errors import CaesuraError, Unreachable
-from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.memory import intersect
 from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.transport import ZenohTransport, endpoint_of
@@ -119,12 +119,12 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
     key, pattern = "caesura/v1/station/cell-1/alive", "caesura/v1/station/*/alive"
     with there.watch(pattern, before):
         with here.token(key):
-            assert before.get(5.0) == Presence(key, alive=True)
+            assert before.get(5.0) == TokenChange(key, alive=True)
             with there.watch(pattern, after):
-                assert after.get(5.0) == Presence(key, alive=True)
+                assert after.get(5.0) == TokenChange(key, alive=True)
             assert there.alive(pattern) == (key,)
         seen = iter(lambda: before.get(5.0), None)
-        assert Presence(key, alive=False) in seen  # it may have been reported as there once more
+        assert TokenChange(key, alive=False) in seen  # it may have been reported as there once more
         eventually(lambda: there.alive(pattern) == ())
 
 
@@ -154,7 +154,7 @@ def test_a_question_that_an_inbox_has_no_room_for_is_refused_as_overloaded(netwo
 def test_a_full_inbox_drops_the_oldest_and_counts():
     inbox = Inbox(capacity=2)
     for number in range(5):
-        inbox.offer(Presence(str(number), alive=True))
+        inbox.offer(TokenChange(str(number), alive=True))
     assert (inbox.dropped, inbox.get(0.0).key, inbox.get(0.0).key) == (3, "3", "4")
     assert inbox.get(0.0) is None
 

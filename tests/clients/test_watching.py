@@ -3,8 +3,8 @@
 import pytest
 from rich.console import Console
 
-from caesura_clients.cli.watching import Watching
-from caesura_clients.following import Forgotten, ServiceIs
+from caesura_clients.cli.watching import LiveView
+from caesura_clients.following import ServiceIs, SessionRemoved
 from caesura_clients.results import SessionReader
 from clients.examples import snapshot
 
@@ -23,7 +23,7 @@ def current():
 
 @pytest.fixture
 def view(current):
-    return Watching(lambda: dict(current), waiting="waiting for cell-1")
+    return LiveView(lambda: dict(current), waiting="waiting for cell-1")
 
 
 def drawn(view, height=40, width=120):
@@ -70,14 +70,14 @@ def test_stations_stand_beneath_each_other(view):
 
 def test_what_is_forgotten_leaves_the_view(view):
     view.receive(update(session="s1"))
-    view.receive(Forgotten("cell-1", "s1"))
+    view.receive(SessionRemoved("cell-1", "s1"))
     assert drawn(view) == ["waiting for cell-1"]
 
 
 def test_after_a_restart_that_lost_the_session_it_says_what_it_waits_for(view):
     view.receive(ServiceIs("there"))
     view.receive(update(session="s1"))
-    for event in (ServiceIs("gone"), ServiceIs("there"), Forgotten("cell-1", "s1")):
+    for event in (ServiceIs("gone"), ServiceIs("there"), SessionRemoved("cell-1", "s1")):
         view.receive(event)
     assert drawn(view) == ["service back, waiting for cell-1"]
     view.receive(ServiceIs("gone"))

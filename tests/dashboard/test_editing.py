@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from caesura_clients import editing
-from caesura_clients.dashboard.editing import Refused, correct, corrector, parse, said
+from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, said
 from caesura_clients.errors import CaesuraError
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
@@ -52,7 +52,7 @@ def test_every_tool_asks_for_what_it_says(request_, words):
     ],
 )
 def test_what_is_no_correction_never_reaches_the_service(request_):
-    with pytest.raises(Refused, match="Not done"):
+    with pytest.raises(EditRefused, match="Not done"):
         parse({**ASKED, **request_})
 
 
@@ -69,11 +69,11 @@ def test_a_refusal_is_passed_on(error):
     def ask(station, edit):
         raise error
 
-    with pytest.raises(Refused, match=str(error)[:14]):
+    with pytest.raises(EditRefused, match=str(error)[:14]):
         correct(ask, "cell-1", {**ASKED, "do": "undo"})
 
 
 def test_where_nobody_answers_that_is_said(memory, monkeypatch):
     monkeypatch.setattr(editing, "SILENCE_S", 0.3)
-    with pytest.raises(Refused, match="no service answered the edit of cell-1/s1"):
+    with pytest.raises(EditRefused, match="no service answered the edit of cell-1/s1"):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_clients.dashboard.glance import STALE_S, Heard, World, glance, glances, troubled
+from caesura_clients.dashboard.glance import STALE_S, DashboardState, NewestSamples, glance, glances, troubled
 from caesura_protocol.messages import Gap
 
 NOW = 100.0
@@ -17,7 +17,7 @@ def world(update):
     """One station in the middle of a demonstration, all well."""
     taught = update("motion", "contact", t=12.0)
     key = (taught.station, taught.session)
-    return World(
+    return DashboardState(
         updates={key: taught},
         current={taught.station: taught.session},
         bridges=frozenset({taught.station}),
@@ -33,7 +33,7 @@ def station_of(world):
 def seen(world, *, heard_ago=0.1, heard_t=12.0, began=0.0):
     station = station_of(world)
     session = world.updates[next(iter(world.updates))].session
-    heard = None if heard_ago is None else Heard(NOW - heard_ago, heard_t, session)
+    heard = None if heard_ago is None else NewestSamples(NOW - heard_ago, heard_t, session)
     return glance(world, station, heard, NOW, began)
 
 
@@ -73,7 +73,7 @@ def test_a_closed_session_is_over_whatever_comes(world):
 
 
 def test_a_bridge_without_a_session_is_ready():
-    found = glances(World(bridges=frozenset({"cell-9"})), {}, NOW, 0.0)
+    found = glances(DashboardState(bridges=frozenset({"cell-9"})), {}, NOW, 0.0)
     assert [(one.station, one.state) for one in found] == [("cell-9", "ready")]
 
 

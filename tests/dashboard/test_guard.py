@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from caesura_clients.dashboard import guard
-from caesura_clients.dashboard.guard import LOOPBACK, Attempts, Guard
+from caesura_clients.dashboard.guard import LOOPBACK, AccessMiddleware, Attempts
 
 PASSWORD = "correct horse"
 
@@ -46,13 +46,13 @@ def ask(guarded, path="/", *, method="GET", kind="http", body=b"", peer="127.0.0
 
 @pytest.fixture
 def local():
-    return Guard(inner, names=LOOPBACK, password=None)
+    return AccessMiddleware(inner, names=LOOPBACK, password=None)
 
 
 @pytest.fixture
 def locked(monkeypatch):
     monkeypatch.setattr(guard, "WRONG_S", 0.0)
-    return Guard(inner, names=None, password=PASSWORD)
+    return AccessMiddleware(inner, names=None, password=PASSWORD)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8080", "localhost:8080", "[::1]:8080"])
@@ -69,7 +69,7 @@ def test_another_name_is_refused_because_dns_can_be_bent(local, host):
 @pytest.mark.parametrize(("kind", "answer"), [("http", 400), ("websocket", 1008)])
 @pytest.mark.parametrize("names", [LOOPBACK, None])
 def test_what_is_no_address_is_refused(headers, kind, answer, names):
-    assert ask(Guard(inner, names=names, password=None), kind=kind, **headers)[0] == answer
+    assert ask(AccessMiddleware(inner, names=names, password=None), kind=kind, **headers)[0] == answer
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
@@ -115,7 +115,7 @@ class Clock:
 @pytest.fixture
 def patient():
     """A guard whose wrong passwords cost their time, on a clock of its own."""
-    guarded = Guard(inner, names=None, password=PASSWORD)
+    guarded = AccessMiddleware(inner, names=None, password=PASSWORD)
     guarded._attempts = Attempts(Clock())
     return guarded
 

@@ -10,7 +10,7 @@ import pytest
 from caesura_clients import editing
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.dashboard.editing import Refused, correct, corrector
+from caesura_clients.dashboard.editing import EditRefused, correct, corrector
 from caesura_clients.dashboard.gateway import Gateway
 from caesura_clients.transport import ZenohTransport
 from caesura_service.app import Service
@@ -47,7 +47,7 @@ def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
         eventually(lambda: gateway.world.update("cell-1") and gateway.world.update("cell-1").closed)
         assert gateway.signals("cell-1").rows, "samples are let through to a reader"
 
-        with pytest.raises(Refused, match="or it is forbidden"):
+        with pytest.raises(EditRefused, match="or it is forbidden"):
             correct(corrector(wall), "cell-1", INSERT)
         assert correct(corrector(boss), "cell-1", INSERT) == "Changepoint inserted at 1.40 s."
         eventually(lambda: gateway.world.update("cell-1").program.author == "Ann")

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.signals import CAPACITY, RATE_HZ, Decimator, Row, SignalRing, drawn
+from caesura_clients.dashboard.signals import CAPACITY, RATE_HZ, CellMeans, Decimator, SignalRing, drawn
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 
@@ -124,6 +124,6 @@ def test_another_session_begins_anew():
 
 
 def test_a_row_is_drawn_in_metres():
-    row = Row(1.0, (300.0, 0.0, 250.0), 120.0, (0.0, 1.0, 2.0))
+    row = CellMeans(1.0, (300.0, 0.0, 250.0), 120.0, (0.0, 1.0, 2.0))
     assert drawn(row, 0.001) == [1.0, 0.3, 0.0, 0.25, 0.12, 0.0, 1.0, 2.0]
-    assert drawn(Row(1.0, None, 0.4, None), 0.001) == [1.0, None, None, None, 0.4, None, None, None]
+    assert drawn(CellMeans(1.0, None, 0.4, None), 0.001) == [1.0, None, None, None, 0.4, None, None, None]

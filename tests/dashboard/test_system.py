@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.glance import World
+from caesura_clients.dashboard.glance import DashboardState
 from caesura_clients.dashboard.sessions import sessions
 from caesura_clients.dashboard.system import rates, system
 from caesura_protocol.messages import JournalReport, ServiceStatus
@@ -29,14 +29,14 @@ def test_an_instance_that_is_new_has_no_rate(before, after, seconds):
 
 def test_a_station_has_its_owner(update):
     one = update("motion", station="cell-3", instance="west", epoch=4)
-    found = system(World(updates={("cell-3", one.session): one}))
+    found = system(DashboardState(updates={("cell-3", one.session): one}))
     (row,) = found.stations
     assert (row["station"], row["owner"], row["epoch"], row["bridge"]) == ("cell-3", "west", "4", "gone")
 
 
 def test_what_is_wrong_is_said():
     trouble = example(JournalReport).model_copy(update={"trouble": "disk full"})
-    world = World(
+    world = DashboardState(
         services=(status("a", overloaded=True), status("b", journal=trouble)),
         alive=frozenset({"a", "b", "c"}),
         troubles={"results": "no router"},
@@ -50,7 +50,7 @@ def test_what_is_wrong_is_said():
 
 
 def test_an_instance_that_went_is_told_from_one_that_lives():
-    world = World(
+    world = DashboardState(
         services=(status("a", overloaded=False), status("b", overloaded=False)), alive=frozenset({"a"})
     )
     assert [row["state"] for row in system(world).instances] == ["alive", "gone"]
@@ -58,7 +58,7 @@ def test_an_instance_that_went_is_told_from_one_that_lives():
 
 def test_the_newest_session_stands_first_and_leads_to_its_replay(update):
     old, new = update("motion", session="s1"), update("motion", session="s2")
-    world = World(updates={(one.station, one.session): one for one in (old, new)})
+    world = DashboardState(updates={(one.station, one.session): one for one in (old, new)})
     rows = sessions(world)
     assert [row["session"] for row in rows] == ["s2", "s1"]
     assert rows[0]["href"] == f"/sessions/{new.station}/s2"

@@ -34,14 +34,14 @@ from caesura_clients.bridge.marks import Marks
 from caesura_clients.bridge.pump import Pump
 from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
-from caesura_clients.bridge.sender import Sender
+from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_clients.inbox import Inbox
 from caesura_clients.network import Transport
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_clients.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name, service_key, station_key
@@ -102,7 +102,7 @@ class Bridge:
         )
         self._transport = transport
         self._control = ControlLine(transport, self.station)
-        self._sender = Sender(
+        self._sender = BatchSender(
             transport,
             self.station,
             self._open,
@@ -343,7 +343,7 @@ def new_bridge_name() -> str:
     return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
 
 
-def _opening(source: Source, session: str, epoch: int, preset: str | None, setting: Setting) -> Open:
+def _opening(source: Source, session: str, epoch: int, preset: str | None, setting: CellSettings) -> Open:
     # A source that was written for an earlier version does not state whether a hand is on the robot.
     hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
     for name, known in OPTIONS.items():

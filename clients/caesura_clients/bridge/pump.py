@@ -6,7 +6,7 @@ import threading
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.bridge.sender import Sender
+from caesura_clients.bridge.sender import BatchSender
 
 
 class Pump:
@@ -14,7 +14,7 @@ class Pump:
 
     def __init__(
         self,
-        sender: Sender,
+        sender: BatchSender,
         name: str,
         *,
         tick_s: float,

@@ -9,7 +9,7 @@ from typing import Self
 
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.errors import CaesuraError
-from caesura_clients.inbox import Delivery, Inbox, Presence, Question
+from caesura_clients.inbox import Delivery, Inbox, Question, TokenChange
 from caesura_clients.network import Transport
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
@@ -50,7 +50,7 @@ class ReplayServer:
     def _serve(self) -> None:
         while not self._stopped.is_set():
             item = self._inbox.get(TICK_S)
-            if item is None or isinstance(item, Delivery | Presence):
+            if item is None or isinstance(item, Delivery | TokenChange):
                 continue
             try:
                 with item:

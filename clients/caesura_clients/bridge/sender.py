@@ -23,7 +23,7 @@ from caesura_protocol.messages import Heartbeat, Open
 _AT_ONCE = 64  # batches taken from the ring in one go
 
 
-class Sender:
+class BatchSender:
     """The `samples` key of a station for one session."""
 
     def __init__(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 
 
 @dataclass(frozen=True)
@@ -22,4 +22,4 @@ class BridgeSettings:
     reopen_s: float = 15.0  # between openings that nothing asks for, should a service's coming go unnoticed
     stall_s: float = 0.5  # without progress, missing batches are sent again
     close_timeout_s: float = 10.0
-    setting: Setting = UNSET  # what the station's cell asks of its programs
+    setting: CellSettings = UNSET  # what the station's cell asks of its programs

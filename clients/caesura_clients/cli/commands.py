@@ -21,9 +21,9 @@ from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
 from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
-    Asked,
     Config,
     Connect,
+    ProgramOptions,
     Reading,
     Station,
     connected,
@@ -35,7 +35,7 @@ from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.cli.show import ignored_line, outcome_line, segments_view
-from caesura_clients.cli.watching import SAID_OF_SERVICE, Watching
+from caesura_clients.cli.watching import SAID_OF_SERVICE, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.following import events
@@ -79,7 +79,7 @@ def bridge(
     scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
-    asked: Asked,
+    asked: ProgramOptions,
     epoch: Annotated[
         int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
     ] = 0,
@@ -236,7 +236,7 @@ def _show_live(caesura: Caesura, station: str | None) -> None:
         waiting = f"no service answers yet, {waiting}"
     elif not caesura.services():
         waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
-    view = Watching(lambda: _current_sessions(caesura), waiting=waiting)
+    view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
     with Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)

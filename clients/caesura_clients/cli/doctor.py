@@ -20,7 +20,7 @@ from caesura_clients.cli.options import (
     named,
     reported,
 )
-from caesura_clients.doctor import Finding, examine, examine_recording
+from caesura_clients.doctor import CheckResult, examine, examine_recording
 from caesura_clients.doctor.examination import LISTEN_S
 from caesura_clients.doctor.findings import MARKS
 from caesura_clients.recording import load_recording
@@ -64,9 +64,9 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _shown(findings: Iterable[Finding], quiet: bool) -> list[Finding]:
+def _shown(findings: Iterable[CheckResult], quiet: bool) -> list[CheckResult]:
     """All of them; unless quiet, each is said as soon as it is known."""
-    seen: list[Finding] = []
+    seen: list[CheckResult] = []
     for one in findings:
         if not quiet:
             if one.station is not None and one.station not in {before.station for before in seen}:
@@ -76,7 +76,7 @@ def _shown(findings: Iterable[Finding], quiet: bool) -> list[Finding]:
     return seen
 
 
-def _say(one: Finding) -> None:
+def _say(one: CheckResult) -> None:
     mark = typer.style(MARKS[one.grade], fg=STYLES[one.grade])
     typer.echo(f"{mark} {one.check:<{WIDTH}} {one.found}")
     if one.remedy:

@@ -16,7 +16,7 @@ from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
 from caesura_clients.network import DEFAULT_ENDPOINT
 from caesura_clients.programs.document import ProgramFile
-from caesura_clients.programs.safety import UNSET, Safety, Setting, read_safety
+from caesura_clients.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
@@ -82,7 +82,7 @@ class Reading(NamedTuple):
     force_unit: ForceUnit = None
 
 
-class Asked(NamedTuple):
+class ProgramOptions(NamedTuple):
     """Options with which a program is made: what the cell asks of it."""
 
     cell: CellFile = None
@@ -90,17 +90,17 @@ class Asked(NamedTuple):
     path_tolerance: PathTolerance = None
     angle_tolerance: AngleTolerance = None
 
-    def setting(self) -> Setting:
+    def setting(self) -> CellSettings:
         """What they state; a force limit goes before that of the cell's file. Raises CaesuraError."""
-        cell = UNSET if self.cell is None else Setting(read_safety(self.cell).force_n)
-        return Setting(
+        cell = UNSET if self.cell is None else CellSettings(read_safety(self.cell).force_n)
+        return CellSettings(
             self.force_limit,
             None if self.path_tolerance is None else self.path_tolerance / 1000.0,
             None if self.angle_tolerance is None else math.radians(self.angle_tolerance),
         ).over(cell)
 
 
-GROUPS = (Reading, Asked)
+GROUPS = (Reading, ProgramOptions)
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

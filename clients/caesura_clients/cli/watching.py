@@ -15,14 +15,14 @@ from rich.text import Text
 
 from caesura_clients.attendance import Change
 from caesura_clients.cli.show import segments_view
-from caesura_clients.following import Event, Forgotten, ServiceIs
+from caesura_clients.following import Event, ServiceIs, SessionRemoved
 from caesura_clients.results import Update
 
 LEAST_ROWS = 1
 SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}
 
 
-class Watching:
+class LiveView:
     """Events in, something to draw out, in another thread: what is drawn is replaced, never changed.
 
     current: the session that each station's program speaks of, asked when an unknown session is met.
@@ -40,7 +40,7 @@ class Watching:
         match event:
             case Update():
                 self._take(event)
-            case Forgotten():
+            case SessionRemoved():
                 gone = (event.station, event.session)
                 self._updates = {key: update for key, update in self._updates.items() if key != gone}
                 self._current = self._ask_current()

@@ -22,7 +22,7 @@ Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises Protoco
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 
 
-class Refused(Exception):  # noqa: N818 - the service refused; nothing failed here
+class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
     """A correction that was not made; says why in words for an operator."""
 
 
@@ -37,9 +37,9 @@ def correct(ask: Corrector, station: str, request: Request) -> str:
     try:
         ask(station, edit)
     except ProtocolError as error:
-        raise Refused(said(error)) from error
+        raise EditRefused(said(error)) from error
     except CaesuraError as error:
-        raise Refused(f"Not done: {error}") from error
+        raise EditRefused(f"Not done: {error}") from error
     return done(edit.action)
 
 
@@ -52,7 +52,7 @@ def parse(request: Request) -> Edit:
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise Refused(f"Not done: {where} is {first['input']!r:.60}; {first['msg']}") from error
+        raise EditRefused(f"Not done: {where} is {first['input']!r:.60}; {first['msg']}") from error
 
 
 def said(error: ProtocolError) -> str:

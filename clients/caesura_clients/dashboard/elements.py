@@ -77,7 +77,7 @@ class Tables(Live, component="web/tables.js"):
     """Tables and warnings: {warnings, tables}."""
 
 
-class Program(Live, component="web/program.js"):
+class ProgramTimeline(Live, component="web/program.js"):
     """The timeline of a task program (`apps.timeline`)."""
 
 

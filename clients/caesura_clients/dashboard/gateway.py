@@ -4,8 +4,8 @@
   arrivals  samples, thinned out into rings, and tokens of bridges and instances;
   services  the status of every instance, once a second.
 
-`world` is immutable and replaced. A thread that cannot reach the network says so in `World.troubles` and
-tries again; nothing that it meets ends it.
+`world` is immutable and replaced. A thread that cannot reach the network says so in `DashboardState.troubles`
+and tries again; nothing that it meets ends it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
-from caesura_clients.dashboard.glance import Heard, World
+from caesura_clients.dashboard.glance import DashboardState, NewestSamples
 from caesura_clients.dashboard.signals import Rows, SignalRing
 from caesura_clients.dashboard.system import rates
 from caesura_clients.errors import CaesuraError
-from caesura_clients.following import Event, Forgotten, events
-from caesura_clients.inbox import Delivery, Inbox, Presence
+from caesura_clients.following import Event, SessionRemoved, events
+from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.network import Transport
 from caesura_clients.query import current_sessions, service_status
 from caesura_clients.results import Update
@@ -58,9 +58,9 @@ class Gateway:
         self.clock = clock
         self.began = clock()
         self._refresh_s = refresh_s
-        self.world = World()
+        self.world = DashboardState()
         self._unsure = False  # has the service had no time to say which sessions are current?
-        self.heard: dict[str, Heard] = {}
+        self.heard: dict[str, NewestSamples] = {}
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
         self._changing = threading.Lock()
@@ -121,7 +121,7 @@ class Gateway:
         match event:
             case Update():
                 self._take_update(event)
-            case Forgotten():
+            case SessionRemoved():
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
                 self._change(updates=kept, current=self._current())
@@ -163,12 +163,12 @@ class Gateway:
             self._trouble("arrivals")
             while not self._over.is_set():
                 item = inbox.get(TICK_S)
-                if isinstance(item, Presence):
+                if isinstance(item, TokenChange):
                     self._attend(item)
                 elif isinstance(item, Delivery):
                     self._sampled(item)
 
-    def _attend(self, presence: Presence) -> None:
+    def _attend(self, presence: TokenChange) -> None:
         try:
             bridge = parse_station_key(presence.key)[0]
             self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
@@ -189,7 +189,7 @@ class Gateway:
             return
         if station not in self._rings and len(self._rings) >= STATIONS:
             return
-        self.heard[station] = Heard(self.clock(), float(matrix[-1, 0]), batch.session)
+        self.heard[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, matrix)
 
     # --- services ---

@@ -25,7 +25,7 @@ SAID: Mapping[State, str] = {
 
 
 @dataclass(frozen=True)
-class World:
+class DashboardState:
     """The state that the gateway has received, at one moment. Times are of its monotonic clock [s]."""
 
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
@@ -61,7 +61,7 @@ class World:
 
 
 @dataclass(frozen=True)
-class Heard:
+class NewestSamples:
     """The newest samples of a station: when they came, and up to which session time they reach."""
 
     at: float  # [s] monotonic
@@ -98,12 +98,16 @@ class Glance:
 SHOWN_SEGMENTS = 40  # in a card's strip
 
 
-def glances(world: World, heard: Mapping[str, Heard], now: float, began: float) -> list[Glance]:
+def glances(
+    world: DashboardState, heard: Mapping[str, NewestSamples], now: float, began: float
+) -> list[Glance]:
     """One a station. now, began: monotonic [s]; before the dashboard began nothing can have come."""
     return [glance(world, station, heard.get(station), now, began) for station in world.stations()]
 
 
-def glance(world: World, station: str, heard: Heard | None, now: float, began: float) -> Glance:
+def glance(
+    world: DashboardState, station: str, heard: NewestSamples | None, now: float, began: float
+) -> Glance:
     """What there is to say of one station."""
     update = world.update(station)
     bridge = station in world.bridges
@@ -129,7 +133,9 @@ def glance(world: World, station: str, heard: Heard | None, now: float, began: f
     )
 
 
-def stale(world: World, update: Update | None, bridge: bool, heard: Heard | None, silent_s: float) -> str:
+def stale(
+    world: DashboardState, update: Update | None, bridge: bool, heard: NewestSamples | None, silent_s: float
+) -> str:
     """Why what is shown may no longer be true; empty where it is."""
     if update is None or update.closed:
         return world.trouble

@@ -73,7 +73,7 @@ class Attempts:
             del self._until[next(iter(self._until))]
 
 
-class Guard:
+class AccessMiddleware:
     """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none."""
 
     def __init__(self, app: App, *, names: Iterable[str] | None, password: str | None) -> None:

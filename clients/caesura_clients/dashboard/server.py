@@ -12,7 +12,7 @@ from fastapi import HTTPException
 from nicegui import app, background_tasks, ui
 
 from caesura_clients.dashboard.elements import WEB
-from caesura_clients.dashboard.guard import LOOPBACK, Guard
+from caesura_clients.dashboard.guard import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.pages import lists, overview
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
@@ -72,7 +72,7 @@ def serve(site: Site, address: Address) -> None:
 
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
-    app.add_middleware(Guard, names=address.known_as, password=address.password)
+    app.add_middleware(AccessMiddleware, names=address.known_as, password=address.password)
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(
         host=address.host,

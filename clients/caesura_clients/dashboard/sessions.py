@@ -5,11 +5,11 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from caesura_clients.dashboard.glance import World, gaps, reached
+from caesura_clients.dashboard.glance import DashboardState, gaps, reached
 from caesura_clients.results import Update
 
 
-def sessions(world: World) -> list[dict[str, Any]]:
+def sessions(world: DashboardState) -> list[dict[str, Any]]:
     """A row each; `href` leads to its replay."""
     newest = sorted(world.updates.items(), key=lambda item: (item[0][1], item[0][0]), reverse=True)
     return [_row(update) for _, update in newest]

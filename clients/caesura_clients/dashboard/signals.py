@@ -25,7 +25,7 @@ SCALE = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 Array = NDArray[np.float64]
 
 
-class Row(NamedTuple):
+class CellMeans(NamedTuple):
     """Means over one cell of the grid; None where the robot does not say."""
 
     t: float  # [s] session time, the middle of the cell
@@ -40,14 +40,14 @@ class Rows(NamedTuple):
     session: str
     unit: str  # of the speed
     next: int  # to be given the next time
-    rows: tuple[Row, ...]
+    rows: tuple[CellMeans, ...]
 
 
 class SignalRing:
     """The newest rows of one station; written by one thread, read by others."""
 
     def __init__(self) -> None:
-        self._rows: deque[Row] = deque(maxlen=CAPACITY)
+        self._rows: deque[CellMeans] = deque(maxlen=CAPACITY)
         self._lock = threading.Lock()
         self._decimator = Decimator()
         self._session, self._unit = "", "m/s"
@@ -86,7 +86,7 @@ class Decimator:
         self._samples = 0
         self._before: tuple[float, Array] | None = None  # time and place of the last row
 
-    def receive(self, columns: tuple[str, ...], matrix: Array) -> list[Row]:
+    def receive(self, columns: tuple[str, ...], matrix: Array) -> list[CellMeans]:
         """The rows that are complete. What comes late or again is left out."""
         matrix = matrix[np.abs(matrix[:, 0]) < FARTHEST_S]
         cells = np.floor(matrix[:, 0] * RATE_HZ).astype(np.int64)
@@ -101,7 +101,7 @@ class Decimator:
             self._samples += len(some)
         return rows
 
-    def _finish(self, columns: tuple[str, ...]) -> list[Row]:
+    def _finish(self, columns: tuple[str, ...]) -> list[CellMeans]:
         if self._sum is None:
             return []
         mean = self._sum / self._samples
@@ -112,7 +112,7 @@ class Decimator:
         joints = _vector(named, "q")
         where = place if place is not None else joints
         speed = None if where is None else self._speed(t, np.array(where))
-        return [Row(t, _three(place), speed, _three(_vector(named, "force")))]
+        return [CellMeans(t, _three(place), speed, _three(_vector(named, "force")))]
 
     def _speed(self, t: float, where: Array) -> float | None:
         before, self._before = self._before, (t, where)
@@ -130,7 +130,7 @@ def _three(values: tuple[float, ...] | None) -> tuple[float, float, float] | Non
     return None if values is None else (values[0], values[1], values[2])
 
 
-def drawn(row: Row, scale: float = 1.0) -> list[Any]:
+def drawn(row: CellMeans, scale: float = 1.0) -> list[Any]:
     """A row as the browser takes it: t, x, y, z [m], speed, fx, fy, fz [N]. scale: of lengths, to metres."""
     position = (None,) * 3 if row.position is None else tuple(round(v * scale, 4) for v in row.position)
     force = (None,) * 3 if row.force is None else tuple(round(v, 2) for v in row.force)

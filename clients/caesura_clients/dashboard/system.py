@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from caesura_protocol.messages import JournalReport, ServiceStatus
 
 if TYPE_CHECKING:
-    from caesura_clients.dashboard.glance import World
+    from caesura_clients.dashboard.glance import DashboardState
 
 Table = list[dict[str, Any]]
 
@@ -35,7 +35,7 @@ def rates(
     }
 
 
-def system(world: World) -> System:
+def system(world: DashboardState) -> System:
     """What the page shows."""
     instances = [_instance(one, world.rates, one.instance in world.alive) for one in world.services]
     silent = world.alive - {one.instance for one in world.services}
@@ -64,7 +64,7 @@ def _journal(report: JournalReport | None) -> str:
     return f"{size}; {report.trouble}" if report.trouble else size
 
 
-def _stations(world: World) -> Table:
+def _stations(world: DashboardState) -> Table:
     rows: Table = []
     for station in world.stations():
         update = world.update(station)
@@ -86,7 +86,7 @@ def _stations(world: World) -> Table:
     return rows
 
 
-def _warnings(world: World, silent: frozenset[str]) -> list[str]:
+def _warnings(world: DashboardState, silent: frozenset[str]) -> list[str]:
     said = [world.trouble] if world.trouble else []
     said += [f"instance {one.instance} is overloaded" for one in world.services if one.overloaded]
     said += [f"instance {name} is alive and does not answer" for name in sorted(silent)]

@@ -5,6 +5,6 @@ they brought and is pure: `instances` the service, `stations` each station, `sig
 """
 
 from caesura_clients.doctor.examination import examine, examine_recording
-from caesura_clients.doctor.findings import Finding, Grade
+from caesura_clients.doctor.findings import CheckResult, Grade
 
-__all__ = ["Finding", "Grade", "examine", "examine_recording"]
+__all__ = ["CheckResult", "Grade", "examine", "examine_recording"]

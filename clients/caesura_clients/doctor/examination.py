@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.facts import Facts, gather
-from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_clients.doctor.reach import look_at, no_session
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.network import Transport
@@ -30,7 +30,7 @@ TARE_S = 0.4  # at the start of a demonstration, in which the service takes the 
 
 def examine(
     endpoint: str | None, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
-) -> Iterator[Finding]:
+) -> Iterator[CheckResult]:
     """Look at everything that can be reached; ends where there is nothing behind."""
     try:
         found = look_at(endpoint or endpoint_of(None, config_file))
@@ -49,7 +49,7 @@ def examine(
         yield from examine_network(transport, station, seconds=seconds)
 
 
-def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[Finding]:
+def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[CheckResult]:
     """What there is behind a router."""
     try:
         facts = gather(transport, station, seconds=seconds)
@@ -59,7 +59,7 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
     yield from judge(facts, station)
 
 
-def judge(facts: Facts, station: str = "*") -> Iterator[Finding]:
+def judge(facts: Facts, station: str = "*") -> Iterator[CheckResult]:
     """Every check on what was seen."""
     yield from instances.check_services(facts, our_version())
     for check in instances.CHECKS:
@@ -76,9 +76,9 @@ def judge(facts: Facts, station: str = "*") -> Iterator[Finding]:
         yield ok("stations", "none yet: no bridge is connected and no session known")
 
 
-def examine_recording(recording: Recording) -> Iterator[Finding]:
+def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     """The same checks on a recording, in the order of its samples."""
-    samples = signal.Samples(
+    samples = signal.CheckedSamples(
         recording.t,
         recording.signals,
         recording.wrench_source,
@@ -98,7 +98,7 @@ def examine_recording(recording: Recording) -> Iterator[Finding]:
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
 
 
-def _wrench(recording: Recording) -> Iterator[Finding]:
+def _wrench(recording: Recording) -> Iterator[CheckResult]:
     """The wrench source and the hand, as the file states them, and what follows."""
     if not recording.has_wrench:
         return

@@ -37,7 +37,7 @@ class Reported:
 
 
 @dataclass(frozen=True)
-class Heard:
+class ReceivedStatus:
     """Something that came while listening. at: [s] since the beginning."""
 
     at: float
@@ -53,7 +53,9 @@ class Facts:
     reported: list[Reported] = field(default_factory=list)
     bridges: list[str] = field(default_factory=list)  # stations whose bridge is connected
     snapshots: list[Snapshot] = field(default_factory=list)  # at the end; every answer, also two of a session
-    statuses: dict[tuple[str, str], list[Heard]] = field(default_factory=dict)  # of each session, in order
+    statuses: dict[tuple[str, str], list[ReceivedStatus]] = field(
+        default_factory=dict
+    )  # of each session, in order
     batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
     refusals: list[ProtocolError] = field(default_factory=list)
     listened_s: float = 0.0
@@ -101,7 +103,7 @@ def _snapshots(transport: Transport, station: str, facts: Facts) -> list[Snapsho
 
 def _take_in(facts: Facts, snapshots: Iterable[Snapshot], at: float) -> None:
     for one in snapshots:
-        _keep(facts, Heard(at, one.status))
+        _keep(facts, ReceivedStatus(at, one.status))
 
 
 def _listen(inbox: Inbox, facts: Facts, began: float, seconds: float) -> None:
@@ -117,7 +119,7 @@ def _listen(inbox: Inbox, facts: Facts, began: float, seconds: float) -> None:
 def _hear(facts: Facts, item: Delivery, at: float) -> None:
     if item.key.endswith("/status"):
         parse_session_key(item.key)
-        _keep(facts, Heard(at, decode(item.payload, item.encoding, SessionStatus)))
+        _keep(facts, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
         return
     name = parse_station_key(item.key)[0]
     message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
@@ -125,7 +127,7 @@ def _hear(facts: Facts, item: Delivery, at: float) -> None:
         facts.batches.setdefault((name, message.session), []).append(message)
 
 
-def _keep(facts: Facts, heard: Heard) -> None:
+def _keep(facts: Facts, heard: ReceivedStatus) -> None:
     """In the order of epochs and numbers: a late one, or that of a replaced owner, is no news."""
     known = facts.statuses.setdefault((heard.status.station, heard.status.session), [])
     if not known or _rank(known[-1].status) < _rank(heard.status):
@@ -136,4 +138,4 @@ def _rank(status: SessionStatus) -> tuple[int, int, int]:
     return status.epoch, status.samples, status.seq
 
 
-__all__ = ["Facts", "Heard", "Reported", "Unreachable", "gather"]
+__all__ = ["Facts", "ReceivedStatus", "Reported", "Unreachable", "gather"]

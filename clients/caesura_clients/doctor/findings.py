@@ -12,7 +12,7 @@ MARKS: Mapping[Grade, str] = {"ok": "✓", "warn": "!", "bad": "✗"}
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One check. remedy: what to do, empty where nothing is to be done."""
 
     grade: Grade
@@ -22,16 +22,16 @@ class Finding:
     station: str | None = None  # None: it concerns all
 
 
-def ok(check: str, found: str, *, station: str | None = None) -> Finding:
+def ok(check: str, found: str, *, station: str | None = None) -> CheckResult:
     """As it should be."""
-    return Finding("ok", check, found, station=station)
+    return CheckResult("ok", check, found, station=station)
 
 
-def warn(check: str, found: str, remedy: str, *, station: str | None = None) -> Finding:
+def warn(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:
     """Make a warning: the check passes, with a limitation."""
-    return Finding("warn", check, found, remedy, station)
+    return CheckResult("warn", check, found, remedy, station)
 
 
-def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> Finding:
+def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:
     """Make an error: an action is required."""
-    return Finding("bad", check, found, remedy, station)
+    return CheckResult("bad", check, found, remedy, station)

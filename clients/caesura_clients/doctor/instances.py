@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from caesura_clients.budgets import budgets_in_words, held_back
 from caesura_clients.doctor.facts import Facts, Reported
-from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import ServiceStatus, SessionStatus
 
@@ -17,7 +17,7 @@ JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
 MB = 10**6
 
 
-def check_services(facts: Facts, version: str) -> Iterator[Finding]:
+def check_services(facts: Facts, version: str) -> Iterator[CheckResult]:
     """Report live instances, and whether their release is this client's. version: of this client."""
     for key in facts.other_versions:
         major = "/".join(key.split("/")[:2])
@@ -37,7 +37,7 @@ def check_services(facts: Facts, version: str) -> Iterator[Finding]:
             yield ok("service", f"{instance} is alive: version {version} as here, {ROOT}")
 
 
-def check_credentials(facts: Facts) -> Iterator[Finding]:
+def check_credentials(facts: Facts) -> Iterator[CheckResult]:
     """May I ask? Nothing at all comes back from a question that is forbidden."""
     if not facts.alive:
         return
@@ -54,7 +54,7 @@ def check_credentials(facts: Facts) -> Iterator[Finding]:
         yield warn("credentials", f"{times} questions refused: {code}", "see the service's log")
 
 
-def check_instance(reported: Reported) -> Iterator[Finding]:
+def check_instance(reported: Reported) -> Iterator[CheckResult]:
     """Clock, journal, queue and budgets of one instance."""
     yield _clock(reported)
     for check in (_journal, _queue):
@@ -62,7 +62,7 @@ def check_instance(reported: Reported) -> Iterator[Finding]:
     yield from _budgets(reported.status)
 
 
-def check_owners(facts: Facts) -> Iterator[Finding]:
+def check_owners(facts: Facts) -> Iterator[CheckResult]:
     """Which instance has which station; two that answer for one open session."""
     owners: dict[tuple[str, str], dict[str, SessionStatus]] = defaultdict(dict)
     for one in facts.snapshots:
@@ -82,14 +82,14 @@ def check_owners(facts: Facts) -> Iterator[Finding]:
         yield ok("owner", f"stations with an open session: {'; '.join(shares)}")
 
 
-def _silent(facts: Facts, instance: str) -> Finding:
+def _silent(facts: Facts, instance: str) -> CheckResult:
     """Alive, and its status did not come."""
     if facts.reported:  # others answered, so it is not forbidden
         return bad("service", f"{instance} is alive and does not answer", "see its log; restart it")
     return ok("service", f"{instance} is alive")
 
 
-def _clock(reported: Reported) -> Finding:
+def _clock(reported: Reported) -> CheckResult:
     """A status is from between question and answer, which is how sure its time can be."""
     status = reported.status
     if status.time is None:
@@ -107,7 +107,7 @@ def _clock(reported: Reported) -> Finding:
     return ok("clock", said)
 
 
-def _journal(status: ServiceStatus) -> Finding:
+def _journal(status: ServiceStatus) -> CheckResult:
     journal, name = status.journal, status.instance
     if journal is None:
         return warn("journal", f"{name} does not report it", "install the same release on both")
@@ -123,7 +123,7 @@ def _journal(status: ServiceStatus) -> Finding:
     return ok("journal", f"{said}, written every {journal.commit_s:g} s")
 
 
-def _queue(status: ServiceStatus) -> Finding:
+def _queue(status: ServiceStatus) -> CheckResult:
     said = f"{status.instance}: {status.queue} of {status.queue_capacity} wait, {status.dropped} dropped"
     remedy = "it is behind: more instances (`--instances N`), or fewer stations on this one"
     if status.overloaded or status.queue > QUEUE_SHARE * status.queue_capacity:
@@ -133,7 +133,7 @@ def _queue(status: ServiceStatus) -> Finding:
     return ok("queue", said)
 
 
-def _budgets(status: ServiceStatus) -> Iterator[Finding]:
+def _budgets(status: ServiceStatus) -> Iterator[CheckResult]:
     """Which stations were held back; without any, what the busiest one has used of what it may."""
     held = [one for one in status.budgets if held_back(one)]
     for one in held:
@@ -158,4 +158,4 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds >= 1 else f"{1000 * seconds:.1f} ms"
 
 
-CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (check_credentials, check_owners)
+CHECKS: tuple[Callable[[Facts], Iterator[CheckResult]], ...] = (check_credentials, check_owners)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import time
 
-from caesura_clients.doctor.findings import Finding, bad, ok
+from caesura_clients.doctor.findings import CheckResult, bad, ok
 from caesura_clients.errors import CaesuraError, NotLetIn
 from caesura_clients.network import DEFAULT_ENDPOINT
 
@@ -15,7 +15,7 @@ _REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 
 
-def look_at(endpoint: str) -> Finding:
+def look_at(endpoint: str) -> CheckResult:
     """Connect to the endpoint's port, and leave."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
@@ -33,7 +33,7 @@ def look_at(endpoint: str) -> Finding:
     return ok(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
 
 
-def no_session(error: CaesuraError) -> Finding:
+def no_session(error: CaesuraError) -> CheckResult:
     """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
     where, _, why = str(error).partition(_REFUSED)
     if not isinstance(error, NotLetIn) or not why:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_clients.recording import unit_remedy
 from caesura_protocol.messages import Quantity, WrenchSource
 from caesura_protocol.plausibility import UNITS, implausible
@@ -33,7 +33,7 @@ WHAT_FOR: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Samples:
+class CheckedSamples:
     """t: (n,) [s] as they came; signals: name → (n, width)."""
 
     t: Array
@@ -43,7 +43,7 @@ class Samples:
     declared_units: tuple[Quantity, ...] = ()
 
 
-def check_rate(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+def check_rate(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
     """Rate, regularity, pauses, times that do not advance."""
     steps = np.diff(samples.t)
     advancing = steps[steps > 0]
@@ -72,7 +72,7 @@ def check_rate(samples: Samples, *, station: str | None = None) -> Iterator[Find
         )
 
 
-def _regularity(advancing: Array, middle: float, station: str | None) -> Finding:
+def _regularity(advancing: Array, middle: float, station: str | None) -> CheckResult:
     pause = float(advancing.max())
     uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
     said = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
@@ -85,7 +85,7 @@ def _regularity(advancing: Array, middle: float, station: str | None) -> Finding
     return ok("regularity", said, station=station)
 
 
-def check_signals(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+def check_signals(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
     """What is there, and what its absence means."""
     there = ", ".join(samples.signals)
     if "pos" not in samples.signals and "q" not in samples.signals:
@@ -101,7 +101,7 @@ def check_signals(samples: Samples, *, station: str | None = None) -> Iterator[F
     yield warn("signals", there, f"{meaning}: send them if the robot has them", station=station)
 
 
-def _has(samples: Samples, name: str) -> bool:
+def _has(samples: CheckedSamples, name: str) -> bool:
     if name == "quat" and "q" in samples.signals:
         return True  # the joints determine it
     if name == "force" and "tau" in samples.signals:
@@ -109,7 +109,7 @@ def _has(samples: Samples, name: str) -> bool:
     return name in samples.signals
 
 
-def check_noise(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+def check_noise(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
     """The force's scatter while the robot rests."""
     force = samples.signals.get("force")
     rest = [] if force is None else cells_at_rest(samples)
@@ -127,7 +127,7 @@ def check_noise(samples: Samples, *, station: str | None = None) -> Iterator[Fin
         yield ok("wrench noise", said, station=station)
 
 
-def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Finding]:
+def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[CheckResult]:
     """Check the bias. bias: (3,) [N] reading while nothing touches the sensor; None where unknown."""
     if bias is None:
         return
@@ -144,7 +144,7 @@ def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[Fi
         yield ok("wrench bias", said, station=station)
 
 
-def check_units(samples: Samples, *, station: str | None = None) -> Iterator[Finding]:
+def check_units(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
     """Are times, positions, joints and forces in the units that they are said to have?"""
     found = implausible(
         samples.t, samples.signals, length_unit=samples.length_unit, declared=samples.declared_units
@@ -153,14 +153,14 @@ def check_units(samples: Samples, *, station: str | None = None) -> Iterator[Fin
         yield bad("units", str(found), unit_remedy(found, samples.length_unit), station=station)
 
 
-def cells_at_rest(samples: Samples) -> list[slice]:
+def cells_at_rest(samples: CheckedSamples) -> list[slice]:
     """Cells of CELL_S in which the robot stayed where it was in the cell before."""
     is_place = "pos" in samples.signals
     limit = REST_M_PER_S / METRES[samples.length_unit] if is_place else REST_RAD_PER_S
     return [cell for cell, moved in _cells(samples) if moved <= limit * CELL_S]
 
 
-def _cells(samples: Samples) -> list[tuple[slice, float]]:
+def _cells(samples: CheckedSamples) -> list[tuple[slice, float]]:
     """Cells of CELL_S, each with how far its mean lies from that of the cell before [length_unit or rad].
 
     Without those that follow a hole.

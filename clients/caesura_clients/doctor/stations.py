@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_clients.doctor.facts import Facts, Heard
-from caesura_clients.doctor.findings import Finding, bad, ok, warn
+from caesura_clients.doctor.facts import Facts, ReceivedStatus
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_clients.doctor.signal import (
-    Samples,
+    CheckedSamples,
     check_bias,
     check_noise,
     check_rate,
@@ -32,7 +32,7 @@ class Station:
 
     name: str
     connected: bool
-    statuses: Sequence[Heard]
+    statuses: Sequence[ReceivedStatus]
     batches: Sequence[SampleBatch]
     listened_s: float
 
@@ -48,7 +48,7 @@ def stations_of(facts: Facts) -> list[Station]:
     return [_station(facts, name) for name in sorted(names)]
 
 
-def check_station(station: Station) -> Iterator[Finding]:
+def check_station(station: Station) -> Iterator[CheckResult]:
     """Everything about one station."""
     status = station.status
     if status is None or status.state == "closed":
@@ -78,7 +78,7 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
     return status.state == "open", status.session
 
 
-def _between_sessions(station: Station) -> Iterator[Finding]:
+def _between_sessions(station: Station) -> Iterator[CheckResult]:
     status = station.status
     last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
     if _strangers(station):
@@ -91,7 +91,7 @@ def _between_sessions(station: Station) -> Iterator[Finding]:
         yield ok("bridge", f"not connected, and {last}", station=station.name)
 
 
-def _bridge(station: Station, status: SessionStatus) -> Finding:
+def _bridge(station: Station, status: SessionStatus) -> CheckResult:
     if station.connected:
         return ok("bridge", f"connected, session {status.session} on {status.instance}", station=station.name)
     remedy = (
@@ -103,7 +103,7 @@ def _bridge(station: Station, status: SessionStatus) -> Finding:
     )
 
 
-def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
+def _flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     """Do samples come, how many, and how evenly?"""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
@@ -137,7 +137,7 @@ def _flow(station: Station, status: SessionStatus) -> Iterator[Finding]:
         yield from check(samples, station=station.name)
 
 
-def _even(station: Station) -> Finding:
+def _even(station: Station) -> CheckResult:
     """From the service's counts, where the samples themselves are not for these credentials."""
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
@@ -157,7 +157,7 @@ _NO_SAMPLES = (
 )
 
 
-def _samples(station: Station, status: SessionStatus) -> Samples | None:
+def _samples(station: Station, status: SessionStatus) -> CheckedSamples | None:
     """Return the received batches, in order and once; None where they are too few to judge."""
     own = {one.seq: one for one in station.batches if one.session == status.session}
     columns = {one.columns for one in own.values()}
@@ -175,7 +175,7 @@ def _samples(station: Station, status: SessionStatus) -> Samples | None:
         for signal, names in COLUMNS_OF_SIGNAL.items()
         if set(names) <= set(place)
     }
-    return Samples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
+    return CheckedSamples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
 
 
 def _unbroken(numbers: Sequence[int]) -> Sequence[int]:
@@ -184,7 +184,7 @@ def _unbroken(numbers: Sequence[int]) -> Sequence[int]:
     return [int(number) for number in max(runs, key=len)]
 
 
-def _losses(station: Station, status: SessionStatus) -> Iterator[Finding]:
+def _losses(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
@@ -204,7 +204,7 @@ def _losses(station: Station, status: SessionStatus) -> Iterator[Finding]:
         yield ok("duplicates", f"{found} and were ignored", station=station.name)
 
 
-def _refusals(station: Station, status: SessionStatus) -> Iterator[Finding]:
+def _refusals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     if status.refused:
         said = ", ".join(f"{count} {code}" for code, count in status.refused.items())
         last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
@@ -212,7 +212,7 @@ def _refusals(station: Station, status: SessionStatus) -> Iterator[Finding]:
         yield warn("refused", f"{said}{last}", remedy, station=station.name)
 
 
-def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
+def _wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     wrench = status.wrench
     can = [
         name
@@ -232,7 +232,7 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[Finding]:
     yield from check_bias(None if wrench.tare is None else np.array(wrench.tare), station=station.name)
 
 
-def _rivals(station: Station, status: SessionStatus) -> Iterator[Finding]:
+def _rivals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     """Do two bridges send one session?"""
     own = [one.bridge for one in station.batches if one.session == status.session]
     senders = Counter(name for name in own if name is not None)
@@ -252,7 +252,7 @@ def _strangers(station: Station) -> dict[str, int]:
     return {session: others.count(session) for session in sorted(set(others))}
 
 
-CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[Finding]], ...] = (
+CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[CheckResult]], ...] = (
     _rivals,
     _losses,
     _refusals,

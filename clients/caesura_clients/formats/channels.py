@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -30,8 +30,10 @@ from caesura_protocol.messages import (
 BASE, FLANGE = "base", "flange"  # frames
 
 
-class State(Message):
+class RobotState(Message):
     """What the robot reported of itself; the names are those of the session's signals."""
+
+    model_config = ConfigDict(title="State")  # the name of the schema in files
 
     t: Seconds  # [s] session clock
     pos: Vector | None = None  # [length_unit] flange position, base frame
@@ -109,7 +111,7 @@ class PosesInFrame(Message):
 
 #: Topic → name of its schema, and the model of its messages.
 CHANNELS: Mapping[str, tuple[str, type[Message]]] = {
-    "/state": ("caesura.State", State),
+    "/state": ("caesura.State", RobotState),
     "/wrench": ("caesura.Wrench", Wrench),
     "/segments": ("caesura.Segment", Segment),
     "/phases": ("caesura.Phase", Phase),

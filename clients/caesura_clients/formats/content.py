@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Content(NamedTuple):
+class RawRecording(NamedTuple):
     """Signals by name, `t` among them: (n,) or (n, width); options by name; the names of the rest."""
 
     arrays: dict[str, Array]

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from caesura_clients.formats.content import Array, Content
+from caesura_clients.formats.content import Array, RawRecording
 from caesura_clients.formats.mapping import Mapped
 from caesura_clients.recording import RecordingError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -54,7 +54,7 @@ class Rule(NamedTuple):
     factor: float
 
 
-class Table(NamedTuple):
+class CsvTable(NamedTuple):
     """A csv file by column name; text as it stands."""
 
     header: list[str]
@@ -62,7 +62,7 @@ class Table(NamedTuple):
     numbers: list[int]  # of the rows, as an editor counts lines
 
 
-def read_foreign_csv(path: Path, mapped: Mapped) -> Content:
+def read_foreign_csv(path: Path, mapped: Mapped) -> RawRecording:
     """The signals that the mapping names. Raises RecordingError, which names the column and what there is."""
     rules = rules_of(mapped)
     table = _table(path, mapped)
@@ -75,7 +75,7 @@ def read_foreign_csv(path: Path, mapped: Mapped) -> Content:
         elif len(missing) < len(names):
             raise mapped.wrong(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
     used = {rule.theirs for rule in rules}
-    return Content(arrays, mapped.options, [name for name in table.header if name not in used])
+    return RawRecording(arrays, mapped.options, [name for name in table.header if name not in used])
 
 
 def rules_of(mapped: Mapped) -> list[Rule]:
@@ -111,7 +111,7 @@ def _scale(mapped: Mapped, where: str, said: Any) -> float:
     return float(said)
 
 
-def _table(path: Path, mapped: Mapped) -> Table:
+def _table(path: Path, mapped: Mapped) -> CsvTable:
     delimiter = str(mapped.table.get("delimiter", ","))
     if len(delimiter) != 1:
         raise mapped.wrong(f"delimiter is {delimiter!r}, expected one character")
@@ -124,8 +124,8 @@ def _table(path: Path, mapped: Mapped) -> Table:
     numbers = [n for n, _ in kept]
     decimal = str(mapped.table.get("decimal", "."))
     if all(_is_number(cell, decimal) for cell in rows[0]):
-        return Table([str(i + 1) for i in range(len(rows[0]))], rows, numbers)
-    return Table(rows[0], rows[1:], numbers[1:])
+        return CsvTable([str(i + 1) for i in range(len(rows[0]))], rows, numbers)
+    return CsvTable(rows[0], rows[1:], numbers[1:])
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -136,7 +136,7 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _numbers(path: Path, mapped: Mapped, table: Table, rule: Rule) -> Array:
+def _numbers(path: Path, mapped: Mapped, table: CsvTable, rule: Rule) -> Array:
     """Return one column. Raises RecordingError, which names the column, the line and the value."""
     found = table.header.count(rule.theirs)
     if found != 1:

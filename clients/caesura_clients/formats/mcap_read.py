@@ -18,19 +18,19 @@ from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from zstandard import ZstdError
 
-from caesura_clients.formats.channels import State, Wrench
-from caesura_clients.formats.content import Array, Content
+from caesura_clients.formats.channels import RobotState, Wrench
+from caesura_clients.formats.content import Array, RawRecording
 from caesura_clients.formats.mcap_write import METADATA
-from caesura_clients.programs.safety import Setting
+from caesura_clients.programs.safety import CellSettings
 from caesura_protocol.messages import Message
 
 ROS2 = "ros2"  # the profile of a rosbag2
-OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit", *Setting._fields)
+OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit", *CellSettings._fields)
 T = TypeVar("T")
-_TOPICS: Mapping[str, type[Message]] = {"/state": State, "/wrench": Wrench}
+_TOPICS: Mapping[str, type[Message]] = {"/state": RobotState, "/wrench": Wrench}
 
 
-def read_mcap(path: Path) -> Content:
+def read_mcap(path: Path) -> RawRecording:
     """Return the samples of a file that Caesura wrote. Raises ValueError for any other."""
     with path.open("rb") as stream:
         return _translated(_content, stream)
@@ -70,7 +70,7 @@ def _channels(reader: McapReader) -> list[Any]:
     return [] if summary is None else list(summary.channels.values())
 
 
-def _content(stream: IO[bytes]) -> Content:
+def _content(stream: IO[bytes]) -> RawRecording:
     reader = make_reader(stream, validate_crcs=True)
     said = metadata_of(reader)
     arrays: dict[str, Array] = {}
@@ -80,7 +80,7 @@ def _content(stream: IO[bytes]) -> Content:
                 arrays[name] = values
             elif not np.array_equal(arrays["t"], values):
                 raise ValueError(f"{topic} has {len(values)} samples at other times than /state has")
-    return Content(arrays, {key: said[key] for key in OPTIONS if key in said}, [])
+    return RawRecording(arrays, {key: said[key] for key in OPTIONS if key in said}, [])
 
 
 def _rows(reader: McapReader) -> dict[str, list[dict[str, Any]]]:

@@ -20,7 +20,15 @@ import numpy as np
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from caesura_clients.formats.channels import BASE, CHANNELS, FLANGE, State, TaskProgram, Wrench, schema_of
+from caesura_clients.formats.channels import (
+    BASE,
+    CHANNELS,
+    FLANGE,
+    RobotState,
+    TaskProgram,
+    Wrench,
+    schema_of,
+)
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import App, Changepoint, Gap, Message, Phase, Segment
 
@@ -44,7 +52,7 @@ NOWHERE = Poses(np.empty(0), np.empty((0, 3)), np.empty((0, 4)))
 
 
 @dataclass(frozen=True)
-class Demonstration:
+class McapContent:
     """The content of an MCAP file: samples, results and metadata of one session."""
 
     station: str
@@ -66,7 +74,7 @@ class Demonstration:
     more: dict[str, str] = field(default_factory=dict)  # the caller's metadata
 
 
-class Entry(NamedTuple):
+class McapMessage(NamedTuple):
     """A message and where it goes."""
 
     t: float  # [s] session clock
@@ -74,7 +82,7 @@ class Entry(NamedTuple):
     fields: dict[str, Any]
 
 
-def write_mcap(path: Path, told: Demonstration) -> int:
+def write_mcap(path: Path, told: McapContent) -> int:
     """Write the file, all of it or none; returns the number of messages. Raises OSError."""
     unfinished = path.with_name(path.name + ".part")
     try:
@@ -86,9 +94,9 @@ def write_mcap(path: Path, told: Demonstration) -> int:
     return count
 
 
-def entries(told: Demonstration) -> Iterator[Entry]:
+def entries(told: McapContent) -> Iterator[McapMessage]:
     """Every message in order of time."""
-    streams = [_samples(told, "/state", State), _samples(told, "/wrench", Wrench), *_drawn(told)]
+    streams = [_samples(told, "/state", RobotState), _samples(told, "/wrench", Wrench), *_drawn(told)]
     return heapq.merge(*streams, _results(told), key=itemgetter(0))
 
 
@@ -114,7 +122,7 @@ def every(times: Array, step_s: float) -> list[int]:
     return kept
 
 
-def _write(stream: IO[bytes], told: Demonstration) -> int:
+def _write(stream: IO[bytes], told: McapContent) -> int:
     writer = Writer(stream)
     writer.start(profile="", library=f"caesura {_version()}")
     channels = {topic: _channel(writer, topic) for topic in CHANNELS}
@@ -135,7 +143,7 @@ def _channel(writer: Writer, topic: str) -> int:
     return writer.register_channel(topic=topic, message_encoding="json", schema_id=registered)
 
 
-def _metadata(told: Demonstration) -> dict[str, str]:
+def _metadata(told: McapContent) -> dict[str, str]:
     recording = told.recording
     return {
         "station": told.station,
@@ -156,7 +164,7 @@ def _metadata(told: Demonstration) -> dict[str, str]:
 # --- messages -------------------------------------------------------------------------------------------
 
 
-def _samples(told: Demonstration, topic: str, model: type[Message]) -> Iterator[Entry]:
+def _samples(told: McapContent, topic: str, model: type[Message]) -> Iterator[McapMessage]:
     """What of a model's fields the session has, sample by sample, in order of arrival."""
     signals = {name: told.recording.signals.get(name) for name in model.model_fields}
     columns = {name: _values(values) for name, values in signals.items() if values is not None}
@@ -165,7 +173,7 @@ def _samples(told: Demonstration, topic: str, model: type[Message]) -> Iterator[
     times = np.maximum.accumulate(told.recording.t)  # in the order of the merge; `t` is as it came
     rows = zip(times.tolist(), told.recording.t.tolist(), *columns.values(), strict=True)
     for when, t, *row in rows:
-        yield Entry(when, topic, {"t": t, **dict(zip(columns, row, strict=True))})
+        yield McapMessage(when, topic, {"t": t, **dict(zip(columns, row, strict=True))})
 
 
 def _values(signal: Array) -> list[Any]:
@@ -173,7 +181,7 @@ def _values(signal: Array) -> list[Any]:
     return (signal[:, 0] if signal.shape[1] == 1 else signal).tolist()  # type: ignore[no-any-return]
 
 
-def _results(told: Demonstration) -> list[Entry]:
+def _results(told: McapContent) -> list[McapMessage]:
     end = float(told.recording.t.max())
     program = TaskProgram(
         complete=told.complete, apps=told.apps, notes=told.notes, force_limit_n=told.force_limit_n
@@ -185,23 +193,26 @@ def _results(told: Demonstration) -> list[Entry]:
         *((one.t0, "/gaps", one) for one in told.gaps),
         (end, "/program", program),
     )
-    made = [Entry(t, topic, message.model_dump(mode="json", exclude_none=True)) for t, topic, message in said]
+    made = [
+        McapMessage(t, topic, message.model_dump(mode="json", exclude_none=True))
+        for t, topic, message in said
+    ]
     return sorted(made, key=itemgetter(0))
 
 
-def _drawn(told: Demonstration) -> tuple[list[Entry], list[Entry]]:
+def _drawn(told: McapContent) -> tuple[list[McapMessage], list[McapMessage]]:
     """The flange's frame as it goes, and its whole path."""
     times, positions, orientations = told.poses
     if not times.size:
         return [], []
     poses = [(_xyz(p), _xyzw(o)) for p, o in zip(positions.tolist(), orientations.tolist(), strict=True)]
     frames = [
-        Entry(t, "/tf", _transform(_stamp(t, told.began_s), *pose))
+        McapMessage(t, "/tf", _transform(_stamp(t, told.began_s), *pose))
         for t, pose in zip(times.tolist(), poses, strict=True)
     ]
     points = [{"position": p, "orientation": o} for p, o in (poses[i] for i in every(times, PATH_S))]
     stamp = _stamp(float(times[0]), told.began_s)
-    path = Entry(float(times[0]), "/path", {"timestamp": stamp, "frame_id": BASE, "poses": points})
+    path = McapMessage(float(times[0]), "/path", {"timestamp": stamp, "frame_id": BASE, "poses": points})
     return frames, [path]
 
 

@@ -13,17 +13,17 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-class Pose(NamedTuple):
+class Transform(NamedTuple):
     """A frame in another."""
 
     position: Vector  # [m]
     orientation: Quaternion
 
 
-HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+HERE = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def flange_of(effector: Pose, effector_on_flange: Pose) -> Pose:
+def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
     """O_T_F = O_T_EE · (F_T_EE)⁻¹: the flange, from the end effector in the base frame and on the flange."""
     if effector_on_flange == HERE or not any(effector_on_flange.orientation):
         return effector
@@ -31,7 +31,7 @@ def flange_of(effector: Pose, effector_on_flange: Pose) -> Pose:
     turned = multiply(effector.orientation, (-ox, -oy, -oz, ow))
     offset = rotate(turned, (x, y, z))
     a, b = effector.position, offset
-    return Pose((a[0] - b[0], a[1] - b[1], a[2] - b[2]), turned)
+    return Transform((a[0] - b[0], a[1] - b[1], a[2] - b[2]), turned)
 
 
 def multiply(one: Quaternion, other: Quaternion) -> Quaternion:
@@ -53,13 +53,13 @@ def rotate(by: Quaternion, vector: Vector) -> Vector:
     return turned[:3]
 
 
-def pose_of(matrix: Sequence[float]) -> Pose:
+def pose_of(matrix: Sequence[float]) -> Transform:
     """A 4×4 matrix in column-major order, as libfranka has it, as a pose.
 
     matrix: (16,); rotation [[m0, m4, m8], [m1, m5, m9], [m2, m6, m10]], position m12, m13, m14 [m].
     """
     position = (float(matrix[12]), float(matrix[13]), float(matrix[14]))
-    return Pose(position, _quaternion_of(matrix))
+    return Transform(position, _quaternion_of(matrix))
 
 
 def _quaternion_of(m: Sequence[float]) -> Quaternion:

@@ -21,7 +21,7 @@ from typing import Any
 
 from caesura_clients.formats.joining import NS
 from caesura_clients.formats.mapping import Mapped
-from caesura_clients.formats.poses import Pose, flange_of
+from caesura_clients.formats.poses import Transform, flange_of
 from caesura_clients.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_clients.recording import RecordingError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -156,9 +156,9 @@ _READERS: Mapping[str, Callable[[Any, TopicRule], Values]] = {
 }
 
 
-def _pose(pose: Any) -> Pose:
+def _pose(pose: Any) -> Transform:
     p, o = pose.position, pose.orientation
-    return Pose((p.x, p.y, p.z), (o.x, o.y, o.z, o.w))
+    return Transform((p.x, p.y, p.z), (o.x, o.y, o.z, o.w))
 
 
 def _wrench(wrench: Any, sign: float) -> dict[str, Sequence[float]]:

@@ -28,7 +28,7 @@ class Topic(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class TopicSelection:
     """What is taken from where."""
 
     topic_of: Mapping[str, str]  # by signal
@@ -45,7 +45,9 @@ class Plan:
         return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
 
 
-def plan_of(heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_source: str | None) -> Plan:
+def plan_of(
+    heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_source: str | None
+) -> TopicSelection:
     """From some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in heard}
     told: dict[str, set[str]] = {}
@@ -60,7 +62,7 @@ def plan_of(heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_so
         )
     if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
         del topic_of["quat"]
-    return Plan(topic_of, _options(topic_of, heard, mapped, wrench_source))
+    return TopicSelection(topic_of, _options(topic_of, heard, mapped, wrench_source))
 
 
 def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:

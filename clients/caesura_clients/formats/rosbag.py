@@ -17,11 +17,11 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 
-from caesura_clients.formats.content import Content
+from caesura_clients.formats.content import RawRecording
 from caesura_clients.formats.joining import Joiner, Row
 from caesura_clients.formats.mapping import Mapped
 from caesura_clients.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
-from caesura_clients.formats.ros_plan import Plan, Topic, plan_of
+from caesura_clients.formats.ros_plan import Topic, TopicSelection, plan_of
 from caesura_clients.formats.ros_types import READ, typestore
 from caesura_clients.recording import RecordingError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -30,7 +30,7 @@ TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.AS
 LOOKED_AT = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
-def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) -> Content:
+def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) -> RawRecording:
     """A rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for no rosbag2."""
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))
@@ -90,7 +90,9 @@ def _heard(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[tuple[Top
         yield from islice(_messages(reader, topics, name), LOOKED_AT)
 
 
-def _content(path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: Plan) -> Content:
+def _content(
+    path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection
+) -> RawRecording:
     joiner = Joiner(plan.signals)
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
@@ -105,4 +107,4 @@ def _content(path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: P
     columns = dict(zip(joiner.columns, matrix.T, strict=True))
     arrays = {s: np.column_stack([columns[c] for c in COLUMNS_OF_SIGNAL[s]]) for s in joiner.signals}
     unread = sorted({c.topic for c in reader.connections} - set(used))
-    return Content({"t": columns["t"].copy(), **arrays}, dict(plan.options), unread)
+    return RawRecording({"t": columns["t"].copy(), **arrays}, dict(plan.options), unread)

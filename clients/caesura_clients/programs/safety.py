@@ -55,7 +55,7 @@ class Safety(BaseModel):
 DEFAULT = Safety()
 
 
-class Setting(NamedTuple):
+class CellSettings(NamedTuple):
     """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
 
     force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad].
@@ -65,12 +65,14 @@ class Setting(NamedTuple):
     path_tolerance_m: float | None = None
     path_tolerance_rad: float | None = None
 
-    def over(self, other: Setting) -> Setting:
+    def over(self, other: CellSettings) -> CellSettings:
         """Return this setting, completed by another where it states nothing."""
-        return Setting(*(theirs if own is None else own for own, theirs in zip(self, other, strict=True)))
+        return CellSettings(
+            *(theirs if own is None else own for own, theirs in zip(self, other, strict=True))
+        )
 
 
-UNSET = Setting()
+UNSET = CellSettings()
 
 
 def read_safety(path: Path) -> Safety:

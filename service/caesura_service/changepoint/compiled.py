@@ -60,7 +60,7 @@ class CompiledFilter(Smoothed):
     def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
-        changepoint: whether a segment starts here, where somebody knows. Raises ValueError where a value is
+        changepoint: whether a segment starts here, where that is given. Raises ValueError where a value is
         not finite; nothing has changed then.
         """
         now = self._state.now

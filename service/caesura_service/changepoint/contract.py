@@ -1,4 +1,4 @@
-"""What a channel model promises, as checks that run on any of them, ours or a third party's.
+"""What a channel model promises, as checks that run on any of them, Caesura's or a third party's.
 
 Each takes a model and some observations and raises AssertionError where the promise is broken. `mass` is no
 check but a measurement: a model whose evidence is a density comes to 1 over what may be observed next, and
@@ -55,7 +55,7 @@ def check_pure(model: ChannelModel, observations: Sequence[Observed]) -> None:
             kept = any(np.shares_memory(array, vector) for array in extended)
             assert not kept, "rows keep the observation's own memory"
         assert _bytes(model.extend(rows, observed)) == _bytes(extended), "the same rows give other bits"
-        assert _bytes([model.log_evidence(extended)]) == _bytes([told]), "the same rows tell other evidence"
+        assert _bytes([model.log_evidence(extended)]) == _bytes([told]), "the same rows give other evidence"
         rows = extended
 
 
@@ -85,7 +85,7 @@ def check_serialisable(model: ChannelModel, observations: Sequence[Observed]) ->
         rows_after(again, observations[half:], read),
     )
     assert _bytes(other) == _bytes(ended), "model and rows that were stored go on otherwise"
-    assert _bytes([again.log_evidence(other)]) == _bytes([model.log_evidence(ended)]), "and tell otherwise"
+    assert _bytes([again.log_evidence(other)]) == _bytes([model.log_evidence(ended)]), "nor the same evidence"
 
 
 def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -> None:

@@ -4,9 +4,9 @@ principle.
 The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library
 of strokes does; a movement ends at a corner, and everything else inside it is a via point; noise comes from
 the sensor and grows with speed; free space has a bias, and contact is a change; a load differs from free
-space by its weight alone; residuals are correlated; speed tells movement from rest; a surface never drives
-what slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than 0.4 s.
-`WITHOUT` leaves each of them out and keeps the others.
+space by its weight alone; residuals are correlated; speed separates movement from rest; a surface never
+drives what slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than
+0.4 s. `WITHOUT` leaves each of them out and keeps the others.
 """
 
 from __future__ import annotations

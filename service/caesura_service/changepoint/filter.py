@@ -42,7 +42,7 @@ class Filter(Protocol):
 
     @property
     def boundaries(self) -> Sequence[int]:
-        """Starts that are certain because somebody said so."""
+        """Starts that a correction makes certain."""
 
     @property
     def final(self) -> Sequence[Ended]:

@@ -1,4 +1,4 @@
-"""What a surface does to whoever slides along it: a weight on the force, given where the movement goes."""
+"""What a surface does to a sliding tool: a weight on the force, given the direction of the movement."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Friction:
     Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of 1 at most.
     With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), for there is
     a normal force all the time, and by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which the force
-    leaves the cone. Whoever pushes in what gives way, or is pushed back by it, does not slide; nor does who
-    moves freely under a bias that happens to point along. The weight is at most 1.
+    leaves the cone. A tool that pushes in what gives way, or is pushed back by it, does not slide; nor does
+    one that moves freely under a bias that happens to point along. The weight is at most 1.
 
-    least [N]: of a normal force, as far as it can be told from a bias; 0 weighs nothing. pace [m]: a step
+    least [N]: of a normal force, as far as it differs from a bias; 0 weighs nothing. pace [m]: a step
     much shorter than this has no direction.
     """
 

@@ -47,7 +47,7 @@ class Geometric:
 class Refractory:
     """Constant hazard 1/mean_samples, but a `share` of that for the first `early` samples of a segment.
 
-    Nobody does two things within one submovement of 0.2 to 0.3 s; what looks like it is one thing.
+    No person makes two movements within one submovement of 0.2 to 0.3 s; an apparent pair is one.
     """
 
     mean_samples: float

@@ -1,8 +1,8 @@
-"""The contract that a segment's channel models meet, ours and a third party's.
+"""The contract that a segment's channel models meet, Caesura's and a third party's.
 
 A hypothesis is a possible start of the current segment. A model keeps a few sums for each, its rows, and
-from them tells the log evidence of every hypothesis at once. Rows are a tuple of arrays whose first axis
-counts the hypotheses, oldest first; whoever holds them may drop any with `select`. The work a step and
+from them returns the log evidence of every hypothesis at once. Rows are a tuple of arrays whose first axis
+counts the hypotheses, oldest first; the filter may drop any with `select`. The work a step and
 hypothesis is constant, however long the segment has become.
 """
 

@@ -17,7 +17,7 @@ exact inside the window:
     P(changepoint at τ | x) = exp(logsumexp_j [A_j(τ) + B_j(τ)] − log Z)
 
 A constant hazard makes P(run length 0) equal 1/λ whatever the data say; only this delayed probability and
-the MAP path tell anything.
+the MAP path are informative.
 
 A changepoint becomes final, never to be revised, in one of two ways: all living hypotheses descend from it,
 or it is certain, and the filter is conditioned on it: segments that would reach across it leave the window's
@@ -77,7 +77,7 @@ class OnlineFilter(Smoothed):
         self.ended: dict[Node, Ended] = {}  # what ends at a start that living hypotheses descend from
         self.root_node: Node = (0, NOTHING)  # the latest that every living hypothesis descends from
         self.final = FinalPath(kinds)  # the segments before the root
-        self.boundaries: list[int] = []  # starts that are certain because somebody said so
+        self.boundaries: list[int] = []  # starts that a correction makes certain
         self.capped = 0  # steps on which the cap bit
         self._window = Window(self.parameters.window, kinds, groups)
         self._smoothing = Smoothing()
@@ -91,7 +91,7 @@ class OnlineFilter(Smoothed):
     def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
-        changepoint: whether a segment starts here, where somebody knows (a hazard of 1 or 0). What is not
+        changepoint: whether a segment starts here, where that is given (a hazard of 1 or 0). What is not
         possible, that the first one does not, is not heeded. After a gap or a known start every kind may
         follow every other. Raises ValueError where a value is not finite; nothing has changed then.
         """

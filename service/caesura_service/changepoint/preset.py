@@ -18,7 +18,7 @@ SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
 SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is known of the wrench
 
-# What is left where the force cannot tell contact: the kinds, and the channels that look at the position.
+# What is left where the force does not show contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
     Kind("motion", "motion", "free", ("moving", "corner")),
     Kind("steady", "steady", "free", ("still", "unturned")),
@@ -90,7 +90,7 @@ class Preset:
         kinds = _united(kind for kind in kinds if {*kind.channels} - {"corner"})
         if not kinds:
             raise ValueError(
-                f"preset {self.name!r} looks at the force only, expected a wrench that tells contact"
+                f"preset {self.name!r} looks at the force only, expected a wrench that shows contact"
             )
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}

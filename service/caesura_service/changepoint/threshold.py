@@ -45,7 +45,7 @@ def runs_above(
 ) -> list[Run]:
     """The changepoints in a smoothed probability (n,), whose first sample is number `offset`.
 
-    boundaries: starts that are certain because somebody said so; each begins a run of its own.
+    boundaries: starts that a correction makes certain; each begins a run of its own.
     Raises ValueError as `check_level`.
     """
     check_level(level)
@@ -105,7 +105,7 @@ class OnlineThreshold:
         self._undecided = 0  # the first sample that may yet be part of a changepoint
         self._runs: list[Run] = []
         self._tapes: dict[int, _Tape] = {}
-        self._said: set[int] = set()  # starts that somebody knows of
+        self._said: set[int] = set()  # starts that are given
 
     def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. Raises ValueError as `OnlineFilter.step`."""

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Asked, Reading, grouped, reported
+from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.errors import CaesuraError
 from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recording import Recording, load_recording, needing
@@ -28,7 +28,7 @@ def export_recording(
     out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
     preset: PresetName = DEFAULT_PRESET,
     reading: Reading,
-    asked: Asked,
+    asked: ProgramOptions,
     mapping: Mapping = None,
 ) -> None:
     """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.

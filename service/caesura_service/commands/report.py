@@ -9,15 +9,15 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Asked, Reading, grouped, reported
+from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.errors import BadSource, CaesuraError
-from caesura_clients.programs.safety import Setting
+from caesura_clients.programs.safety import CellSettings
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.extras import installing
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
-from caesura_service.report.content import Content, gather
+from caesura_service.report.content import ReportData, gather
 from caesura_service.truth import Truth, read_annotation, truth_file
 
 
@@ -31,7 +31,7 @@ def report(
         Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
     ] = None,
     reading: Reading,
-    asked: Asked,
+    asked: ProgramOptions,
     mapping: Mapping = None,
 ) -> None:
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
@@ -50,7 +50,9 @@ def _writable(out: Path) -> None:
         raise CaesuraError(f"cannot write {out}: no such directory")
 
 
-def _report(recording: Recording, out: Path, preset: str, annotation: Path | None, setting: Setting) -> None:
+def _report(
+    recording: Recording, out: Path, preset: str, annotation: Path | None, setting: CellSettings
+) -> None:
     truth = None if annotation is None else read_annotation(annotation)
     content = _gathered(recording, preset, truth, setting)
     try:
@@ -59,7 +61,7 @@ def _report(recording: Recording, out: Path, preset: str, annotation: Path | Non
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: Setting) -> Content:
+def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
     try:
         return gather(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:

@@ -11,10 +11,10 @@ import typer
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from caesura_clients.cli.options import Asked, Reading, grouped, reported
+from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.show import apps_table, ignored_line, phases_table, segments_table
 from caesura_clients.errors import BadSource
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
@@ -38,7 +38,7 @@ def segment(
         Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
     ] = None,
     reading: Reading,
-    asked: Asked,
+    asked: ProgramOptions,
     mapping: Mapping = None,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
@@ -53,7 +53,7 @@ def segment(
 
 
 def segmented(
-    recording: Recording, preset: str, threshold: float | None = None, setting: Setting = UNSET
+    recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
 ) -> View:
     """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
     with Progress(console=Console(stderr=True), transient=True) as progress:

@@ -19,11 +19,11 @@ from caesura_protocol.extras import installing
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
     Copy,
-    Found,
     Journal,
     JournalBusyError,
     JournalError,
     Key,
+    PeerCopy,
     SqliteJournal,
 )
 from caesura_service.recordings import recording_of
@@ -77,7 +77,7 @@ def delete(
     typer.echo(f"{'/'.join(key)} deleted")
 
 
-def _delete(found: Found, *, closed: bool) -> None:
+def _delete(found: PeerCopy, *, closed: bool) -> None:
     """Raises CaesuraError where it is open, and a service may be at it."""
     try:
         with _opened(found.path, alone=not closed) as kept:
@@ -136,12 +136,12 @@ def _opened(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
         raise CaesuraError(str(error)) from error
 
 
-def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key, list[Found]]:
+def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key, list[PeerCopy]]:
     """The one session that is meant, and where it is, the copy that is furthest along first.
 
     Raises Absent, which names what there is, or CaesuraError.
     """
-    known = [Found(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
+    known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [found for found in known if found.copy.session == session]
     meant = [found for found in meant if station in {None, found.copy.station}]
     stations = list(dict.fromkeys(found.copy.station for found in meant))

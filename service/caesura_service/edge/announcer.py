@@ -11,7 +11,7 @@ from collections.abc import Callable, Set
 from typing import Any
 
 from caesura_service.edge.arrivals import station_of
-from caesura_service.edge.inbox import WHOLE, Inbox
+from caesura_service.edge.inbox import WHOLE, WorkQueue
 from caesura_service.edge.threaded import Threaded
 
 logger = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ REPEAT_S = 1.0
 class Announcer(Threaded):
     """Watches the inbox while the context lasts; `publish` puts the service's status."""
 
-    def __init__(self, inbox: Inbox[Any], publish: Callable[[], None]) -> None:
+    def __init__(self, inbox: WorkQueue[Any], publish: Callable[[], None]) -> None:
         self._inbox = inbox
         self._publish = publish
         self._dropped = 0  # before the overload that lasts

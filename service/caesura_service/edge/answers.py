@@ -30,7 +30,7 @@ from caesura_service.edge.arrivals import (
     sources_of,
 )
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.inbox import QueueSettings, WorkQueue
 from caesura_service.edge.outgoing import answer, refuse, with_load
 from caesura_service.edge.rates import COMPLAINTS, Rate, RateLimit
 from caesura_service.edge.threaded import Threaded
@@ -49,7 +49,7 @@ class Answers(Threaded):
     def __init__(
         self,
         registry: Registry,
-        work: Inbox[Arrival],
+        work: WorkQueue[Arrival],
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
         questions: Rate,
@@ -62,7 +62,7 @@ class Answers(Threaded):
         self._registry = registry
         self._work, self._budgets = work, budgets
         self._status = status
-        self._inbox: Inbox[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = Inbox(
+        self._inbox: WorkQueue[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = WorkQueue(
             QueueSettings(capacity=QUESTIONS, shares=1)
         )
         super().__init__("caesura-answers", self._inbox.wake)
@@ -95,7 +95,7 @@ class Answers(Threaded):
             self._pass_on(Command(content_of_query(query), query))
 
     def _ask(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
-        if self._questions.allows("everybody"):  # a query does not say who asks
+        if self._questions.allows("every reader"):  # a query does not say who asks
             self._enqueue(how, query)
         else:
             _refuse_overload(query, "too many questions a second", self._questions.rates[0].per_s)

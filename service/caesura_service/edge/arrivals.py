@@ -18,11 +18,11 @@ from caesura_service.session.ports import AskReplay, ReplayEnded
 
 UNKNOWN = "?"  # the station of keys that name none
 OCTETS = "application/octet-stream"
-MAX_TEXT = 500  # characters of a key or an encoding; ours are shorter
+MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are shorter
 
 
 class Content(NamedTuple):
-    """A payload as it came; empty if it was over the size limit; `size` is as it came. Its texts are cut."""
+    """A payload as it came; empty if it was over the size limit, which `size` shows. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -97,7 +97,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class ReplayFinished:
     """A replay is complete, or was not answered."""
 
     asked: Asked
@@ -131,11 +131,11 @@ class Unfinished:
     lane: str
 
 
-Arrival = Samples | Command | Ended | Presence | Linked | Watching | Unfinished
+Arrival = Samples | Command | ReplayFinished | Presence | Linked | Watching | Unfinished
 
 
 def sources_of(station: str) -> tuple[str, str]:
-    """The inbox's names for a station: live samples by their key, replayed ones by the station's name."""
+    """Return a station's sources in the queue: its key for live samples, its name for replayed ones."""
     return station_key(station, "samples"), station
 
 

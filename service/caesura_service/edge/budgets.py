@@ -123,7 +123,7 @@ class Budgets:
     def _words(self, station: str, use: Use) -> ProtocolError:
         """What was used, the limit, and when more may be."""
         (per_s, at_once), used = self._rates[use], self._used(station)[use]
-        if used == 0.0:  # a name that finds no room among those that have a bucket
+        if used == 0.0:  # a name that finds no room among those with a budget of their own
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"
             return ProtocolError("overloaded", why, value=station, limit=SENDERS)
         why = (

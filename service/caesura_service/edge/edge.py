@@ -29,7 +29,7 @@ from caesura_service.edge.answers import Answers
 from caesura_service.edge.arrivals import UNKNOWN, Arrival, Content, Samples, Watching, sender_of
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.gathering import Gathering
-from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.inbox import QueueSettings, WorkQueue
 from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
@@ -68,7 +68,7 @@ class Edge:
         self._version = version
         self._clock = clock
         self._stop = stop or threading.Event()
-        self._inbox: Inbox[Arrival] = Inbox(queue or QueueSettings(), announced=True)
+        self._inbox: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
         self.budgets = Budgets(rates)

@@ -87,7 +87,7 @@ class _Lane(Generic[T]):
         self.due = 0.0  # [s] virtual time
 
 
-class Inbox(Generic[T]):
+class WorkQueue(Generic[T]):
     """Bounded; nothing but `get` ever waits."""
 
     def __init__(self, settings: QueueSettings, *, announced: bool = False) -> None:

@@ -1,8 +1,9 @@
 """What may wait for a slow client, in threads beside the worker: answers to commands, questions to bridges.
 
-Zenoh sends both in the way that their asker, or the bridge, wants them: where that client does not read, the
-call waits until its link is closed, five seconds later. In the worker's thread all stations waited for that.
-So each station has a lane, in which one thing is sent after the other; a station that waits holds one thread.
+Zenoh sends both with the congestion control that the client, or the bridge, requested: where that client does
+not read, the call waits until its link is closed, five seconds later. In the worker's thread all stations
+waited for that. So each station has a lane, in which one thing is sent after the other; a station that waits
+holds one thread.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Lanes:
         return True
 
     def _wake(self) -> None:
-        self._changed.notify()  # an idle thread may be awake for another lane, and not run yet
+        self._changed.notify()  # an idle thread may have been notified of another lane, and not run yet
         if self._idle < len(self._ready) and len(self._threads) < THREADS:
             name = f"caesura-lanes-{len(self._threads)}"
             self._threads.append(threading.Thread(target=self._run, name=name, daemon=True))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-SETTLE_S = 0.05  # the loss of a link is noticed just after that of the tokens behind it
+SETTLE_S = 0.05  # the loss of a link is reported just after that of the tokens behind it
 RETURN_S = 1.5  # between our own link and those of others; they try every 0.5 s
 
 
@@ -27,7 +27,7 @@ class Membership:
         self._until = dict.fromkeys(set(others) - {self._me}, float("inf"))
 
     def watching(self, now: float) -> None:
-        """From here on arrivals say who comes and goes, and first of all who is there."""
+        """From here on changes of members are reported, after the members present now."""
         self._until = dict.fromkeys(self._until, now + RETURN_S)
 
     def came(self, instance: str, now: float) -> bool:
@@ -46,7 +46,7 @@ class Membership:
             self._until[instance] = now + SETTLE_S if self._linked else float("inf")
 
     def link_lost(self) -> None:
-        """We are cut off; who was a member when that was last asked stays one."""
+        """Note that the own link is lost; the members of the last query stay members."""
         self._linked = False
         self._until = dict.fromkeys({*self._there, *self._until}, float("inf"))
         self._there.clear()
@@ -57,10 +57,10 @@ class Membership:
         self._until = dict.fromkeys(self._until, now + RETURN_S)
 
     def members(self, now: float) -> frozenset[str]:
-        """Who lives, ourselves included. An instance that does not is forgotten."""
+        """Return the live instances, this one included, and drop the others."""
         self._until = {instance: until for instance, until in self._until.items() if until > now}
         return frozenset({self._me, *self._there, *self._until})
 
     def due(self, now: float) -> float:
-        """When a member stops being one if nothing happens; infinite where none does."""
+        """Return when the next instance stops being a member without an event; infinite if none does."""
         return min((until for until in self._until.values() if until > now), default=float("inf"))

@@ -3,11 +3,11 @@
 Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
 network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
 lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
-that looks for no other would still wait half a second before it answers; twice the largest message that we
+that searches for no peer would still wait half a second before it answers; twice the largest message that we
 accept, because a peer could otherwise make us put together one of a gigabyte; many pending connections, and a
 long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files).
 
-What is listened on must demand credentials where other machines reach it, or the settings say `insecure`.
+What is listened on must demand credentials where other machines reach it, unless `insecure` is set.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ SETTINGS: Mapping[str, Any] = {
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
 # A link whose peer hangs is closed once its lease ends, and that holds one of zenoh's threads for 10 s
-# (SO_LINGER; zenoh issues 1101, 2718). It has two that read: three frozen dashboards held up all stations.
-# Those that read also wait for what there is to read: else another one does, and wakes them for each message.
+# (SO_LINGER; zenoh issues 1101, 2718). It has two that read: three frozen dashboards kept every client
+# waiting. Those that read also wait for what there is to read: else another one does, and wakes them for each
+# message.
 RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx), app: (handover: rx))"
 # One attempt to connect. Waiting inside the library ends at no signal and no deadline.
 ATTEMPT_MS = 500
@@ -90,7 +91,7 @@ class NetworkSettings:
 
 
 def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
-    """A zenoh session and the endpoint that it is reached by. Raises NetworkError, as once `stop` is set."""
+    """Return a zenoh session and its endpoint. Raises NetworkError, also once `stop` is set."""
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when a process opens its first session
     config = _config(settings.config_file)
     if settings.connect is not None:
@@ -173,7 +174,7 @@ def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
 
 
 def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
-    """What to listen on: as the settings say, else as the file says, else on this machine alone."""
+    """Return where to listen: by the settings, else by the file, else on this machine alone."""
     if settings.listen is not None:
         return [settings.listen]
     said, default = (_reader(one)("listen/endpoints") for one in (config, zenoh.Config()))
@@ -183,7 +184,7 @@ def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
 
 
 def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure: bool) -> None:
-    """Raises NetworkError for an endpoint that every machine could use, unless `insecure`."""
+    """Raises NetworkError for an endpoint that would be open to every client, unless `insecure`."""
     read = _reader(config)
     for endpoint in endpoints:
         if exposure.is_local(endpoint):

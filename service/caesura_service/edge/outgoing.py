@@ -30,14 +30,14 @@ from caesura_protocol.pieces import in_pieces
 from caesura_service.edge.arrivals import (
     Arrival,
     Asked,
-    Ended,
+    ReplayFinished,
     Samples,
     content_of,
     content_of_error,
     sources_of,
 )
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import Inbox
+from caesura_service.edge.inbox import WorkQueue
 from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.network import QUERY_TIMEOUT_S
 from caesura_service.session.ports import AskReplay, Publish
@@ -60,7 +60,9 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 class Outgoing:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
-    def __init__(self, network: zenoh.Session, inbox: Inbox[Arrival], budgets: Budgets, lanes: Lanes) -> None:
+    def __init__(
+        self, network: zenoh.Session, inbox: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes
+    ) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
         self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
@@ -149,7 +151,7 @@ class Outgoing:
     def _end(self, asked: Asked) -> None:
         """Once: of a question that fails Zenoh ends some, and others not."""
         if asked.ends():
-            self._inbox.deliver(Ended(asked), asked.ask.station)
+            self._inbox.deliver(ReplayFinished(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
@@ -167,7 +169,7 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def with_load(status: SessionStatus, inbox: Inbox[Arrival], budgets: Budgets) -> SessionStatus:
+def with_load(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
     """The status of a session with the load that its station causes: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
     load = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
@@ -190,7 +192,7 @@ def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
 
 
 def answer(query: zenoh.Query, key: str, message: Message) -> None:
-    """Reply to a query on a key of ours; a message that cannot go is refused instead."""
+    """Reply to a query on a key of this instance; a message that cannot go is refused instead."""
     try:
         for encoded in in_pieces(message):
             query.reply(key, encoded.payload, encoding=encoded.encoding)
@@ -199,6 +201,6 @@ def answer(query: zenoh.Query, key: str, message: Message) -> None:
 
 
 def refuse(query: zenoh.Query, error: ProtocolError) -> None:
-    """Reply with an error."""
+    """Reply with an error that states the reason."""
     encoded = encode_error(error)
     query.reply_err(encoded.payload, encoding=encoded.encoding)

@@ -36,7 +36,7 @@ def who_is_there(network: zenoh.Session) -> There:
 def watching(
     network: zenoh.Session, report: Callable[[Presence | Linked], object], *, client: bool
 ) -> ExitStack:
-    """Hand over who is there, who comes and who goes, and of a client when its router goes and comes back.
+    """Report live peers, arrivals and departures, and for a client the loss and return of its router.
 
     Close what is returned to end it.
     """

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-SENDERS = 1024  # with buckets; one more is let in once the one that was quiet for longest has full ones
+SENDERS = 1024  # with own buckets; another is admitted once the one quiet for longest has full buckets
 
 
 class Rate(NamedTuple):
@@ -93,7 +93,7 @@ class RateLimit:
         return [rate.burst - tokens for rate, tokens in zip(self.rates, filled, strict=True)]
 
     def senders(self) -> list[str]:
-        """Those that have a bucket now."""
+        """Return those that have buckets of their own now."""
         with self._lock:
             return list(self._buckets)
 
@@ -150,7 +150,7 @@ class WorkBudget:
         return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0
 
     def stations(self) -> list[str]:
-        """Those that have a bucket now."""
+        """Return those that have buckets of their own now."""
         with self._lock:
             return list(self._left)
 

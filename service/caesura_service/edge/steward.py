@@ -1,9 +1,9 @@
 """Looks after the stations of this instance: takes those that are its own, lets go of the others.
 
-Alone it serves all stations, by wildcards. With others it serves the stations that rendezvous hashing gives
-it, of those that have a bridge or a session. Whenever another instance may have served a station that is ours
-(an instance came, or our own link was lost), its journal is looked at before anything new is taken, and we
-speak under a new epoch; and again a little later, when the instance that had it has let go.
+Alone it serves every station, by wildcards. With others it serves the stations that rendezvous hashing gives
+it, of those that have a bridge or a session. Another instance may have served an owned station after an
+instance came or the own link was lost. The owner then reads its journal before it accepts new messages, and
+publishes under a new epoch. It reads the journal again a little later, when the other instance has let go.
 
 Runs in the worker's thread, a record at a time, so that stations that are served go on meanwhile.
 """
@@ -25,8 +25,8 @@ from caesura_service.session.sharing import share_of
 
 logger = logging.getLogger(__name__)
 
-LOOKS_S = (0.1, 0.5, 3.0)  # after a change: an instance that lets go has done so, one that hung was noticed
-STATIONS = 4096  # with a token, that are remembered
+LOOKS_S = (0.1, 0.5, 3.0)  # after a change: the last owner has let go by then, or was found to hang
+STATIONS = 4096  # with a token
 
 
 class Steward:
@@ -50,10 +50,10 @@ class Steward:
         self._due = float("inf")  # [s] the next change of membership by time alone
         self._looks: list[float] = []  # [s]
 
-    # --- the beginning, before our token ----------------------------------------------------------------
+    # --- the beginning, before the token is declared ----------------------------------------------------
 
     def begin(self, there: There) -> list[NotTaken]:
-        """Take what will be ours, then let it reach us; returns what could not be taken."""
+        """Take the stations to own, then let it reach us; returns what could not be taken."""
         if self._me in there.services:
             logger.error("a service named %s is there already: give each its own --instance", self._me)
         now, began = self._clock(), time.monotonic()
@@ -74,12 +74,14 @@ class Steward:
             logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)
         if len(self._members) > 1:
             names = ", ".join(sorted(self._members))
-            logger.info("%s share the stations; ours are %s", names, ", ".join(sorted(self._ours)) or "none")
+            logger.info(
+                "%s share the stations; this instance owns %s", names, ", ".join(sorted(self._ours)) or "none"
+            )
 
     # --- in the worker's thread -------------------------------------------------------------------------
 
     def receive(self, arrival: Presence | Linked | Watching) -> None:
-        """An instance or a bridge came or went."""
+        """Process a change of instances, bridges or the own link."""
         now = self._clock()
         match arrival:
             case Watching():
@@ -138,12 +140,12 @@ class Steward:
     # --- whose stations are whose -----------------------------------------------------------------------
 
     def _share_out(self, now: float, *, renew: bool = False) -> None:
-        """Let go of what is another's, take what is ours. renew: also what has been ours, once more."""
+        """Release stations of others, take the own ones. renew: also take again those already owned."""
         before, self._members = self._members, self._membership.members(now)
         if before != self._members:
             logger.info("instances: %s", ", ".join(sorted(self._members)))
         if before == self._members == {self._me} and not renew:
-            return  # a bridge of a station that is served already
+            return  # a bridge whose station is served already
         served = self._share()
         ours = self._known() if served is None else served
         fresh = ours if renew else ours - self._ours
@@ -160,7 +162,7 @@ class Steward:
             self._look_again(now)
 
     def _share(self) -> Set[str] | None:
-        """The stations that are ours; None alone, where all are."""
+        """Return the stations of this instance; None where it is alone and owns all."""
         return None if self._members == {self._me} else share_of(self._me, self._members, self._known())
 
     def _known(self) -> Set[str]:

@@ -12,7 +12,7 @@ JOIN_S = 2.0  # for what is under way when the service stops
 
 
 class Threaded(ABC):
-    """Runs `_run`, which looks at `_stopped`; `wake` makes it look."""
+    """Runs `_run`, which looks at `_stopped`, and is made to look by `wake`."""
 
     def __init__(self, name: str, wake: Callable[[], None]) -> None:
         self._stopped = threading.Event()

@@ -26,9 +26,9 @@ from caesura_service.edge.arrivals import (
     Arrival,
     Command,
     Content,
-    Ended,
     Linked,
     Presence,
+    ReplayFinished,
     Samples,
     Unfinished,
     Watching,
@@ -36,7 +36,7 @@ from caesura_service.edge.arrivals import (
     station_of,
 )
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import WHOLE, Inbox
+from caesura_service.edge.inbox import WHOLE, WorkQueue
 from caesura_service.edge.outgoing import Outgoing
 from caesura_service.edge.rates import COMPLAINTS, SENDERS, RateLimit
 from caesura_service.edge.steward import Steward
@@ -45,11 +45,11 @@ from caesura_service.session.ports import (
     Answer,
     AskReplay,
     Failed,
-    Forgotten,
     NotTaken,
     Output,
     Publish,
     Refused,
+    SessionDeleted,
     Taken,
 )
 from caesura_service.session.registry import REVIVING, Registry
@@ -69,7 +69,7 @@ class Worker(Threaded):
         self,
         registry: Registry,
         steward: Steward,
-        inbox: Inbox[Arrival],
+        inbox: WorkQueue[Arrival],
         outgoing: Outgoing,
         budgets: Budgets,
         clock: Callable[[], float],
@@ -125,7 +125,7 @@ class Worker(Threaded):
     def _charge(self, arrival: Arrival, took_s: float) -> None:
         """What was done for a station counts for its turn, and for its budget."""
         self._inbox.spent(took_s)
-        if isinstance(arrival, Samples | Ended | Command | Unfinished):
+        if isinstance(arrival, Samples | ReplayFinished | Command | Unfinished):
             lane = _lane_of(arrival)
             self._budgets.spend(lane, took_s)
             self._registry.spent(lane, took_s)
@@ -180,12 +180,12 @@ class Worker(Threaded):
             if self._complaints.allows(_cause(*given)):
                 logger.exception("an arrival was lost to an error of the service")
 
-    def _take(self, arrival: Samples | Ended | Command) -> None:
+    def _take(self, arrival: Samples | ReplayFinished | Command) -> None:
         self.messages += 1
         match arrival:
             case Samples(content, station):
                 self._take_samples(content, station)
-            case Ended(asked):
+            case ReplayFinished(asked):
                 self._outgoing.ended()
                 self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
             case Command():
@@ -243,7 +243,7 @@ class Worker(Threaded):
                     logger.error(
                         "%s/%s was closed by an error", station, session, exc_info=error, extra=fields
                     )
-                case Forgotten(station, session, why):
+                case SessionDeleted(station, session, why):
                     fields = {"station": station, "session": session}
                     logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
                 case NotTaken(station, session, error):
@@ -251,7 +251,8 @@ class Worker(Threaded):
                     logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)
                 case Taken(station, epoch, sessions, opened):
                     found = f"{sessions} sessions, {opened} of them open"
-                    logger.info("%s is ours, epoch %d, %s", station, epoch, found, extra={"station": station})
+                    text = "%s is owned by this instance, epoch %d, %s"
+                    logger.info(text, station, epoch, found, extra={"station": station})
                 case Answer():
                     raise TypeError("an answer without a question")
 
@@ -261,14 +262,14 @@ def _cause(*given: object) -> str:
     return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
 
 
-def _lane_of(arrival: Samples | Ended | Command | Unfinished) -> str:
+def _lane_of(arrival: Samples | ReplayFinished | Command | Unfinished) -> str:
     """The station whose turn it takes, as it was enqueued."""
     match arrival:
         case Unfinished(lane):
             return lane
         case Samples(_, station):
             return station or UNKNOWN
-        case Ended(asked):
+        case ReplayFinished(asked):
             return asked.ask.station
         case Command(content):
             return sender_of(content.key).station or UNKNOWN

@@ -17,7 +17,7 @@ from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve, turning_of
 from caesura_protocol.turning import tight_nm
-from caesura_service.execution.arm import Arm, Felt, Setpoint
+from caesura_service.execution.arm import Arm, ArmMeasurement, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
 from caesura_service.execution.motion import course, press_direction, rotation_of
 
@@ -52,7 +52,7 @@ class Acting:
         self._pressed_n, self._correction_n = 0.0, 0.0
 
     @property
-    def felt(self) -> Felt:
+    def felt(self) -> ArmMeasurement:
         """The arm after the last tick."""
         return self.arm.felt
 
@@ -85,7 +85,7 @@ class Acting:
                 break
         self.stay(SETTLE_S, STANDING_N)
 
-    def tick(self, setpoint: Setpoint) -> Felt:
+    def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """One tick. Raises Stopped where a limit is reached."""
         self.setpoint = setpoint
         felt = self.arm.tick(setpoint)
@@ -221,7 +221,7 @@ class Acting:
         fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / _seconds(app)
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
 
-    def _weigh(self, felt: Felt) -> None:
+    def _weigh(self, felt: ArmMeasurement) -> None:
         """Compare what hangs on the arm with what the program says; what is off would pass for a contact."""
         wrong = float(felt.force[2])
         if abs(wrong) > MISWEIGHED_N:
@@ -252,7 +252,7 @@ class Tight:
         if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 
-    def reached(self, felt: Felt) -> bool:
+    def reached(self, felt: ArmMeasurement) -> bool:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
         if self._most_nm is None:
             return False

@@ -63,9 +63,9 @@ class Setpoint:
 
 
 @dataclass(frozen=True)
-class Felt:
+class ArmMeasurement:
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that it knows of; joints and their speeds (7,). torque: (3,) [Nm] that it
+    that it feels, without the load that is set; joints and their speeds (7,). torque: (3,) [Nm] that it
     feels about the flange, of the same force and of what resists its turning.
     """
 
@@ -89,8 +89,10 @@ class Arm:
         self._home = self._q
         self._v = np.zeros(7)
         self._rows: list[Array] = []
-        self.load_kg = 0.0  # that the controller knows of
-        self.felt = Felt(np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v)
+        self.load_kg = 0.0  # that is set in the controller
+        self.felt = ArmMeasurement(
+            np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v
+        )
         self.lower, self.upper = robot.lower_limits, robot.upper_limits
         self.joint_speeds = robot.velocity_limits
 
@@ -99,7 +101,7 @@ class Arm:
         """[s] since it began."""
         return DT * len(self._rows)
 
-    def tick(self, setpoint: Setpoint) -> Felt:
+    def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """Go one tick on under a setpoint."""
         arm = self._robot.hand_dynamics(self._q)
         twist = arm.jacobian @ self._v
@@ -129,7 +131,9 @@ class Arm:
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
         torque = turning + np.cross(lever, pressed)
-        self.felt = Felt(arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque)
+        self.felt = ArmMeasurement(
+            arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque
+        )
         self.world.tick(arm.position_base, DT)
         return self.felt
 
@@ -156,7 +160,7 @@ class Arm:
         return np.concatenate([force, torque])
 
     def _inertia(self, arm: HandDynamics, lever: Array) -> Array:
-        """Inertia (6, 6) of the arm at its flange, with the load that it knows of."""
+        """Inertia (6, 6) of the arm at its flange, with the load that is set."""
         mass = arm.mass_matrix
         if self.load_kg > 0.0:
             at_tip = tip_jacobian(arm.jacobian, lever)

@@ -28,7 +28,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Report:
+class CheckReport:
     """All findings, in the order of the apps."""
 
     findings: tuple[Finding, ...]
@@ -40,7 +40,7 @@ class Report:
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """What somebody should know who runs it."""
+        """The findings that the operator should read before a run."""
         return tuple(one for one in self.findings if one.severity == "warning")
 
     @property
@@ -52,6 +52,6 @@ class Report:
 class RefusedError(ValueError):
     """The program must not be run; the message names every app and reason."""
 
-    def __init__(self, report: Report) -> None:
+    def __init__(self, report: CheckReport) -> None:
         super().__init__("; ".join(map(str, report.errors)))
         self.report = report

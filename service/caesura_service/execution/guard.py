@@ -1,7 +1,7 @@
 """Looks at every tick whether the robot is within its limits, and stops it with the reason if it is not.
 
-It stops before a limit: a little before those of speed and force, and where place or joints would pass theirs
-in the time that it takes to brake.
+It stops before a limit: a little before those of speed and force, and where place or joints would pass their
+limits in the time that it takes to brake.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.programs.safety import STOP_SHARE, Safety
-from caesura_service.execution.arm import Arm, Felt
+from caesura_service.execution.arm import Arm, ArmMeasurement
 
 EDGE_M = 0.002  # before the edge of the workspace
 JOINT_MARGIN_RAD = 0.02
@@ -31,7 +31,7 @@ class Guard:
         self._lower, self._upper = arm.lower + JOINT_MARGIN_RAD, arm.upper - JOINT_MARGIN_RAD
         self._joint_speeds = STOP_SHARE * arm.joint_speeds
 
-    def look(self, felt: Felt) -> None:
+    def look(self, felt: ArmMeasurement) -> None:
         """Raises Stopped where a limit is reached."""
         self._scalar("speed", float(np.linalg.norm(felt.twist[:3])), self._safety.speed_m_per_s, "m/s")
         self._scalar("turn", float(np.linalg.norm(felt.twist[3:])), self._safety.turn_rad_per_s, "rad/s")

@@ -62,7 +62,7 @@ class World:
             self.held_kg = thing.kg
 
     def cell(self, safety: Safety = DEFAULT) -> Cell:
-        """What a check knows of it."""
+        """Return the cell that a check is made for."""
         return Cell(safety, self.surfaces, self.start)
 
 

@@ -11,33 +11,33 @@ from caesura_clients.formats.mcap_write import (
     TRANSFORM_S,
     UPRIGHT,
     Array,
-    Demonstration,
-    Entry,
+    McapContent,
+    McapMessage,
     Poses,
     every,
 )
 from caesura_clients.formats.mcap_write import entries as entries_of
 from caesura_clients.formats.mcap_write import write_mcap as write
-from caesura_service.export.taught import Taught
+from caesura_service.export.taught import SessionExport
 from caesura_service.session.pipeline import layout_of
 from caesura_service.signals import Layout
 from caesura_service.signals.flange import columns_of, flange_rows
 
 
-def write_mcap(path: Path, taught: Taught) -> int:
+def write_mcap(path: Path, taught: SessionExport) -> int:
     """Write the file, all of it or none; returns the number of messages. Raises OSError."""
     return write(path, told_of(taught))
 
 
-def entries(taught: Taught) -> list[Entry]:
+def entries(taught: SessionExport) -> list[McapMessage]:
     """Every message in order of time."""
     return list(entries_of(told_of(taught)))
 
 
-def told_of(taught: Taught) -> Demonstration:
+def told_of(taught: SessionExport) -> McapContent:
     """Return the content of a session's MCAP file."""
     opening, view = taught.opening, taught.view
-    return Demonstration(
+    return McapContent(
         station=taught.station,
         session=opening.session,
         preset=opening.preset or "",
@@ -57,7 +57,7 @@ def told_of(taught: Taught) -> Demonstration:
     )
 
 
-def _poses(taught: Taught) -> Poses:
+def _poses(taught: SessionExport) -> Poses:
     """Where the flange was, TRANSFORM_S apart or more."""
     opening = taught.opening.model_copy(update={"columns": taught.recording.columns})
     layout = layout_of(opening)

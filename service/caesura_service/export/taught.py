@@ -29,7 +29,7 @@ from caesura_service.session.view import View
 
 
 @dataclass(frozen=True)
-class Taught:
+class SessionExport:
     """One demonstration and what came of it."""
 
     station: str
@@ -41,7 +41,7 @@ class Taught:
     complete: bool  # the session is closed
 
 
-def taught_from(journal: Journal, station: str, session: str) -> Taught:
+def taught_from(journal: Journal, station: str, session: str) -> SessionExport:
     """A session of a journal. Raises RecordingError where it has no samples, JournalError."""
     records = [_with_preset(record) for record in journal.replay(station, session)]
     recording = recording_of(records)
@@ -49,7 +49,7 @@ def taught_from(journal: Journal, station: str, session: str) -> Taught:
     whole = outcome is not None and not outcome.snapshot.status.gaps_before
     view, notes, complete = _concluded(outcome) if outcome and whole else _replayed(records)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
-    return Taught(station, opening, recording, _began(records), view, notes, complete)
+    return SessionExport(station, opening, recording, _began(records), view, notes, complete)
 
 
 def _with_preset(record: Record) -> Record:

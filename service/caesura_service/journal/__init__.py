@@ -14,13 +14,12 @@ from caesura_service.journal.journal import (
 )
 from caesura_service.journal.keeping import JournalSettings
 from caesura_service.journal.memory import MemoryJournal
-from caesura_service.journal.siblings import Found, Siblings
+from caesura_service.journal.siblings import PeerCopy, Siblings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
     "Copy",
     "Edit",
-    "Found",
     "Journal",
     "JournalBusyError",
     "JournalDamagedError",
@@ -29,6 +28,7 @@ __all__ = [
     "Key",
     "MemoryJournal",
     "Outcome",
+    "PeerCopy",
     "Record",
     "Recordable",
     "Resolution",

@@ -37,7 +37,7 @@ class JournalSettings:
                 raise ValueError(f"{name} is {value}, expected 0 or more")
 
 
-class Share(NamedTuple):
+class StationUsage(NamedTuple):
     """What the sessions of one station take of a journal."""
 
     station: str
@@ -57,7 +57,7 @@ class Excess(NamedTuple):
     why: str
 
 
-def excess(shares: Sequence[Share], settings: JournalSettings) -> Excess | None:
+def excess(shares: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
     """What goes next: of a station with too many sessions, or past the size of the station that takes most.
 
     Of that one no more than brings it to what the next one takes.

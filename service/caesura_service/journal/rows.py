@@ -29,7 +29,7 @@ ROW_BYTES = 100  # of a record beside its payload
 _RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
 
 
-class Row(NamedTuple):
+class RecordRow(NamedTuple):
     """A record, ready to be written."""
 
     station: str
@@ -52,13 +52,13 @@ class Row(NamedTuple):
         return len(self.payload) + ROW_BYTES
 
 
-def row_of(record: Record) -> Row:
+def row_of(record: Record) -> RecordRow:
     """A record as it is written. Raises ProtocolError where it is too large."""
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
     crc = checksum(epoch, seq, record.at, encoding, payload)
-    return Row(record.station, record.session, epoch, seq, record.at, encoding, payload, crc)
+    return RecordRow(record.station, record.session, epoch, seq, record.at, encoding, payload, crc)
 
 
 class Stored(NamedTuple):
@@ -73,10 +73,10 @@ class Stored(NamedTuple):
     payload: bytes
     crc: int | None = None
 
-    def again(self, key: Key) -> Row:
+    def again(self, key: Key) -> RecordRow:
         """The same, to be written to another file."""
         crc = checksum(self.epoch, self.seq, self.at, self.encoding, self.payload)
-        return Row(*key, self.epoch, self.seq, self.at, self.encoding, self.payload, crc)
+        return RecordRow(*key, self.epoch, self.seq, self.at, self.encoding, self.payload, crc)
 
 
 def verified(key: Key, row: Stored) -> Stored:

@@ -42,7 +42,7 @@ BUSY_S = 0.5  # for an owner that is just starting
 T = TypeVar("T")
 
 
-class Found(NamedTuple):
+class PeerCopy(NamedTuple):
     """A sibling's copy of a session."""
 
     path: Path
@@ -56,10 +56,10 @@ class Siblings:
         self._own = own
         self._said: set[str] = set()
 
-    def copies(self, station: str | None = None, session: str | None = None) -> list[Found]:
+    def copies(self, station: str | None = None, session: str | None = None) -> list[PeerCopy]:
         """What they have of every session, of those of one station, or of one."""
         return [
-            Found(path, copy)
+            PeerCopy(path, copy)
             for path in self._paths()
             for copy in self._ask(path, lambda kept: copies_in(kept, station, session)) or ()
         ]
@@ -74,12 +74,12 @@ class Siblings:
         asked = (self._ask(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
         return max((epoch for epoch in asked if epoch is not None), default=-1)
 
-    def outcome(self, found: Found) -> Outcome | None:
+    def outcome(self, found: PeerCopy) -> Outcome | None:
         """How a session ended, where that was kept and can be read."""
         row = self._ask(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
         return outcome_of(found.copy.key, *row) if row else None
 
-    def edits(self, found: Found) -> tuple[Edit, ...]:
+    def edits(self, found: PeerCopy) -> tuple[Edit, ...]:
         """Those of the copy, oldest first; none where they cannot be read."""
         try:
             rows = self._ask(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
@@ -88,7 +88,7 @@ class Siblings:
             self._say(error)
             return ()
 
-    def records(self, found: Found, first_seq: int = 0) -> Iterator[Record]:
+    def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
         """What the copy has but batches before `first_seq`, with what is appended meanwhile.
 
         Ends early where the journal cannot be read.

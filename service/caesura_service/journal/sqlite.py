@@ -33,10 +33,10 @@ from caesura_service.journal.damage import damage_of, mended, readable, set_asid
 from caesura_service.journal.dropping import drop_some, hide
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
-from caesura_service.journal.keeping import DAY_S, GB, JournalSettings, Share, excess
+from caesura_service.journal.keeping import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
     ROW_BYTES,
-    Row,
+    RecordRow,
     SessionRow,
     copies_in,
     edits_of,
@@ -96,7 +96,7 @@ class SqliteJournal:
         self.path = path
         self.settings = settings or JournalSettings()
         self._alone = alone
-        self._waiting: list[Row] = []
+        self._waiting: list[RecordRow] = []
         self._waiting_bytes = 0
         self._outcomes: dict[Key, Outcome] = {}  # of sessions that have ended, to be written
         self._guard = threading.Lock()  # of what waits; never held while the disk works
@@ -348,7 +348,7 @@ class SqliteJournal:
                 gone |= overdue
         return gone
 
-    def _overdue(self, shares: Sequence[Share], now: float) -> dict[Key, str]:
+    def _overdue(self, shares: Sequence[StationUsage], now: float) -> dict[Key, str]:
         """What has to go now, and why: what is too old, closed sessions first, then what is too much."""
         keep_s = self.settings.age_s
         with translated(self.path):
@@ -440,7 +440,7 @@ class SqliteJournal:
 
     # --- writing ----------------------------------------------------------------------------------------
 
-    def _append(self, row: Row) -> None:
+    def _append(self, row: RecordRow) -> None:
         size = row.size
         with self._guard:
             if self._trouble is not None:
@@ -462,7 +462,7 @@ class SqliteJournal:
                 f"one station may take {limit / GB:.3g}: close them, or raise --journal-gb"
             )
 
-    def _append_now(self, row: Row) -> None:
+    def _append_now(self, row: RecordRow) -> None:
         """Either it is safe, or it is not kept: no other thread writes until that is decided."""
         with self._writing:
             self._append(row)
@@ -474,7 +474,7 @@ class SqliteJournal:
                     self._waiting_bytes -= row.size
                 raise
 
-    def _write(self, rows: Sequence[Row]) -> None:
+    def _write(self, rows: Sequence[RecordRow]) -> None:
         """What is there already is not written again, and counts once."""
         execute = self._database.execute
         opened: dict[Key, tuple[str, str, float, float]] = {}
@@ -493,7 +493,7 @@ class SqliteJournal:
         self._trouble = error
         self._wake.set()
 
-    def _succeed(self, rows: list[Row]) -> None:
+    def _succeed(self, rows: list[RecordRow]) -> None:
         with self._guard:
             del self._waiting[: len(rows)]
             self._waiting_bytes -= sum(row.size for row in rows)
@@ -531,10 +531,10 @@ class SqliteJournal:
 
     # --- keeping ----------------------------------------------------------------------------------------
 
-    def _look(self) -> list[Share]:
+    def _look(self) -> list[StationUsage]:
         """What each station takes."""
         with self._writing, translated(self.path):
-            shares = [Share(*row) for row in self._database.execute(SELECT_SHARES)]
+            shares = [StationUsage(*row) for row in self._database.execute(SELECT_SHARES)]
         self._size = sum(share.size for share in shares)
         self._open = Counter({share.station: share.open_size for share in shares if share.open_size})
         return shares

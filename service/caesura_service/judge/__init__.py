@@ -1,1 +1,1 @@
-"""The judge: what a segmentation is worth against the truth, ours and everybody else's by the same rules."""
+"""The judge: what a segmentation is worth against the truth, Caesura's and others' by the same rules."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from caesura_clients.recording import Recording
 from caesura_service.judge.conditioned import Signals, condition
-from caesura_service.judge.score import Found, Part
+from caesura_service.judge.score import FoundSegmentation, Part
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,12 +38,12 @@ class Baseline:
     name: str
     starts: Callable[[Signals], NDArray[np.intp]]
 
-    def segment(self, recording: Recording) -> Found:
+    def segment(self, recording: Recording) -> FoundSegmentation:
         """Divide a recording, and label what comes out. Raises ValueError for one that is too short."""
         signals = condition(recording)
         starts = self._within(signals)
         times = boundaries_s(signals, starts)
-        return Found(tuple(times.tolist()), labelled(signals, starts, times))
+        return FoundSegmentation(tuple(times.tolist()), labelled(signals, starts, times))
 
     def _within(self, signals: Signals) -> NDArray[np.intp]:
         starts = np.unique(self.starts(signals))

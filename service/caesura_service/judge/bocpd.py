@@ -155,7 +155,7 @@ def _followed(parent: Indices, last: int) -> Indices:
 
 
 def gaussian_log(signals: Signals, settings: GaussianSettings = GAUSSIAN) -> Indices:
-    """Return starts by log speed and, where force tells contact, log force, (k,).
+    """Return starts by log speed and, where force shows contact, log force, (k,).
 
     The prior's mean is the annotators' threshold: a segment is as likely above it as below it.
     """

@@ -54,7 +54,7 @@ class Bin:
 
 
 @dataclass(frozen=True)
-class Curve:
+class ReliabilityCurve:
     """Reliability of one kind of statement.
 
     n: statements; weight: changepoints or seconds; brier: mean squared error; ece: expected calibration
@@ -83,8 +83,8 @@ class Calibration:
 
     method: str
     slack_s: float
-    changepoints: Curve
-    classes: Curve
+    changepoints: ReliabilityCurve
+    classes: ReliabilityCurve
     within: Share
     interval_s: float
 
@@ -128,16 +128,16 @@ def _calibration(method: str, slack_s: float, scores: Sequence[Score]) -> Calibr
     )
 
 
-def curve(statements: Sequence[Stated]) -> Curve:
+def curve(statements: Sequence[Stated]) -> ReliabilityCurve:
     """Sort statements into bins, and compare each bin's mean with the share that was right."""
     bins = tuple(_bin(low, high, statements) for low, high in pairwise(EDGES))
     weight = sum(one.of for one in statements)
     if not weight:
-        return Curve(0, 0.0, math.nan, math.nan, bins)
+        return ReliabilityCurve(0, 0.0, math.nan, math.nan, bins)
     # A statement errs by (1 − p)² where it is right and by p² where it is wrong, second by second.
     error = sum(s.right * (1 - s.probability) ** 2 + (s.of - s.right) * s.probability**2 for s in statements)
     distance = sum(one.weight * one.distance for one in bins if one.weight)
-    return Curve(len(statements), weight, error / weight, distance / weight, bins)
+    return ReliabilityCurve(len(statements), weight, error / weight, distance / weight, bins)
 
 
 def _bin(low: float, high: float, statements: Sequence[Stated]) -> Bin:
@@ -181,7 +181,9 @@ def once(calibrations: Sequence[Calibration]) -> list[Calibration]:
     return list({one.method: one for one in reversed(calibrations)}.values())[::-1]
 
 
-def _reliability(title: str, heading: str, one: Curve, layout: str, count: Callable[[Bin], str]) -> Grid:
+def _reliability(
+    title: str, heading: str, one: ReliabilityCurve, layout: str, count: Callable[[Bin], str]
+) -> Grid:
     rows = tuple(
         (f"{b.low:g}–{b.high:g}", count(b), f"{b.stated:.3f}", _shown(b.share, layout))
         for b in one.bins
@@ -199,7 +201,7 @@ def _number(value: float, digits: int) -> str:
 
 
 def _furthest(result: Calibrated) -> Grid:
-    def cells(one: Curve) -> tuple[str, str]:
+    def cells(one: ReliabilityCurve) -> tuple[str, str]:
         worst = one.furthest
         return ("–", "–") if worst is None else (f"{worst.low:g}–{worst.high:g}", f"{worst.distance:.3f}")
 

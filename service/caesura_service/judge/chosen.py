@@ -15,7 +15,7 @@ from typing import Literal
 class GaussianSettings:
     """Of Bayesian online changepoint detection on log speed and log force.
 
-    Floors: what is smaller is not told apart. mean_weight, degrees: of the prior, in observations;
+    Floors: what is smaller is not distinguished. mean_weight, degrees: of the prior, in observations;
     speed_spread, force_spread: the prior's standard deviation of a logarithm within a segment;
     mean_segment_s: of the hazard; least_s: of a segment.
     """

@@ -21,7 +21,7 @@ class Signals:
 
     t: (n,) [s]; position_base: (n, 3) [m]; velocity_base: (n, 3) [m/s], central differences; speed: (n,)
     [m/s], of the filter at 100 Hz; force_base: (n, 3) [N], tared, zeros where the hand is in the wrench;
-    holding: (n,) bool, the gripper is closed on something; force_tells: whether force tells contact; tared:
+    holding: (n,) bool, the gripper is closed on something; force_tells: whether force shows contact; tared:
     whether there was a rest to take the force's bias from.
     """
 

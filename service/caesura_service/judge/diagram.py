@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from caesura_service.judge.calibration import EDGES, FEW, Calibrated, Curve, once
+from caesura_service.judge.calibration import EDGES, FEW, Calibrated, ReliabilityCurve, once
 from caesura_service.judge.tables import with_slack
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def draw(result: Calibrated) -> Figure:
     return figure
 
 
-Panel = tuple[str, str, list[tuple[str, Curve]]]
+Panel = tuple[str, str, list[tuple[str, ReliabilityCurve]]]
 
 
 def _panels(result: Calibrated) -> list[Panel]:
@@ -65,7 +65,7 @@ def _panels(result: Calibrated) -> list[Panel]:
     return [*changepoints, ("classes of segments", "time [s]", classes)]
 
 
-def _reliability(axes: Axes, title: str, curves: Sequence[tuple[str, Curve]]) -> None:
+def _reliability(axes: Axes, title: str, curves: Sequence[tuple[str, ReliabilityCurve]]) -> None:
     line = np.array([0.0, 1.0])
     axes.fill_between(line, line - NEAR, line + NEAR, color=FAINT, alpha=0.18, linewidth=0)
     axes.plot(line, line, color=FAINT, linewidth=0.8, linestyle="--")
@@ -85,7 +85,7 @@ def _reliability(axes: Axes, title: str, curves: Sequence[tuple[str, Curve]]) ->
     axes.set_ylim(0.0, 1.02)
 
 
-def _counts(axes: Axes, unit: str, curves: Sequence[tuple[str, Curve]]) -> None:
+def _counts(axes: Axes, unit: str, curves: Sequence[tuple[str, ReliabilityCurve]]) -> None:
     widths = np.diff(EDGES) / max(len(curves), 1)
     for i, (_, one) in enumerate(curves):
         left = np.array(EDGES[:-1]) + i * widths

@@ -1,6 +1,6 @@
 """Typical errors: what a method misses, where it cuts needlessly, and what it takes for what.
 
-For whoever improves the models. Sorted by how often, so that the first line is what is worth most.
+For developers of the models. Sorted by how often, so that the first line is what is worth most.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Group:
+class TagGroup:
     """The recordings that have one tag in common."""
 
     tag: str
@@ -71,7 +71,7 @@ class Faults:
     invented: tuple[Invented, ...]
     confusion: Counter[tuple[str, str]]
     timings: tuple[Timing, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[TagGroup, ...]
 
 
 def faults(scores: Iterable[Score]) -> Faults:
@@ -112,11 +112,11 @@ def _timings(scores: Sequence[Score]) -> tuple[Timing, ...]:
     return tuple(rows)
 
 
-def _groups(scores: Sequence[Score]) -> tuple[Group, ...]:
+def _groups(scores: Sequence[Score]) -> tuple[TagGroup, ...]:
     tags = sorted({place_and_tag for score in scores for place_and_tag in enumerate(score.tags)})
     return tuple(_group(tag, [score for score in scores if tag in score.tags]) for _, tag in tags)
 
 
-def _group(tag: str, scores: Sequence[Score]) -> Group:
+def _group(tag: str, scores: Sequence[Score]) -> TagGroup:
     numbers = {name: summarise(scores, resamples=1)[name].value for name in ("precision", "recall", "class")}
-    return Group(tag, len(scores), numbers["precision"], numbers["recall"], numbers["class"])
+    return TagGroup(tag, len(scores), numbers["precision"], numbers["recall"], numbers["class"])

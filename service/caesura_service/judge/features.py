@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 
 
 def log_features(signals: Signals, floor_m_per_s: float, floor_n: float) -> Array:
-    """Return log speed and, where force tells contact, the log of the force's magnitude, (n, 1 or 2).
+    """Return log speed and, where force shows contact, the log of the force's magnitude, (n, 1 or 2).
 
-    Below the floors [m/s], [N] nothing is told apart.
+    Below the floors [m/s], [N] no difference counts.
     """
     speed = np.log(signals.speed + floor_m_per_s)[:, None]
     if not signals.force_tells:
@@ -23,6 +23,6 @@ def log_features(signals: Signals, floor_m_per_s: float, floor_n: float) -> Arra
 
 
 def vector_features(signals: Signals, unit_m_per_s: float, unit_n: float) -> Array:
-    """Return velocity and, where it tells contact, force, in their units, (n, 3 or 6)."""
+    """Return velocity and, where it shows contact, force, in their units, (n, 3 or 6)."""
     velocity = signals.velocity_base / unit_m_per_s
     return np.hstack([velocity, signals.force_base / unit_n]) if signals.force_tells else velocity

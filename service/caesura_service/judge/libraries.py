@@ -13,7 +13,7 @@ from caesura_service.judge.conditioned import Signals
 from caesura_service.judge.features import log_features, vector_features
 
 Array = NDArray[np.float64]
-# What a hand at rest and a sensor in use leave unexplained: nothing smaller is told apart.
+# What a hand at rest and a sensor in use leave unexplained: nothing smaller is distinguished.
 POSITION_M, FORCE_N = 0.0007, 0.5
 SPEED_M_PER_S = 0.010  # the annotators' rest
 MEAN_SEGMENT_S = 2.0  # as our own hazard
@@ -23,7 +23,7 @@ LEAST_OBSERVATIONS = 3  # 0.3 s, the annotators' shortest rest
 class PiecewiseLinear(BaseCost):  # type: ignore[misc]
     """-2 log likelihood of straight lines with a Gaussian noise of its own for each segment and channel.
 
-    From running sums, so that a cost takes constant time; noise below `floor` is not told apart. signal:
+    From running sums, so that a cost takes constant time; noise below `floor` is not distinguished. signal:
     (n, channels), in units of the floor.
     """
 
@@ -96,5 +96,5 @@ def kernel(signals: Signals, settings: KernelSettings = KERNEL) -> NDArray[np.in
 
 
 def _scaled(signals: Signals, motion: Array) -> Array:
-    """Motion and, where it tells contact, force, (n, 3 or 6), in units of what cannot be told apart."""
+    """Motion and, where it shows contact, force, (n, 3 or 6), in units of the smallest difference."""
     return np.hstack([motion, signals.force_base / FORCE_N]) if signals.force_tells else motion

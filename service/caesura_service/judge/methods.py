@@ -1,6 +1,6 @@
 """What can be judged: one small interface, and our presets behind it.
 
-A method never sees the truth. Ours gets the samples batch by batch, as a session does, and what it says
+A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and what it says
 after each is kept, so that delays can be measured.
 """
 
@@ -17,7 +17,7 @@ from caesura_protocol.messages import Segment
 from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
 from caesura_service.judge.bocpd import gaussian_log, student_speed
 from caesura_service.judge.metrics import Look
-from caesura_service.judge.score import Found, Part
+from caesura_service.judge.score import FoundSegmentation, Part
 from caesura_service.recordings import views
 from caesura_service.session.view import View
 
@@ -29,7 +29,7 @@ class Method(Protocol):
     def name(self) -> str:
         """As it stands in the tables."""
 
-    def segment(self, recording: Recording) -> Found:
+    def segment(self, recording: Recording) -> FoundSegmentation:
         """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""
 
 
@@ -44,7 +44,7 @@ class Ours:
         """The preset's name."""
         return self.preset
 
-    def segment(self, recording: Recording) -> Found:
+    def segment(self, recording: Recording) -> FoundSegmentation:
         """Push the recording through a session's pipeline."""
         latest = np.maximum.accumulate(recording.t)
         looks: list[Look] = []
@@ -57,7 +57,9 @@ class Ours:
         times = tuple(changepoint.t for changepoint in view.changepoints)
         stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
         phases = tuple(phase.t0 for phase in view.phases[1:])
-        return Found(times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases)
+        return FoundSegmentation(
+            times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases
+        )
 
 
 def _look(t: float, view: View) -> Look:

@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_clients.programs.safety import Safety, Setting
+from caesura_clients.programs.safety import CellSettings, Safety
 from caesura_protocol.messages import App, AppKind
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
@@ -121,7 +121,7 @@ def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
 
     teaching = Teaching(scenario, seed=seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
-    apps = segment_recording(recording, setting=Setting(force_limit_n=FORCE_LIMIT_N)).apps
+    apps = segment_recording(recording, setting=CellSettings(force_limit_n=FORCE_LIMIT_N)).apps
     return tuple(apps), Place(teaching.scenario, teaching.person, seed)
 
 

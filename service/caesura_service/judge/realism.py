@@ -1,11 +1,11 @@
-"""Can simulated demonstrations be told from real ones? A classifier on windows of 2 s tries.
+"""Can simulated demonstrations be distinguished from real ones? A classifier on windows of 2 s tries.
 
     caesura evaluate --suite realism --data DIR
 
 It is a logistic regression on measures of the speed, the path, the fit by smooth models and the force. It is
 cross-validated by recording: all windows of a recording are on one side. It runs once for ideal people and
 once for people with habits. An area under the ROC curve (AUC) of 0.5 is chance. For comparison the same
-classifier tells each real set from the other real sets.
+classifier separates each real set from the other real sets.
 
 Everything is compared at 100 Hz, behind a Gaussian of 50 ms: noise of single samples belongs to a sensor.
 Windows count where at least half of the time is motion: how long a pause is, the task decides.
@@ -137,7 +137,7 @@ Case = RealCase | SimulatedCase
 
 @dataclass(frozen=True)
 class Separation:
-    """How well windows are told apart: AUC with its 95 % interval over recordings, and the share right."""
+    """How well windows are separated: AUC with its 95 % interval over recordings, and the share right."""
 
     auc: float
     low: float
@@ -275,7 +275,7 @@ def _band_size(force: Array, band: tuple[float, float]) -> float:
 
 
 def summarise(loaded: Iterable[Windows | None]) -> Realism:
-    """Tell simulated from real windows, by all measures and by each, and real sets from each other."""
+    """Separate simulated from real windows, by all measures and by each, and real sets from each other."""
     windows = sorted((w for w in loaded if w is not None and len(w.values)), key=lambda w: w.recording)
     real = [w for w in windows if w.set_name not in (IDEAL, NATURAL)]
     sets = sorted({w.set_name for w in real})
@@ -309,7 +309,7 @@ def separation(
     set_name: str,
     columns: Sequence[int] = tuple(range(len(MEASURES))),
 ) -> Separation:
-    """Tell the recordings of a set from the others by a regression that was not trained on them."""
+    """Separate the recordings of a set from the others by a regression that was not trained on them."""
     positive = np.array([w.set_name == set_name for w in windows])
     scores: list[Array] = [np.zeros(0)] * len(windows)
     for fold in range(FOLDS):

@@ -20,7 +20,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from scipy.spatial import cKDTree
 
-from caesura_clients.programs.safety import Safety, Setting
+from caesura_clients.programs.safety import CellSettings, Safety
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import App
 from caesura_protocol.paths import align_signs
@@ -44,7 +44,7 @@ REST_N = 1e-6
 
 
 @dataclass(frozen=True)
-class Case:
+class RoundTripCase:
     """One person who teaches one scenario."""
 
     scenario: str
@@ -60,7 +60,7 @@ class Trip:
     that was run, app by app that moves; why: why it does not hold, None where it does.
     """
 
-    case: Case
+    case: RoundTripCase
     taught: tuple[str, ...]
     executed: tuple[str, ...]
     target_m: tuple[float, ...]
@@ -70,7 +70,7 @@ class Trip:
     path_rad: tuple[float, ...] = ()
 
 
-def travel(case: Case) -> Trip:
+def travel(case: RoundTripCase) -> Trip:
     """Go round once."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
     from caesura_clients.bridge.teacher.teaching import Teaching, finish  # noqa: PLC0415
@@ -81,7 +81,7 @@ def travel(case: Case) -> Trip:
     teaching = Teaching(case.scenario, seed=case.seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     limit_n = LIMITS_N[case.scenario]
-    taught = segment_recording(recording, setting=Setting(force_limit_n=limit_n))
+    taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
     place = Place(teaching.scenario, teaching.person, case.seed)
     try:
         done = execute(taught.apps, place, Safety(force_n=limit_n))
@@ -141,7 +141,7 @@ def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
     return None
 
 
-def compared(case: Case, taught: Sequence[App], executed: Sequence[App]) -> Trip:
+def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> Trip:
     """What is different between the program that was run and the one that its recording gives."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
@@ -189,9 +189,9 @@ def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
     return tuple(app.kind for app in apps)
 
 
-def cases(seeds: Sequence[int]) -> list[Case]:
+def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
     """Every scenario by every person."""
-    return [Case(scenario, seed) for scenario in SCENARIOS for seed in seeds]
+    return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
 
 
 def summarise(trips: Iterable[Trip]) -> dict[str, list[Trip]]:

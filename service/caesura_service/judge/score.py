@@ -54,11 +54,11 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundSegmentation:
     """What a method makes of a recording.
 
     changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
-    method wants the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
+    method needs the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
     probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
     next begins, None if the method finds none.
     """
@@ -140,7 +140,7 @@ class Score:
     screws: int = 0
 
 
-def score(method: str, truth: Truth, found: Found) -> Score:
+def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
     """Judge what a method found."""
     points = _judged_points(truth)
     times = sorted(found.changepoints)
@@ -218,7 +218,7 @@ def class_accuracy(one: Score) -> float:
     return right / total if total else float("nan")
 
 
-def _with_classes(base: Score, truth: Truth, found: Found, parts: Sequence[Part]) -> Score:
+def _with_classes(base: Score, truth: Truth, found: FoundSegmentation, parts: Sequence[Part]) -> Score:
     if found.parts is None:
         return base
     labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]

@@ -24,7 +24,7 @@ from caesura_service.judge.chosen import GaussianSettings, KernelSettings, Stude
 from caesura_service.judge.conditioned import Signals, condition
 from caesura_service.judge.metrics import f1
 from caesura_service.judge.pool import each
-from caesura_service.judge.score import Found, score
+from caesura_service.judge.score import FoundSegmentation, score
 from caesura_service.judge.suites import Case, Extent, suite
 from caesura_service.truth import Leniency, Truth
 
@@ -120,7 +120,7 @@ def pooled_f1(starts: Starts, settings: Any, demonstrations: Sequence[Demonstrat
     counts = np.zeros(3)
     for signals, truth in demonstrations:
         times = boundaries_s(signals, starts(signals, settings))
-        one = score("", truth, Found(tuple(times.tolist())))
+        one = score("", truth, FoundSegmentation(tuple(times.tolist())))
         counts += (one.hits, one.false_alarms, one.misses)
     return f1(*counts)
 

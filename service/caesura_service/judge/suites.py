@@ -15,7 +15,7 @@ from caesura_clients.recording import Recording, load_recording
 from caesura_service.judge.declared import with_declarations
 from caesura_service.truth import (
     SUFFIX,
-    Source,
+    RecordingSource,
     Truth,
     TruthError,
     read_annotation,
@@ -85,7 +85,7 @@ class FileCase:
         return with_declarations(recording, truth), replace(truth, name=self.name)
 
 
-def check_hash(path: Path, source: Source) -> None:
+def check_hash(path: Path, source: RecordingSource) -> None:
     """Check that a file is the recording that was annotated. Raises TruthError with both hashes."""
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found != source.sha256:
@@ -214,13 +214,13 @@ def missing_recordings(name: str | None, extent: Extent) -> list[str]:
     ]
 
 
-def open_annotations(path: Path = OPEN) -> dict[str, tuple[Path, Source]]:
+def open_annotations(path: Path = OPEN) -> dict[str, tuple[Path, RecordingSource]]:
     """Return the annotation file of every recording that a directory of annotations names.
 
     Of several annotations of one recording the one with the recording's own name counts, else the first.
     Raises TruthError for an annotation that does not name its recording.
     """
-    found: dict[str, tuple[Path, Source]] = {}
+    found: dict[str, tuple[Path, RecordingSource]] = {}
     for file in sorted(path.glob(f"*{SUFFIX}")):
         source = read_annotation(file).source
         if source is None:

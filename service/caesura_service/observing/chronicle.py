@@ -11,7 +11,7 @@ from typing import Any
 
 from caesura_protocol.messages import Gap
 from caesura_service.observing.quiet import Quiet
-from caesura_service.observing.steps import Change, Step
+from caesura_service.observing.steps import Change, RegistryCall
 from caesura_service.session.ports import AskReplay, ReplayEnded
 from caesura_service.session.standing import Standing
 
@@ -30,7 +30,7 @@ class Chronicle:
     def __init__(self) -> None:
         self._quiet = Quiet(QUIET_S)
 
-    def take(self, step: Step, now: float) -> None:
+    def take(self, step: RegistryCall, now: float) -> None:
         """Log what a step has changed. now: [s]"""
         for change in step.changes:
             _tell_change(change)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 
 from caesura_protocol.messages import Gap, SampleBatch
-from caesura_service.observing.steps import Change, Step
+from caesura_service.observing.steps import Change, RegistryCall
 from caesura_service.session.ports import AskReplay
 from caesura_service.session.standing import Tally
 from caesura_service.session.view import View
@@ -109,7 +109,7 @@ class Counting:
         if station in known:
             self._counted(station, known).work_s += seconds
 
-    def take(self, step: Step, known: Container[str], now: float) -> None:
+    def take(self, step: RegistryCall, known: Container[str], now: float) -> None:
         """Count a step. known: the stations that the registry has."""
         self.turned = now
         if isinstance(step.message, SampleBatch):
@@ -120,7 +120,7 @@ class Counting:
         if step.station is not None and step.station in known:
             self._count(step.station, step, known, now)
 
-    def _count(self, station: str, step: Step, known: Container[str], now: float) -> None:
+    def _count(self, station: str, step: RegistryCall, known: Container[str], now: float) -> None:
         counted = self._counted(station, known)
         for change in step.changes:
             counted.add(change)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from caesura_service.observing.metrics import Observed, metrics_of
+from caesura_service.observing.metrics import MetricsSource, metrics_of
 from caesura_service.observing.web import Health, Web
 
 # Far past what one arrival can take: a station that is taken over is replayed in a fifteenth of its time, and
@@ -17,7 +17,7 @@ from caesura_service.observing.web import Health, Web
 STUCK_S = 300.0
 
 
-def alive(observed: Observed, clock: Callable[[], float] = time.monotonic) -> Health:
+def alive(observed: MetricsSource, clock: Callable[[], float] = time.monotonic) -> Health:
     """Not alive: whatever is wrong, a restart is the remedy."""
     since_s = clock() - observed.registry.counting.turned
     if observed.is_ready() and since_s > STUCK_S:
@@ -25,14 +25,14 @@ def alive(observed: Observed, clock: Callable[[], float] = time.monotonic) -> He
     return Health(True)
 
 
-def ready(observed: Observed) -> Health:
+def ready(observed: MetricsSource) -> Health:
     """Not ready: wait, or look into the log."""
     if observed.is_ready():
         return Health(True)
     return Health(False, "not joined: replaying its journal, waiting for a router, or leaving")
 
 
-def web_of(address: str, observed: Observed) -> Web:
+def web_of(address: str, observed: MetricsSource) -> Web:
     """What is served about a service."""
     return Web(
         address,

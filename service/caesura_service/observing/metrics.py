@@ -32,7 +32,7 @@ Family = CounterMetricFamily | GaugeMetricFamily
 
 
 @dataclass(frozen=True)
-class Observed:
+class MetricsSource:
     """What is asked for numbers; from any thread."""
 
     registry: WatchedRegistry
@@ -110,7 +110,7 @@ OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
 class ServiceCollector(Collector):
     """Makes every metric of Caesura from the present state."""
 
-    def __init__(self, observed: Observed, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, observed: MetricsSource, clock: Callable[[], float] = time.monotonic) -> None:
         """clock: [s] that of the counting."""
         self._observed = observed
         self._clock = clock
@@ -178,7 +178,7 @@ class ServiceCollector(Collector):
         return family
 
 
-def metrics_of(observed: Observed) -> CollectorRegistry:
+def metrics_of(observed: MetricsSource) -> CollectorRegistry:
     """Return Caesura's metrics and the process': memory, processor time, open files, garbage."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(ServiceCollector(observed))

@@ -17,7 +17,7 @@ class Change(NamedTuple):
     after: Standing | None
 
 
-class Step(NamedTuple):
+class RegistryCall(NamedTuple):
     """One message, command or tick.
 
     station: None where the key has none, or where it concerns all. refused: how many refusals it

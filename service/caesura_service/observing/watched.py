@@ -12,7 +12,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, SampleBatch
 from caesura_service.observing.chronicle import Chronicle
 from caesura_service.observing.counting import Counting
-from caesura_service.observing.steps import Change, Step, changes_between
+from caesura_service.observing.steps import Change, RegistryCall, changes_between
 from caesura_service.session.ports import Incoming, Output, ReplayEnded
 from caesura_service.session.registry import Registry
 from caesura_service.session.session import Session
@@ -91,7 +91,7 @@ class WatchedRegistry(Registry):
         now, same = self._watch(), self.tally is tally
         refused = 0 if same else _refusals(self.tally) - _refusals(tally)
         refusal = None if same else self.tally.last_refusal
-        step = Step(station, message, changes, said, refused, refusal, now - began)
+        step = RegistryCall(station, message, changes, said, refused, refusal, now - began)
         self.counting.take(step, self.board.sessions, now)
         self._chronicle.take(step, now)
 

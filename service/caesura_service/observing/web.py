@@ -43,7 +43,7 @@ class Health(NamedTuple):
     why: str = "ok"
 
 
-class Page(NamedTuple):
+class HttpResponse(NamedTuple):
     """An answer."""
 
     status: int
@@ -69,7 +69,7 @@ class Web:
         self._registry = registry
         self._scrapes = threading.BoundedSemaphore(SCRAPES)
         self._rendering = threading.Lock()
-        self._pages: Mapping[str, Callable[[str], Page]] = {
+        self._pages: Mapping[str, Callable[[str], HttpResponse]] = {
             "/metrics": self._metrics,
             "/healthz": lambda _: _page_of(alive()),
             "/readyz": lambda _: _page_of(ready()),
@@ -100,19 +100,21 @@ class Web:
         name = host.decode() if isinstance(host, bytes) else str(host)
         return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
 
-    def _page(self, path: str, accept: str) -> Page:
+    def _page(self, path: str, accept: str) -> HttpResponse:
         page = self._pages.get(path.partition("?")[0])
         if page is None:
-            return Page(404, PLAIN, f"known: {', '.join(self._pages)}\n".encode())
+            return HttpResponse(404, PLAIN, f"known: {', '.join(self._pages)}\n".encode())
         return page(accept)
 
-    def _metrics(self, accept: str) -> Page:
+    def _metrics(self, accept: str) -> HttpResponse:
         if not self._scrapes.acquire(blocking=False):
-            return Page(503, PLAIN, f"{SCRAPES} scrapes are under way, which is the limit: retry\n".encode())
+            return HttpResponse(
+                503, PLAIN, f"{SCRAPES} scrapes are under way, which is the limit: retry\n".encode()
+            )
         try:
             encoder, content_type = choose_encoder(accept)
             with self._rendering:
-                return Page(200, content_type, encoder(self._registry))
+                return HttpResponse(200, content_type, encoder(self._registry))
         finally:
             self._scrapes.release()
 
@@ -187,7 +189,7 @@ class _Server(ThreadingHTTPServer):
         """A caller that went away in between is no event."""
 
 
-def _handler(page: Callable[[str, str], Page]) -> type[BaseHTTPRequestHandler]:
+def _handler(page: Callable[[str, str], HttpResponse]) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         timeout = TIMEOUT_S
         server_version = "caesura"
@@ -214,5 +216,5 @@ def _handler(page: Callable[[str, str], Page]) -> type[BaseHTTPRequestHandler]:
     return Handler
 
 
-def _page_of(health: Health) -> Page:
-    return Page(200 if health.well else 503, PLAIN, f"{health.why}\n".encode())
+def _page_of(health: Health) -> HttpResponse:
+    return HttpResponse(200 if health.well else 503, PLAIN, f"{health.why}\n".encode())

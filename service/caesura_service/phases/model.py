@@ -96,7 +96,7 @@ class Parameters:
     memory: int = 10
 
 
-class Seen(NamedTuple):
+class SegmentFeatures(NamedTuple):
     """What the model sees of a segment.
 
     likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet. moves:
@@ -116,9 +116,9 @@ class Seen(NamedTuple):
         return int(self.likelihood.argmax())
 
 
-def seen(segment: Segment, wrong: float, *, grows: bool) -> Seen:
+def seen(segment: Segment, wrong: float, *, grows: bool) -> SegmentFeatures:
     """Return what the model sees of a segment."""
-    return Seen(
+    return SegmentFeatures(
         likelihood=_likelihood(segment, wrong),
         seconds=max(segment.tn - segment.t0, LEAST_S),
         start=np.array(segment.position_start),
@@ -181,7 +181,7 @@ class Chain:
         self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
         self._own_state = [max(range(3), key=one.own.__getitem__) for one in parameters.kinds]
 
-    def emission(self, segment: Seen) -> Array:
+    def emission(self, segment: SegmentFeatures) -> Array:
         """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""
         share = np.log(self._states @ segment.likelihood)
         lasts = LogNormal.log_survival if segment.grows else LogNormal.log_density
@@ -195,7 +195,7 @@ class Chain:
         found: Array = each[self.kind, self.aside]
         return found
 
-    def resumed(self, segment: Seen, before: Sequence[Seen]) -> Array:
+    def resumed(self, segment: SegmentFeatures, before: Sequence[SegmentFeatures]) -> Array:
         """(states,) weight, by the state before, of where a phase is resumed, over resuming it anywhere.
 
         before: the segments before it, the last one last.
@@ -208,7 +208,9 @@ class Chain:
         weight: Array = np.array(each)[self.kind, self.age - 1]
         return weight
 
-    def _resumed(self, start: Array, earlier: Sequence[Seen], kind: PhaseKind, state: int) -> Array:
+    def _resumed(
+        self, start: Array, earlier: Sequence[SegmentFeatures], kind: PhaseKind, state: int
+    ) -> Array:
         """(memory,) of phases of one kind, by age: how much more probable it is here than anywhere.
 
         earlier: the segments before it, the last one first.
@@ -226,7 +228,7 @@ class Chain:
         return weight
 
 
-def _log_step(kind: PhaseKind, segment: Seen) -> float:
+def _log_step(kind: PhaseKind, segment: SegmentFeatures) -> float:
     """Log density [1/m³] of whether a segment moves, and how far."""
     if not segment.moves:
         return math.log(1.0 - kind.moving)

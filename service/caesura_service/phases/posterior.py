@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.phases.model import Array, Chain, Seen
+from caesura_service.phases.model import Array, Chain, SegmentFeatures
 
 ALIVE = 1e-3  # a state that is less probable after a settled segment is dropped
 
 
 @dataclass(frozen=True)
-class Step:
+class ForwardStep:
     """What is known after a segment, from those up to it.
 
     share: (states,) probability of each state. log_best: (states,) of the best path into it. come_from:
@@ -37,17 +37,19 @@ class Step:
     resumed: Array
 
 
-def first_step(chain: Chain, segment: Seen) -> Step:
+def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
     """Return what is known after the first segment."""
     emission = chain.emission(segment)
     share = chain.first * emission
     with np.errstate(divide="ignore"):
         log_best = np.log(share)
     nowhere = np.full(share.size, -1)
-    return Step(share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size))
+    return ForwardStep(share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size))
 
 
-def next_step(chain: Chain, last: Step, segment: Seen, before: Sequence[Seen]) -> Step:
+def next_step(
+    chain: Chain, last: ForwardStep, segment: SegmentFeatures, before: Sequence[SegmentFeatures]
+) -> ForwardStep:
     """Return what is known after one more segment; before: those before it, the last one last."""
     emission, resumed = chain.emission(segment), chain.resumed(segment, before)
     share = emission * (last.share @ chain.next + (last.share * resumed) @ chain.resumes)
@@ -55,17 +57,17 @@ def next_step(chain: Chain, last: Step, segment: Seen, before: Sequence[Seen]) -
     np.add(paths, np.log(resumed)[:, None], out=paths, where=chain.resumes > 0.0)
     come_from = paths.argmax(axis=0)
     log_best = paths[come_from, np.arange(come_from.size)] + np.log(emission)
-    return Step(share / share.sum(), log_best - log_best.max(), come_from, emission, resumed)
+    return ForwardStep(share / share.sum(), log_best - log_best.max(), come_from, emission, resumed)
 
 
-def settled(step: Step) -> Step:
+def settled(step: ForwardStep) -> ForwardStep:
     """Return the step without the states that are all but impossible: no later segment brings them back."""
     alive = step.share >= ALIVE
     share = np.where(alive, step.share, 0.0)
     return replace(step, share=share / share.sum(), log_best=np.where(alive, step.log_best, -np.inf))
 
 
-def posterior(chain: Chain, steps: Sequence[Step], *, ended: bool) -> list[Array]:
+def posterior(chain: Chain, steps: Sequence[ForwardStep], *, ended: bool) -> list[Array]:
     """Return (states,) the probability of each state at each segment, given all of them.
 
     ended: the last segment is the demonstration's last.
@@ -82,13 +84,13 @@ def posterior(chain: Chain, steps: Sequence[Step], *, ended: bool) -> list[Array
     return found[::-1]
 
 
-def best_last(chain: Chain, step: Step, *, ended: bool) -> int:
+def best_last(chain: Chain, step: ForwardStep, *, ended: bool) -> int:
     """Return the state of the last segment on the best path; ended: as for `posterior`."""
     with np.errstate(divide="ignore"):
         return int(np.argmax(step.log_best + (np.log(chain.end) if ended else 0.0)))
 
 
-def best_states(steps: Sequence[Step], last: int) -> list[int]:
+def best_states(steps: Sequence[ForwardStep], last: int) -> list[int]:
     """Return the state of each segment on the best path to a state of the last one."""
     path = [last]
     for step in steps[:0:-1]:
@@ -96,7 +98,7 @@ def best_states(steps: Sequence[Step], last: int) -> list[int]:
     return path[::-1]
 
 
-def decided(steps: Sequence[Step]) -> tuple[int, int]:
+def decided(steps: Sequence[ForwardStep]) -> tuple[int, int]:
     """Return up to which segment all best paths agree, and on which state there; (-1, -1) for none.
 
     The segment is the last one at which all states that are alive after the last step have one ancestor.

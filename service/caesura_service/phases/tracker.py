@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from caesura_protocol.messages import Certainty, Phase, PhaseKind, Segment
-from caesura_service.phases.model import Array, Chain, Seen, seen
+from caesura_service.phases.model import Array, Chain, SegmentFeatures, seen
 from caesura_service.phases.posterior import (
-    Step,
+    ForwardStep,
     best_last,
     best_states,
     decided,
@@ -24,7 +24,7 @@ from caesura_service.phases.posterior import (
 )
 
 
-class _Group(NamedTuple):
+class _PhaseRun(NamedTuple):
     """Segments first to last, as far as they are one phase. aside: does the last one interrupt it?"""
 
     kind: PhaseKind
@@ -37,12 +37,12 @@ class _Group(NamedTuple):
     aside: bool = False
 
 
-class _Looked(NamedTuple):
+class _CachedStep(NamedTuple):
     """A segment with the step that it made, to be used again where it stays as it is."""
 
     segment: Segment
-    seen: Seen
-    step: Step
+    seen: SegmentFeatures
+    step: ForwardStep
 
 
 class PhaseTracker:
@@ -52,10 +52,10 @@ class PhaseTracker:
         self._chain = chain
         self._first = 0  # the segment of the first step that is kept
         self._settled = 0  # segments that have settled
-        self._kept: list[_Looked] = []  # settled segments from `_first` on
-        self._before: list[Seen] = []  # up to `memory` segments before them
-        self._open: _Group | None = None  # the phase of segment `_first` before it, where it began earlier
-        self._looked: list[_Looked] = []  # segments that had not settled at the last look
+        self._kept: list[_CachedStep] = []  # settled segments from `_first` on
+        self._before: list[SegmentFeatures] = []  # up to `memory` segments before them
+        self._open: _PhaseRun | None = None  # the phase of segment `_first` before it, where it began earlier
+        self._looked: list[_CachedStep] = []  # segments that had not settled at the last look
         self._decided: list[Phase] = []  # since the last look
 
     @property
@@ -106,9 +106,9 @@ class PhaseTracker:
         self._before = self._before[-self._chain.parameters.memory :]
         self._kept, self._first = self._kept[index:], self._first + index
 
-    def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_Looked]:
+    def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_CachedStep]:
         """The steps of the segments that have not settled; those that stay the same are not made anew."""
-        looked: list[_Looked] = []
+        looked: list[_CachedStep] = []
         for segment in segments:
             grows = segment is segments[-1] and not finished
             known = self._looked[len(looked)] if len(looked) < len(self._looked) else None
@@ -119,17 +119,17 @@ class PhaseTracker:
         self._looked = looked
         return looked
 
-    def _step(self, segment: Segment, before: Sequence[_Looked], *, grows: bool) -> _Looked:
+    def _step(self, segment: Segment, before: Sequence[_CachedStep], *, grows: bool) -> _CachedStep:
         parameters = self._chain.parameters
         shown = seen(segment, parameters.wrong, grows=grows)
         if not before:
-            return _Looked(segment, shown, first_step(self._chain, shown))
+            return _CachedStep(segment, shown, first_step(self._chain, shown))
         earlier = [*self._before, *(one.seen for one in before)][-parameters.memory :]
-        return _Looked(segment, shown, next_step(self._chain, before[-1].step, shown, earlier))
+        return _CachedStep(segment, shown, next_step(self._chain, before[-1].step, shown, earlier))
 
     def _groups(
-        self, looked: Sequence[_Looked], states: Sequence[int], sure: Sequence[Array]
-    ) -> list[_Group]:
+        self, looked: Sequence[_CachedStep], states: Sequence[int], sure: Sequence[Array]
+    ) -> list[_PhaseRun]:
         """Phases on a path of states; sure: (states,) probability of each state at each segment."""
         chain, groups = self._chain, [] if self._open is None else [self._open]
         for number, (one, state) in enumerate(zip(looked, states, strict=True), start=self._first):
@@ -137,7 +137,7 @@ class PhaseTracker:
             if chain.age[state] == 1:
                 kind = chain.parameters.kinds[chain.kind[state]].name
                 probability = min(float(sure[number - self._first][state]), 1.0)
-                groups.append(_Group(kind, probability, segment.t0, segment.tn, number, number))
+                groups.append(_PhaseRun(kind, probability, segment.t0, segment.tn, number, number))
             else:
                 last = groups[-1]
                 strokes = last.strokes + (last.aside and not aside)
@@ -145,7 +145,7 @@ class PhaseTracker:
         return groups
 
 
-def _phase(group: _Group, certainty: Certainty) -> Phase:
+def _phase(group: _PhaseRun, certainty: Certainty) -> Phase:
     return Phase(
         t0=group.t0,
         tn=group.tn,

@@ -3,7 +3,7 @@
 from caesura_service.program.apps import GRIP_SLACK_S, task_program
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths
-from caesura_service.program.steps import Grip, Moment, MomentAt, Step, holds
+from caesura_service.program.steps import Grip, Moment, MomentAt, ProgramSegment, holds
 
 __all__ = [
     "GRIP_SLACK_S",
@@ -14,7 +14,7 @@ __all__ = [
     "Moment",
     "MomentAt",
     "Paths",
-    "Step",
+    "ProgramSegment",
     "holds",
     "observed_share",
     "task_program",

@@ -32,7 +32,7 @@ from caesura_service.program.steps import (
     Grip,
     Moment,
     MomentAt,
-    Step,
+    ProgramSegment,
     gives_way,
     kept_steps,
     length,
@@ -57,7 +57,7 @@ GRIP_APPS: dict[str, AppKind] = {
 
 
 def task_program(
-    steps: Sequence[Step],
+    steps: Sequence[ProgramSegment],
     grips: Sequence[Grip],
     moment_at: MomentAt,
     *,
@@ -96,15 +96,19 @@ def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
 class _Group:
     """Consecutive segments that make up one thing, and what is needed to build its apps."""
 
-    steps: list[Step]
-    following: Step | None
+    steps: list[ProgramSegment]
+    following: ProgramSegment | None
     grips: list[Grip]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
     force_limit_n: float | None
     paths: Paths | None
 
     def moving(
-        self, kind: AppKind, step: Step, end: _End | None = None, changes: Mapping[str, object] = UNCHANGED
+        self,
+        kind: AppKind,
+        step: ProgramSegment,
+        end: _End | None = None,
+        changes: Mapping[str, object] = UNCHANGED,
     ) -> App:
         """An app over a step with the path to its end, which may lie elsewhere."""
         t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
@@ -112,7 +116,7 @@ class _Group:
         screw = exerted(step.segment.screw) if step.segment.kind == "turning" else None
         return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
 
-    def app(self, kind: AppKind, steps: Sequence[Step], **changes: object) -> App:
+    def app(self, kind: AppKind, steps: Sequence[ProgramSegment], **changes: object) -> App:
         """An app over some of the steps that ends where they end."""
         first, last = steps[0].segment, steps[-1].segment
         moment = self.moment_at(last.tn)
@@ -140,7 +144,7 @@ class _Group:
             return None
         return self.touched(following, observed(approach.t0, approach.tn))
 
-    def rest(self, step: Step) -> _End | None:
+    def rest(self, step: ProgramSegment) -> _End | None:
         """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
         following = self.following
         if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
@@ -148,7 +152,7 @@ class _Group:
         t = min(step.segment.tn + SETTLES_S, following.segment.tn)
         return _End(t, _where(self.moment_at(t)))
 
-    def touched(self, contact: Step, approach: Sequence[float] = ()) -> _End:
+    def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:
         """Where what pushes back in a contact did so first, which may be at the end of the approach [s].
 
         Where nothing pushes back, at its first observation.
@@ -163,7 +167,7 @@ class _Group:
         t = early[-1] if early else next(filter(pushes, times), times[0])
         return _End(t, _where(self.moment_at(t)))
 
-    def pressed(self, hardest: Step) -> _End | None:
+    def pressed(self, hardest: ProgramSegment) -> _End | None:
         """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
         times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
         least = _along(hardest.base, force) + STILL_PRESSED * length(force)
@@ -224,12 +228,12 @@ def _contacts(group: _Group) -> Iterable[App]:
         yield _press(group)
 
 
-def _arrives(step: Step) -> bool:
+def _arrives(step: ProgramSegment) -> bool:
     """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
     return step.segment.kind == "sliding" and pushed_in(step.segment) > ARRIVES_M
 
 
-def _is_met(following: Step | None) -> bool:
+def _is_met(following: ProgramSegment | None) -> bool:
     """Is what follows a contact that the movement before it ends at?"""
     return following is not None and following.touches and not _arrives(following)
 
@@ -246,12 +250,12 @@ def _press(group: _Group) -> App:
     return group.app("apply_force", group.steps, **changes)
 
 
-def _hardest(steps: Sequence[Step]) -> Step:
+def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
     held = [step for step in steps if step.segment.kind == "contact"] or steps
     return max(held, key=lambda step: length(step.force))
 
 
-def _inserted(group: _Group) -> list[Step]:
+def _inserted(group: _Group) -> list[ProgramSegment]:
     """Steps that push something in before the fingers first move, such as a peg into its hole."""
     first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
@@ -290,12 +294,12 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
 }
 
 
-def _average(steps: Sequence[Step], value: Callable[[Segment], float]) -> float:
+def _average(steps: Sequence[ProgramSegment], value: Callable[[Segment], float]) -> float:
     """Of a number of segments, weighted by time."""
     return sum(step.seconds * value(step.segment) for step in steps) / sum(step.seconds for step in steps)
 
 
-def _group_key(step: Step) -> str:
+def _group_key(step: ProgramSegment) -> str:
     """Transport and hold are one carry; pushing in what gives way is part of the press."""
     kind, contact = step.segment.kind, step.segment.contact
     if kind == "turning":

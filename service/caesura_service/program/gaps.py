@@ -46,7 +46,7 @@ class Gaps:
         self._total_s += gap.tn - gap.t0
 
     def note(self, began: float) -> str:
-        """What somebody must know who runs a program with gaps in it; began [s]: its first sample."""
+        """Return the note on gaps for the operator who runs the program; began [s]: its first sample."""
         named = ", ".join(_named(gap, began) for gap in sorted(self._longest, key=lambda one: one.t0))
         rest = len(self.all) - len(self._longest)
         more = f" and {rest} shorter ones, {self._total_s:.2f} s in all" if rest else ""

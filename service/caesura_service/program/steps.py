@@ -76,7 +76,7 @@ class Grip:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ProgramSegment:
     """A segment as the program sees it. base: of a contact, the force [N] before anything was touched."""
 
     index: int
@@ -106,11 +106,11 @@ class Step:
 
 
 def kept_steps(
-    steps: Sequence[Step], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
-) -> list[Step]:
+    steps: Sequence[ProgramSegment], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
+) -> list[ProgramSegment]:
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
-    kept: list[Step] = []
-    before: Step | None = None
+    kept: list[ProgramSegment] = []
+    before: ProgramSegment | None = None
     touched = -1  # the last step in contact, however short
     for beside, step in zip([None, *steps], steps, strict=False):
         touched = beside.index if beside is not None and beside.touches else touched
@@ -156,7 +156,9 @@ def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
     return math.hypot(*vector)
 
 
-def _as_touching(before: Step | None, step: Step, grips: Sequence[Grip], moment_at: MomentAt) -> Step:
+def _as_touching(
+    before: ProgramSegment | None, step: ProgramSegment, grips: Sequence[Grip], moment_at: MomentAt
+) -> ProgramSegment:
     """A contact, with the force before it; what does not change that goes on as what came before."""
     if before is None or not step.touches:
         return step
@@ -168,12 +170,14 @@ def _as_touching(before: Step | None, step: Step, grips: Sequence[Grip], moment_
     return _as(step, before.segment.contact)
 
 
-def _base(before: Step, moment_at: MomentAt) -> Vector:
+def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
     """[N] before the contact that a step belongs to, or that follows it."""
     return before.base if before.touches else _force_at_end(before.segment, moment_at)
 
 
-def _still_touching(beside: Step | None, last: Step | None, step: Step, moment_at: MomentAt) -> Step:
+def _still_touching(
+    beside: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
+) -> ProgramSegment:
     """What follows a contact directly is one too, where the force of the contact lasts and it does not leave.
 
     beside: the step before it, however short; last: the last one that was kept.
@@ -191,7 +195,7 @@ def _still_touching(beside: Step | None, last: Step | None, step: Step, moment_a
     return replace(_as(step, "contact", force_held=held), base=base)
 
 
-def _ends_stroke(last: Step | None, before: Step | None, step: Step) -> bool:
+def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, step: ProgramSegment) -> bool:
     """Is it the rest at the end of a stroke along a surface, the last step that was kept?"""
     if last is None or before is None or last.index != before.index:
         return False
@@ -217,7 +221,7 @@ def _direction(vector: Vector) -> NDArray[np.float64]:
     return np.asarray(vector) / max(length(vector), 1e-12)
 
 
-def _from_air(kept: Sequence[Step], touched: int) -> bool:
+def _from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
     """Did the last movement carry nothing, and was nothing touched since? Then nothing was picked up.
 
     touched: index of the last step in contact.
@@ -227,7 +231,9 @@ def _from_air(kept: Sequence[Step], touched: int) -> bool:
     return last is not None and last.segment.contact == "free" and touched < last.index
 
 
-def _in_hand(step: Step, grips: Sequence[Grip], from_air: bool, moment_at: MomentAt) -> Step:
+def _in_hand(
+    step: ProgramSegment, grips: Sequence[Grip], from_air: bool, moment_at: MomentAt
+) -> ProgramSegment:
     """What the fingers hold is carried, however light; what they have let go is not, nor while they are shut.
 
     Where they say nothing, what weighs nothing is not carried, nor what was not picked up.
@@ -246,20 +252,20 @@ def _in_hand(step: Step, grips: Sequence[Grip], from_air: bool, moment_at: Momen
     return step if carried else _as(step, "free")
 
 
-def _pauses(step: Step) -> bool:
+def _pauses(step: ProgramSegment) -> bool:
     """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
     segment = step.segment
     return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
 
 
-def holds(step: Step, grips: Sequence[Grip]) -> bool | None:
+def holds(step: ProgramSegment, grips: Sequence[Grip]) -> bool | None:
     """Whether the fingers hold something in the middle of it; None where they have not said anything."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
     last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
     return None if last is None else last.kind == "grasp"
 
 
-def _hanging(step: Step, grips: Sequence[Grip]) -> Step:
+def _hanging(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
     """A movement under a force that hangs on the robot is a carry, and so is a rest with something in hand.
 
     What a hand slides along pushes back; only a load pulls straight down.
@@ -272,14 +278,16 @@ def _hanging(step: Step, grips: Sequence[Grip]) -> Step:
     return _as(step, "transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
-def _leaving(step: Step) -> Step:
+def _leaving(step: ProgramSegment) -> ProgramSegment:
     """A movement far out of what was pressed goes on in the air: it is no press."""
     segment = step.segment
     leaves = segment.kind == "sliding" and gives_way(segment) and -pushed_in(segment) >= ARRIVES_M
     return _as(step, "free") if leaves else step
 
 
-def _lets_go(before: Step | None, last: Step | None, step: Step, moment_at: MomentAt) -> bool:
+def _lets_go(
+    before: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
+) -> bool:
     """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off.
 
     What goes on without that force is a movement.
@@ -305,12 +313,12 @@ def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> f
 
 
 def _as(
-    step: Step,
+    step: ProgramSegment,
     contact: str,
     load_kg: float | None = None,
     load_sd_kg: float | None = None,
     force_held: tuple[float, ...] | None = None,
-) -> Step:
+) -> ProgramSegment:
     """The same movement or rest, touching, carrying or neither; what an operator has named stays."""
     if step.segment.corrected:
         return step

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.programs.safety import UNSET, Setting
+from caesura_clients.programs.safety import UNSET, CellSettings
 from caesura_clients.recording import Recording
 from caesura_service.recordings import segment_recording
 from caesura_service.report.replay import Belief, Replay, replay
@@ -28,7 +28,7 @@ STEP_S = 0.1  # of the segmentation grid
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class ReportSignals:
     """What the segmentation saw. Base frame; n observations."""
 
     t: Array  # (n,) [s]
@@ -83,12 +83,12 @@ class RunLengths:
 
 
 @dataclass(frozen=True, eq=False)
-class Content:
+class ReportData:
     """One recording under one preset."""
 
     name: str
     preset: str
-    signals: Signals
+    signals: ReportSignals
     changes: Changes
     run_lengths: RunLengths
     view: View
@@ -96,8 +96,8 @@ class Content:
 
 
 def gather(
-    recording: Recording, preset: str, truth: Truth | None = None, setting: Setting = UNSET
-) -> Content:
+    recording: Recording, preset: str, truth: Truth | None = None, setting: CellSettings = UNSET
+) -> ReportData:
     """Segment a recording and collect what there is to show; setting: what is asked of its program.
 
     Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented, and for a
@@ -107,7 +107,7 @@ def gather(
     if not view.segments:
         raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
     replayed = replay(recording, preset)
-    return Content(
+    return ReportData(
         name=recording.name,
         preset=preset,
         signals=_signals(replayed, has_force=view.wrench.source != "none"),
@@ -118,10 +118,10 @@ def gather(
     )
 
 
-def _signals(replayed: Replay, *, has_force: bool) -> Signals:
+def _signals(replayed: Replay, *, has_force: bool) -> ReportSignals:
     seen = replayed.observations
     cuts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
-    return Signals(
+    return ReportSignals(
         t=np.array([one.t for one in seen]),
         position=np.array([one.position_base for one in seen]),
         speed=np.array([one.speed for one in seen]),

@@ -17,9 +17,9 @@ from matplotlib.transforms import Bbox
 
 from caesura_clients.programs.path_drawing import path_svg
 from caesura_protocol.paths import path_in_words
-from caesura_service.report.content import Content
+from caesura_service.report.content import ReportData
 from caesura_service.report.figures import path_page, run_length_page, signals_page, style
-from caesura_service.report.tables import Column, Table, notes, program_table, segments_table
+from caesura_service.report.tables import Table, TableColumn, notes, program_table, segments_table
 
 SPARED = 0.55  # [inch] at the top of a page, where its heading was
 
@@ -34,7 +34,7 @@ THEMED = {
 }
 
 
-def html_page(content: Content) -> str:
+def html_page(content: ReportData) -> str:
     """The whole report."""
     windows = style.windows(content)
     return _PAGE.substitute(
@@ -55,7 +55,7 @@ def html_page(content: Content) -> str:
     )
 
 
-def _ways(content: Content) -> str:
+def _ways(content: ReportData) -> str:
     """The path of each app that has one."""
     drawn = ((index, app, path_svg(app)) for index, app in enumerate(content.view.apps))
     figures = "".join(
@@ -114,19 +114,19 @@ def _table(table: Table) -> str:
     )
 
 
-def _head(column: Column) -> str:
+def _head(column: TableColumn) -> str:
     unit = f" <span>[{escape(column.unit)}]</span>" if column.unit else ""
     return f"<th{_flush(column)}>{escape(column.name)}{unit}</th>"
 
 
-def _row(columns: Sequence[Column], row: Sequence[str], kind: str | None) -> str:
+def _row(columns: Sequence[TableColumn], row: Sequence[str], kind: str | None) -> str:
     cells = "".join(
         f"<td{_flush(column)}>{escape(cell)}</td>" for column, cell in zip(columns, row, strict=True)
     )
     return f"<tr>{cells}</tr>" if kind is None else f'<tr class="{kind}">{cells}</tr>'
 
 
-def _flush(column: Column) -> str:
+def _flush(column: TableColumn) -> str:
     return ' class="words"' if column.words else ""
 
 

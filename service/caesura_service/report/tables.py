@@ -15,7 +15,7 @@ from caesura_service.session.view import View
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A heading, and the unit of what is below it."""
 
     name: str
@@ -28,41 +28,41 @@ class Table:
     """Rows of cells; `kinds` has the kind of segment that each row is about, if it is about one."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[str, ...], ...]
     kinds: tuple[str | None, ...]
     note: str = ""
 
 
-TARGET = tuple(Column(name, "mm") for name in ("x", "y", "z"))
-FORCE = tuple(Column(name, "N") for name in ("Fx", "Fy", "Fz"))
+TARGET = tuple(TableColumn(name, "mm") for name in ("x", "y", "z"))
+FORCE = tuple(TableColumn(name, "N") for name in ("Fx", "Fy", "Fz"))
 SEGMENT_COLUMNS = (
-    Column("#"),
-    Column("kind", words=True),
-    Column("from", "s"),
-    Column("to", "s"),
-    Column("lasts", "s"),
+    TableColumn("#"),
+    TableColumn("kind", words=True),
+    TableColumn("from", "s"),
+    TableColumn("to", "s"),
+    TableColumn("lasts", "s"),
     *TARGET,
     *FORCE,
-    Column("load", "kg"),
-    Column("P(start)"),
-    Column("P(kind)"),
-    Column("runner-up", words=True),
-    Column("log odds", "nat"),
+    TableColumn("load", "kg"),
+    TableColumn("P(start)"),
+    TableColumn("P(kind)"),
+    TableColumn("runner-up", words=True),
+    TableColumn("log odds", "nat"),
 )
 APP_COLUMNS = (
-    Column("#"),
-    Column("app", words=True),
-    Column("from", "s"),
-    Column("to", "s"),
+    TableColumn("#"),
+    TableColumn("app", words=True),
+    TableColumn("from", "s"),
+    TableColumn("to", "s"),
     *TARGET,
-    Column("path", "mm", words=True),
+    TableColumn("path", "mm", words=True),
     *FORCE,
-    Column("size", "N", words=True),
-    Column("load", "kg"),
-    Column("opening", "mm"),
-    Column("confidence"),
-    Column("of segments", words=True),
+    TableColumn("size", "N", words=True),
+    TableColumn("load", "kg"),
+    TableColumn("opening", "mm"),
+    TableColumn("confidence"),
+    TableColumn("of segments", words=True),
 )
 SEGMENT_NOTE = (
     "Base frame. x y z: flange at the segment's end. Fx Fy Fz: the environment on the robot there, tared. "

@@ -9,11 +9,11 @@ import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 
 from caesura_clients.errors import CaesuraError
-from caesura_service.report.content import Content
+from caesura_service.report.content import ReportData
 from caesura_service.report.figures import pages, signals_page, style
 from caesura_service.report.html import html_page
 
-Writer = Callable[[Content, Path], None]
+Writer = Callable[[ReportData, Path], None]
 
 
 class UnknownFormatError(CaesuraError):
@@ -28,24 +28,24 @@ def writer_of(path: Path) -> Writer:
     return writer
 
 
-def write_report(content: Content, path: Path) -> None:
+def write_report(content: ReportData, path: Path) -> None:
     """Write a report in the format that its suffix names. Raises UnknownFormatError and OSError."""
     writer_of(path)(content, path)
 
 
-def _write_pdf(content: Content, path: Path) -> None:
+def _write_pdf(content: ReportData, path: Path) -> None:
     metadata = {"Title": style.heading(content), "Creator": "Caesura", "CreationDate": None}
     with mpl.rc_context(style.RC), PdfPages(path, metadata=metadata) as pdf:
         for figure in pages(content):
             pdf.savefig(figure)
 
 
-def _write_png(content: Content, path: Path) -> None:
+def _write_png(content: ReportData, path: Path) -> None:
     with mpl.rc_context(style.RC):
         signals_page(content, style.whole(content)).savefig(path, dpi=style.DPI)
 
 
-def _write_html(content: Content, path: Path) -> None:
+def _write_html(content: ReportData, path: Path) -> None:
     with mpl.rc_context(style.RC):
         page = html_page(content)
     path.write_text(page, encoding="utf-8")

@@ -2,11 +2,11 @@
 
 from caesura_service.robot.kinematics import (
     JOINTS,
+    FlangePose,
     HandDynamics,
-    Pose,
     ReachError,
     Robot,
     load_panda,
 )
 
-__all__ = ["JOINTS", "HandDynamics", "Pose", "ReachError", "Robot", "load_panda"]
+__all__ = ["JOINTS", "FlangePose", "HandDynamics", "ReachError", "Robot", "load_panda"]

@@ -47,7 +47,7 @@ class ReachError(ValueError):
 
 
 @dataclass(frozen=True)
-class Pose:
+class FlangePose:
     """A frame in the base frame: position_base (3,) [m], orientation_base (4,) x y z w."""
 
     position_base: Array
@@ -97,11 +97,11 @@ class Robot:
         """Joint torques that the robot never exceeds, (7,) [Nm]."""
         return np.array(self._model.effortLimit)
 
-    def flange_pose(self, q: ArrayLike) -> Pose:
+    def flange_pose(self, q: ArrayLike) -> FlangePose:
         """Pose of the flange at joint positions q."""
         return self._pose(_joints(q), self._flange)
 
-    def hand_tcp_pose(self, q: ArrayLike) -> Pose:
+    def hand_tcp_pose(self, q: ArrayLike) -> FlangePose:
         """Pose of the point between the fingertips at joint positions q."""
         return self._pose(_joints(q), self._tcp)
 
@@ -218,9 +218,9 @@ class Robot:
         limited: Array = step * min(1.0, IK_STEP_LIMIT / max(float(np.linalg.norm(step)), 1e-12))
         return limited
 
-    def _pose(self, q: Array, frame: int) -> Pose:
+    def _pose(self, q: Array, frame: int) -> FlangePose:
         values = self._placement(q, frame)
-        return Pose(values[:3], values[3:])
+        return FlangePose(values[:3], values[3:])
 
     def _poses(self, q: ArrayLike, frame: int) -> tuple[Array, Array]:
         values = np.array([self._placement(row, frame) for row in _rows(q)]).reshape(-1, 7)

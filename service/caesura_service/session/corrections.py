@@ -80,7 +80,7 @@ def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Mark:
+class VisibleChangepoint:
     """A changepoint that is shown."""
 
     t: float  # [s]
@@ -91,7 +91,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Span:
+class VisibleSegment:
     """A segment that is shown: observations start to end, the end not included."""
 
     t0: float  # [s]
@@ -102,14 +102,14 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Shown:
+class EditContext:
     """What there is to correct."""
 
     t_first: float  # [s] of the first observation and of the last one
     t_last: float
     finished: bool
-    marks: Sequence[Mark]
-    spans: Sequence[Span]
+    marks: Sequence[VisibleChangepoint]
+    spans: Sequence[VisibleSegment]
     kinds: Sequence[str]
     apps: Sequence[App]
     phases: Sequence[Phase]
@@ -225,7 +225,7 @@ class Heeded:
         return bool(self._forces)
 
 
-def resolved(action: Change, shown: Shown) -> Correction:
+def resolved(action: Change, shown: EditContext) -> Correction:
     """What a correction comes to. Raises ProtocolError, with what there is, where it points at nothing."""
     match action:
         case Insert(t=t):
@@ -244,7 +244,7 @@ def resolved(action: Change, shown: Shown) -> Correction:
             return Correction(name=(_named(t, shown), name))
 
 
-def _check_time(t: float, shown: Shown, *, ahead: bool = False) -> None:
+def _check_time(t: float, shown: EditContext, *, ahead: bool = False) -> None:
     last = shown.t_last + (AHEAD_S if ahead and not shown.finished else 0.0)
     if not shown.spans:
         raise ProtocolError("conflict", "nothing has been observed yet", value=t)
@@ -253,7 +253,7 @@ def _check_time(t: float, shown: Shown, *, ahead: bool = False) -> None:
         raise ProtocolError("malformed", "the time is outside the demonstration", value=t, limit=limit)
 
 
-def _meant(t: float, shown: Shown) -> Mark:
+def _meant(t: float, shown: EditContext) -> VisibleChangepoint:
     """Return the changepoint that a correction names by its time."""
     _check_time(t, shown)
     near = sorted(shown.marks, key=lambda mark: abs(mark.t - t))
@@ -268,7 +268,7 @@ def _meant(t: float, shown: Shown) -> Mark:
     return mark
 
 
-def _relabelled(t: float, kind: str, shown: Shown) -> Correction:
+def _relabelled(t: float, kind: str, shown: EditContext) -> Correction:
     _check_time(t, shown)
     _check_kind(kind, shown.kinds)
     span = next((span for span in shown.spans if span.t0 <= t < span.tn), shown.spans[-1])
@@ -283,7 +283,7 @@ def _check_kind(kind: str, kinds: Sequence[str]) -> None:
         raise ProtocolError("malformed", why, value=kind, expected=list(kinds))
 
 
-def _limited(t: float, newton: float | None, shown: Shown) -> float:
+def _limited(t: float, newton: float | None, shown: EditContext) -> float:
     """[s] The middle of the app that is meant."""
     most = shown.force_limit_n
     if newton is not None and most is not None and newton > most:
@@ -298,7 +298,7 @@ def _limited(t: float, newton: float | None, shown: Shown) -> float:
     return 0.5 * (near[0].t0 + near[0].tn)
 
 
-def _named(t: float, shown: Shown) -> float:
+def _named(t: float, shown: EditContext) -> float:
     """[s] The middle of the phase that is meant."""
     _check_time(t, shown)
     phase = next((phase for phase in shown.phases if phase.t0 <= t < phase.tn), shown.phases[-1])

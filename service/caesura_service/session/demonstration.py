@@ -26,7 +26,7 @@ from caesura_service.session.view import Pipeline
 logger = logging.getLogger(__name__)
 
 
-class Demonstration:
+class PipelineHost:
     """A pipeline and its standing, which is replaced at every change.
 
     Most batches change only their number: they are counted until the state is read.
@@ -185,7 +185,7 @@ class Demonstration:
         self._pipeline, self._filtered = self._pipeline.corrected(corrections), corrections
         return True
 
-    def revive(self, rebuilt: Demonstration) -> None:
+    def revive(self, rebuilt: PipelineHost) -> None:
         """Have the mathematics of the same demonstration, folded again; what has been said of it stands."""
         self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
         self._filtered = rebuilt._filtered

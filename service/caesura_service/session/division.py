@@ -20,7 +20,7 @@ from caesura_service.changepoint.threshold import OnlineThreshold
 from caesura_service.session.corrections import Heeded
 from caesura_service.session.history import History
 from caesura_service.session.screwing import screw_of
-from caesura_service.session.settled import Part, Settled
+from caesura_service.session.settled import SegmentEntry, Settled
 from caesura_service.session.slices import give_way
 from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import WrenchCapabilities
@@ -102,7 +102,7 @@ class Division:
         """Changes wherever the demonstration is divided otherwise, named otherwise, or decided."""
         return outline(self.online, self._decided) if self.online.count else (0, [])
 
-    def look(self, quiet: int, *, finished: bool) -> list[Part]:
+    def look(self, quiet: int, *, finished: bool) -> list[SegmentEntry]:
         """Every part that has not settled; remembers those that have.
 
         quiet: no later program asks what came before the part of this number; finished: is all that is open
@@ -121,7 +121,9 @@ class Division:
             seen.append(self._look_at(every, first + i))
             give_way()
         self._seen = {one.stretch.start: one for one in seen}
-        parts = [Part(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen]
+        parts = [
+            SegmentEntry(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen
+        ]
         count = self._settling(fresh)
         self.settled.take(parts[:count], quiet)
         free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))

@@ -15,8 +15,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
-from caesura_service.program import GRIP_SLACK_S, Grip, Moment, MomentAt, Paths, Step, holds, task_program
-from caesura_service.session.kept import Kept, Shown
+from caesura_service.program import (
+    GRIP_SLACK_S,
+    Grip,
+    Moment,
+    MomentAt,
+    Paths,
+    ProgramSegment,
+    holds,
+    task_program,
+)
+from caesura_service.session.kept import Kept, MessageSequence
 from caesura_service.session.slices import give_way
 
 # Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
@@ -40,7 +49,7 @@ class GrowingProgram:
     _seen_until: float = -np.inf  # [s] what lies before is seen from both sides: no moment changes any more
 
     def apps(
-        self, steps: Sequence[Step], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
+        self, steps: Sequence[ProgramSegment], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
     ) -> Sequence[App]:
         """The apps of a demonstration, in time order.
 
@@ -60,10 +69,14 @@ class GrowingProgram:
             self._seen.clear()
             begin = quiet
             give_way()
-        return Shown(self.built, self._program(steps[begin:], rest, gaps, grips))
+        return MessageSequence(self.built, self._program(steps[begin:], rest, gaps, grips))
 
     def _program(
-        self, steps: Sequence[Step], grips: Sequence[Grip], gaps: Sequence[Gap], known: Sequence[Grip]
+        self,
+        steps: Sequence[ProgramSegment],
+        grips: Sequence[Grip],
+        gaps: Sequence[Gap],
+        known: Sequence[Grip],
     ) -> tuple[App, ...]:
         apps = task_program(
             steps,
@@ -88,7 +101,12 @@ class GrowingProgram:
         return moment
 
     def _quiet(
-        self, steps: Sequence[Step], begin: int, settled: int, grips: Sequence[Grip], known: Sequence[Grip]
+        self,
+        steps: Sequence[ProgramSegment],
+        begin: int,
+        settled: int,
+        grips: Sequence[Grip],
+        known: Sequence[Grip],
     ) -> int:
         """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
 
@@ -104,6 +122,6 @@ class GrowingProgram:
                 return i
         return last if last == begin + MOST_UNQUIET else 0
 
-    def _lasts(self, step: Step) -> bool:
+    def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""
         return step.lasts(max(self.least_s, GRIP_SLACK_S))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.session.content import samples_of
-from caesura_service.session.demonstration import Demonstration
+from caesura_service.session.demonstration import PipelineHost
 from caesura_service.session.limits import Limits
 from caesura_service.session.ordering import Asking, Ordering
 from caesura_service.session.ports import AskReplay, Output, Refused, ReplayEnded
@@ -28,7 +28,7 @@ class Intake:
     """Between a bridge and the demonstration."""
 
     def __init__(
-        self, station: str, opening: Open, demonstration: Demonstration, records: Records, limits: Limits
+        self, station: str, opening: Open, demonstration: PipelineHost, records: Records, limits: Limits
     ) -> None:
         self._station, self._session, self._columns = station, opening.session, opening.columns
         self._demonstration = demonstration

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from caesura_service.journal import Copy, Edit, Found, Journal, Outcome, Record, Siblings
+from caesura_service.journal import Copy, Edit, Journal, Outcome, PeerCopy, Record, Siblings
 
 
 class Copies(NamedTuple):
     """What there is of one session; at least one of the two."""
 
     own: Copy | None
-    furthest: Found | None  # among the siblings
+    furthest: PeerCopy | None  # among the siblings
 
     @property
     def best(self) -> Copy:
@@ -70,10 +70,10 @@ class Journals:
         """Those among them. Raises as `own_records`."""
         return self._own.edits(*copy.key) if copy.edits else ()
 
-    def siblings_edits(self, found: Found) -> Sequence[Edit]:
+    def siblings_edits(self, found: PeerCopy) -> Sequence[Edit]:
         """Those that a sibling has of a session; none where they cannot be read."""
         return self._siblings.edits(found) if found.copy.edits else ()
 
-    def siblings_records(self, found: Found, first_seq: int) -> Iterator[Record]:
+    def siblings_records(self, found: PeerCopy, first_seq: int) -> Iterator[Record]:
         """What a sibling has of a session but batches before `first_seq`, as far as it can be read."""
         return self._siblings.records(found, first_seq)

@@ -50,7 +50,7 @@ class Kept(Generic[M]):
         return tuple(decode(packed[first:last], encoding, self._model) for first, last in spans)
 
 
-class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
+class MessageSequence(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
     """What a view shows: of what is kept all but the `first` ones, as far as it went then, and the rest."""
 
     def __init__(self, kept: Kept[M], rest: Iterable[M], *, first: int = 0) -> None:
@@ -89,7 +89,7 @@ class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
         yield self._kept.payloads(self._start, self._stop)
         yield from self._rest
 
-    def since(self, first: int) -> Shown[M]:
+    def since(self, first: int) -> MessageSequence[M]:
         """All but so many more of the first; nothing is read for that."""
         kept = self._stop - self._start
         other = copy(self)
@@ -108,19 +108,22 @@ class Shown(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
 
 def since(messages: Sequence[M], first: int) -> Sequence[M]:
     """Those from the `first` on; what is packed stays so."""
-    return messages.since(first) if isinstance(messages, Shown) else messages[first:]
+    return messages.since(first) if isinstance(messages, MessageSequence) else messages[first:]
 
 
-def packed(model: type[M], messages: Iterable[M]) -> Shown[M]:
+def packed(model: type[M], messages: Iterable[M]) -> MessageSequence[M]:
     """All of these, packed."""
     kept = Kept(model)
     kept.extend(messages)
-    return Shown(kept, ())
+    return MessageSequence(kept, ())
 
 
 def alike(one: Sequence[M], other: Sequence[M]) -> int:
     """Return a lower bound on the length of the common prefix, from the stored bytes."""
-    if not (isinstance(one, Shown) and isinstance(other, Shown)) or one._start != other._start:
+    if (
+        not (isinstance(one, MessageSequence) and isinstance(other, MessageSequence))
+        or one._start != other._start
+    ):
         return 0
     start, stop = one._start, min(one._stop, other._stop)
     if one._kept is other._kept:

@@ -24,23 +24,22 @@ from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.resistance import torsion_of
 from caesura_service.changepoint.threshold import check_level
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, Step
+from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, ProgramSegment
 from caesura_service.robot import load_panda
 from caesura_service.session.corrections import (
     Change,
     Correction,
+    EditContext,
     Heeded,
-    Mark,
-    Shown,
-    Span,
+    VisibleChangepoint,
+    VisibleSegment,
     resolved,
 )
 from caesura_service.session.division import Division
 from caesura_service.session.growing import GrowingProgram
 from caesura_service.session.history import History, force_scale, holding
-from caesura_service.session.kept import Kept
-from caesura_service.session.kept import Shown as KeptShown
-from caesura_service.session.settled import Part
+from caesura_service.session.kept import Kept, MessageSequence
+from caesura_service.session.settled import SegmentEntry
 from caesura_service.session.slices import give_way
 from caesura_service.session.view import Pipeline, View
 from caesura_service.signals import (
@@ -264,7 +263,7 @@ class SegmentationPipeline:
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()
 
-    def _settle(self) -> list[Part]:
+    def _settle(self) -> list[SegmentEntry]:
         """Keep the segments that have settled, and their phases; the others."""
         division = self._division
         self._unsettled = parts = division.look(self._program.first, finished=self._finished)
@@ -319,20 +318,20 @@ class SegmentationPipeline:
             phases=phases,
         )
 
-    def _phases_with(self, parts: list[Part]) -> Sequence[Phase]:
+    def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """The phases so far; parts: those that have not settled."""
         segments = [part.segment for part in parts]
         decided, rest = self._phases.look(segments, self._phases.settled, finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
-        return KeptShown(self._decided_phases, [self._heeded.named(phase) for phase in rest])
+        return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 
-    def _apps(self, unsettled: list[Part]) -> Sequence[App]:
+    def _apps(self, unsettled: list[SegmentEntry]) -> Sequence[App]:
         first = self._program.first
         parts = [*self._division.settled.since(first), *unsettled]
         starts = [*(part.changepoint.probability for part in parts), 1.0]
         starts[0] = starts[0] if first else 1.0
         steps = [
-            Step(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
+            ProgramSegment(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
             for i, part in enumerate(parts)
         ]
         if self._program.paths is not None:  # the last segment goes on, and so does its path
@@ -344,11 +343,11 @@ class SegmentationPipeline:
         limit_n = self._heeded.force_limit(app)
         return app if limit_n is None else with_force_limit(app, limit_n)
 
-    def _shown(self) -> Shown:
+    def _shown(self) -> EditContext:
         """What there is to correct."""
         parts = [*self._division.settled.since(0), *self._unsettled]
         spans = [
-            Span(
+            VisibleSegment(
                 t0=part.segment.t0,
                 tn=part.segment.tn,
                 start=part.start,
@@ -357,7 +356,7 @@ class SegmentationPipeline:
             )
             for i, part in enumerate(parts)
         ]
-        return Shown(
+        return EditContext(
             t_first=self._history.t(0) if parts else 0.0,
             t_last=self._view.t,
             finished=self._finished,
@@ -369,12 +368,12 @@ class SegmentationPipeline:
             force_limit_n=self._opening.force_limit_n,
         )
 
-    def _mark(self, before: Part, part: Part) -> Mark:
+    def _mark(self, before: SegmentEntry, part: SegmentEntry) -> VisibleChangepoint:
         """A changepoint, with what lies between its neighbours."""
         give_way()
         between = range(before.start + 1, part.end)
         shown, gaps = part.changepoint, self._division.online.boundaries
-        return Mark(
+        return VisibleChangepoint(
             t=shown.t,
             t_low=shown.t if shown.t_low is None else shown.t_low,
             t_high=shown.t if shown.t_high is None else shown.t_high,

@@ -88,7 +88,7 @@ class Failed:
 
 
 @dataclass(frozen=True)
-class Forgotten:
+class SessionDeleted:
     """The journal no longer keeps a session: it cannot be queried. For the log."""
 
     station: str
@@ -115,4 +115,4 @@ class Taken:
     open: int
 
 
-Output = Publish | AskReplay | Answer | Refused | Failed | Forgotten | NotTaken | Taken
+Output = Publish | AskReplay | Answer | Refused | Failed | SessionDeleted | NotTaken | Taken

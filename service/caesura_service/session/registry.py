@@ -28,7 +28,6 @@ from caesura_service.session.journals import Copies, Journals
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import (
     Answer,
-    Forgotten,
     NotTaken,
     Output,
     Owner,
@@ -36,6 +35,7 @@ from caesura_service.session.ports import (
     Publish,
     Refused,
     ReplayEnded,
+    SessionDeleted,
     Taken,
 )
 from caesura_service.session.reviving import Reviving
@@ -325,7 +325,7 @@ class Registry:
                 self._stations.pop(station, None)
         if gone:
             self._show()
-        return [Forgotten(*key, why) for key, why in gone.items()]
+        return [SessionDeleted(*key, why) for key, why in gone.items()]
 
     def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.tally = self.tally.with_refusal(error)

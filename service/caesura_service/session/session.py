@@ -23,7 +23,7 @@ from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, 
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.session.corrections import Corrections
-from caesura_service.session.demonstration import Demonstration
+from caesura_service.session.demonstration import PipelineHost
 from caesura_service.session.intake import Intake
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Answer, Incoming, Output, Owner, ReplayEnded
@@ -49,7 +49,7 @@ class Session:
     ) -> None:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
         self._opening = opening
-        self._demonstration = Demonstration(station, opening, pipeline, owner=owner, limits=limits)
+        self._demonstration = PipelineHost(station, opening, pipeline, owner=owner, limits=limits)
         self._records = Records(station, opening.session, journal)
         self._intake = Intake(station, opening, self._demonstration, self._records, limits)
         self._collects = False  # edits, whose corrections are not filtered yet?

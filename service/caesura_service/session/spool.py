@@ -29,7 +29,7 @@ class Spool:
         self.directory, self.block = directory, block
         self._file: _File | None = None
 
-    def put(self, data: bytes) -> Block:
+    def put(self, data: bytes) -> FileBlock:
         """A whole block into the file. Raises OSError where it cannot be written."""
         if self._file is None or self._file.process != os.getpid():
             self._file = _File(tempfile.TemporaryFile(buffering=0, dir=self.directory), self.block)  # noqa: SIM115
@@ -50,7 +50,7 @@ class Spool:
             self.directory = before
 
 
-class Block:
+class FileBlock:
     """A part of a file; its room is free again with the last reference to it."""
 
     __slots__ = ("_file", "_place")
@@ -78,12 +78,12 @@ class _File:
     def __del__(self) -> None:
         self._file.close()
 
-    def put(self, data: bytes) -> Block:
+    def put(self, data: bytes) -> FileBlock:
         try:
             place = self.free.pop()
         except IndexError:
             place = next(self._beyond)
-        block = Block(self, place)
+        block = FileBlock(self, place)
         if (written := os.pwrite(self.number, data, place)) < len(data):
             raise OSError(f"the disk is full: {written} of {len(data)} bytes were written")
         return block
@@ -97,7 +97,7 @@ class Log:
 
     def __init__(self, spool: Spool = SPOOL) -> None:
         self._spool = spool
-        self._blocks: list[Block] = []
+        self._blocks: list[FileBlock] = []
         self._tail = 0, bytearray()  # the place of its first byte, and all that is in no block
         self._full = 2 * spool.block  # at which one is written
 

@@ -11,24 +11,24 @@ import pytest
 from caesura_clients.bridge.teacher.habits import IDEAL
 from caesura_clients.bridge.teacher.person import THESIS, draw_person, habits_stream, with_habits
 from caesura_clients.bridge.teacher.teaching import Demonstration, Teaching, teach
-from caesura_clients.bridge.teacher.truth import State, annotate
+from caesura_clients.bridge.teacher.truth import TrueState, annotate
 from clients.teacher.nominal import nominal_once
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 natural = cache(lambda scenario, seed: teach(scenario, seed=seed, natural=True))
 
 
-def state(parts: list[tuple[float, tuple[float, float, float]]]) -> State:
+def state(parts: list[tuple[float, tuple[float, float, float]]]) -> TrueState:
     """Velocities [m/s], one after the other, each for a time [s]; smoothed over 0.1 s."""
     rows = [np.tile(velocity, (round(1000 * seconds), 1)) for seconds, velocity in parts]
     velocity = np.concatenate(rows).astype(np.float64)
     kernel = np.hanning(100) / np.hanning(100).sum()
     smooth = np.column_stack([np.convolve(axis, kernel, mode="same") for axis in velocity.T])
     nothing = np.zeros(len(smooth))
-    return State(np.arange(len(smooth)) / 1000.0, smooth, nothing, nothing)
+    return TrueState(np.arange(len(smooth)) / 1000.0, smooth, nothing, nothing)
 
 
-def majors(state: State) -> list[tuple[str, float]]:
+def majors(state: TrueState) -> list[tuple[str, float]]:
     marks = annotate(state, guided=True)["changepoints"]
     return [(m["kind"], m["t"]) for m in marks if m["level"] == "major"]
 

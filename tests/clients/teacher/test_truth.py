@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caesura_clients.bridge.teacher.truth import State, annotate
+from caesura_clients.bridge.teacher.truth import TrueState, annotate
 
 Array = NDArray[np.float64]
 
 
 def state(
     seconds: float, moves: list[tuple[float, float, tuple[float, float, float]]], **more: Array
-) -> State:
+) -> TrueState:
     """Constant velocity [m/s] within each move (from, to, velocity), rest elsewhere."""
     t = np.arange(round(1000 * seconds)) / 1000
     velocity = np.zeros((t.size, 3))
     for begin, end, speed in moves:
         velocity[(t >= begin) & (t < end)] = speed
     nothing = np.zeros(t.size)
-    return State(t, velocity, more.get("normal", nothing), more.get("load_kg", nothing))
+    return TrueState(t, velocity, more.get("normal", nothing), more.get("load_kg", nothing))
 
 
 def during(seconds: float, begin: float, end: float, value: float) -> Array:
@@ -124,10 +124,10 @@ def turning(
     turns: list[tuple[float, float, tuple[float, float, float]]],
     moves: list[tuple[float, float, tuple[float, float, float]]] = (),  # type: ignore[assignment]
     **more: Array,
-) -> State:
+) -> TrueState:
     """Constant rate [rad/s] within each turn (from, to, rate), beside moves of the tip."""
     moved, turned = state(seconds, moves, **more), state(seconds, turns)
-    return State(moved.t, moved.velocity, moved.normal, moved.load_kg, turned.velocity)
+    return TrueState(moved.t, moved.velocity, moved.normal, moved.load_kg, turned.velocity)
 
 
 def test_a_turn_in_place_is_turning_in_the_air_in_contact_and_with_a_load() -> None:

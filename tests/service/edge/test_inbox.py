@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_service.edge.inbox import SOURCES, WHOLE, Inbox, QueueSettings
+from caesura_service.edge.inbox import SOURCES, WHOLE, QueueSettings, WorkQueue
 
 
-def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) -> Inbox[int]:
-    return Inbox(QueueSettings(capacity, capacity_bytes, shares))
+def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) -> WorkQueue[int]:
+    return WorkQueue(QueueSettings(capacity, capacity_bytes, shares))
 
 
 def test_items_come_out_in_the_order_in_which_they_went_in():
@@ -66,7 +66,7 @@ def test_a_waiting_reader_can_be_woken():
     assert inbox.get(60.0) is None
 
 
-def taken(inbox: Inbox[int], *, spent_s: dict[int, float]) -> list[int]:
+def taken(inbox: WorkQueue[int], *, spent_s: dict[int, float]) -> list[int]:
     """Everything, as it has its turn, if the work on an item takes so long."""
     order = []
     while (item := inbox.get(0.0)) is not None:
@@ -108,7 +108,7 @@ def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_
 
 
 def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_own_room():
-    inbox: Inbox[int] = Inbox(QueueSettings(10, commands=2))
+    inbox: WorkQueue[int] = WorkQueue(QueueSettings(10, commands=2))
     assert [inbox.command(item, "a") for item in range(3)] == [True, True, False]
     assert inbox.command(4, "b")
     inbox.get(0.0)
@@ -118,9 +118,9 @@ def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_ow
 # --- overload -------------------------------------------------------------------------------------------
 
 
-def pressed_inbox(*, announced: bool = False) -> Inbox[int]:
+def pressed_inbox(*, announced: bool = False) -> WorkQueue[int]:
     """Room for 16 items, 8 of a source; pressed at 10 and 5, relieved at 4 and 2."""
-    return Inbox(QueueSettings(16, 1600, 2, overloaded_at=0.625, relieved_at=0.25), announced=announced)
+    return WorkQueue(QueueSettings(16, 1600, 2, overloaded_at=0.625, relieved_at=0.25), announced=announced)
 
 
 def test_a_source_that_fills_its_share_is_pressed_until_most_of_it_is_gone():
@@ -198,7 +198,7 @@ def test_every_overload_is_announced_anew():
 
 
 def test_sources_that_come_and_go_are_forgotten():
-    inbox: Inbox[int] = Inbox(QueueSettings())
+    inbox: WorkQueue[int] = WorkQueue(QueueSettings())
     for index in range(2 * SOURCES):
         inbox.offer(index, f"source-{index}")
         assert inbox.get(0.0) == index

@@ -16,7 +16,7 @@ from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, Gap
 from caesura_service.execution.checks import Taught, check
-from caesura_service.execution.findings import Report
+from caesura_service.execution.findings import CheckReport
 from caesura_service.execution.limits import Cell
 from caesura_service.execution.world import World
 from caesura_service.robot import Robot, load_panda
@@ -38,7 +38,7 @@ def changed(apps: Apps, index: int, **fields: Any) -> Apps:
     return (*apps[:index], apps[index].model_copy(update=fields), *apps[index + 1 :])
 
 
-def only(report: Report) -> str:
+def only(report: CheckReport) -> str:
     assert len(report.errors) == 1, [*map(str, report.errors)]
     return str(report.errors[0])
 

@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 
 from caesura_clients.cli import build
 from caesura_clients.errors import CaesuraError
-from caesura_clients.formats.mcap_write import Demonstration, write_mcap
+from caesura_clients.formats.mcap_write import McapContent, write_mcap
 from caesura_clients.formats.write import write_csv
-from caesura_clients.programs.safety import Setting
+from caesura_clients.programs.safety import CellSettings
 from caesura_clients.recording import Recording, load_recording
 from caesura_service.export.mcap_file import write_mcap as write_session
 from caesura_service.export.taught import taught_from
@@ -79,7 +79,7 @@ def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, 
         force_frame=frame,
     )
     began = max(began, -float(t.min()) + 1.0)
-    told = Demonstration("cell-1", "s1", "default", recording, began, recording.columns)
+    told = McapContent("cell-1", "s1", "default", recording, began, recording.columns)
     write_mcap(tmp_path / "any.mcap", told)
     assert_same(recording, load_recording(tmp_path / "any.mcap"))
     write_csv(tmp_path / "any.csv", recording)
@@ -159,7 +159,7 @@ def test_an_exported_session_keeps_the_limit_and_the_tolerances_of_its_cell(tmp_
         assert read.ignored == ()
     forces = [app.force for app in segment_recording(read).apps if app.force is not None]
     assert [np.linalg.norm(force) for force in forces] == pytest.approx([10.0, 10.0])
-    other = segment_recording(read, setting=Setting(force_limit_n=15.0))
+    other = segment_recording(read, setting=CellSettings(force_limit_n=15.0))
     assert other.force_limit_n == 15.0  # what is asked for goes before what the file states
 
 

@@ -10,7 +10,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Forgotten
+from caesura_service.session.ports import SessionDeleted
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import snapshot_of
 from harness.sessions import (
@@ -44,7 +44,7 @@ def names(registry: Registry) -> list[str]:
 def forgotten(registry: Registry, now: float) -> list[tuple[str, str]]:
     with registry._journal._writing:  # tidying is put off while the journal's thread writes
         said = registry.tick(now)
-    return [(output.session, output.why) for output in said if isinstance(output, Forgotten)]
+    return [(output.session, output.why) for output in said if isinstance(output, SessionDeleted)]
 
 
 def restarted(journal: SqliteJournal, **how: object) -> Registry:

@@ -20,9 +20,9 @@ from caesura_service.judge.calibration import as_json as plain
 from caesura_service.judge.diagram import draw
 from caesura_service.judge.judging import Unfit
 from caesura_service.judge.methods import Ours
-from caesura_service.judge.score import Found, Part, Stated, score
+from caesura_service.judge.score import FoundSegmentation, Part, Stated, score
 from caesura_service.recordings import segment_recording
-from caesura_service.truth import Point, Span, Truth
+from caesura_service.truth import Point, TrueSegment, Truth
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 
@@ -126,7 +126,7 @@ TRUTH = Truth(
     name="one",
     window=(0.0, 10.0),
     points=(Point(2.0, 0.1), Point(5.0, 0.1, optional=True), Point(8.0, 0.1)),
-    spans=(Span(0, 2, "steady"), Span(2, 8, "motion")),
+    spans=(TrueSegment(0, 2, "steady"), TrueSegment(2, 8, "motion")),
 )
 TIMES = (0.1, 2.0, 5.0, 6.0)
 PARTS = (
@@ -139,12 +139,12 @@ PARTS = (
 
 def test_what_is_excused_is_no_case():
     probabilities = dict(zip(TIMES, (0.5, 0.6, 0.7, 0.8), strict=True))
-    one = score("mine", TRUTH, Found(TIMES, PARTS, probabilities=probabilities))
+    one = score("mine", TRUTH, FoundSegmentation(TIMES, PARTS, probabilities=probabilities))
     assert sorted(one.stated_points) == [(0.6, 1.0, 1.0), (0.8, 0.0, 1.0)]
 
 
 def test_a_segment_is_a_case_as_long_as_its_class_is_known():
-    one = score("mine", TRUTH, Found(TIMES, PARTS))
+    one = score("mine", TRUTH, FoundSegmentation(TIMES, PARTS))
     assert one.stated_points == ()
     assert one.stated_classes == ((0.9, 2.0, 2.0), (0.8, 4.0, 4.0), (0.6, 0.0, 2.0))
 
@@ -159,7 +159,7 @@ def test_ours_states_what_the_view_says():
 
 def calibrated(slacks: tuple[float, ...] = (0.0, 0.2)):
     stated = {2.0: 0.6, 6.0: 0.8}
-    found = Found((2.0, 6.0), PARTS, intervals={2.0: (1.9, 2.2)}, probabilities=stated)
+    found = FoundSegmentation((2.0, 6.0), PARTS, intervals={2.0: (1.9, 2.2)}, probabilities=stated)
     scores = [score("mine", TRUTH, found)] * 3
     verdicts = [replace(one, slack_s=slack) for one in scores for slack in slacks]
     return calibrate("title", ["mine", "absent"], [*verdicts, Unfit("other", "one", "reason")], ["gone"])

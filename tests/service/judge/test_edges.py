@@ -7,15 +7,15 @@ import math
 import pytest
 
 from caesura_service.judge.metrics import Look, match
-from caesura_service.judge.score import Found, Part, Score, score
-from caesura_service.truth import Leniency, Point, Span, Truth
+from caesura_service.judge.score import FoundSegmentation, Part, Score, score
+from caesura_service.truth import Leniency, Point, TrueSegment, Truth
 
 WINDOW = (0.0, 10.0)
 RELEASE = Point(6.0, 0.1, kind="contact_off", t_alt=5.5)
 
 
 def judged(points: list[Point], times: list[float], **also: object) -> Score:
-    return score("mine", Truth("one", WINDOW, tuple(points)), Found(tuple(times), **also))  # type: ignore[arg-type]
+    return score("mine", Truth("one", WINDOW, tuple(points)), FoundSegmentation(tuple(times), **also))  # type: ignore[arg-type]
 
 
 def counts(points: list[Point], times: list[float]) -> tuple[int, int, int]:
@@ -50,8 +50,8 @@ def test_a_true_point_in_the_margin_excuses_a_changepoint_within_its_tolerance_o
 
 def test_slack_lets_a_changepoint_outside_of_the_window_find_a_point_inside_of_it():
     truth = Leniency(slack_s=0.2).of(Truth("one", WINDOW, (Point(0.31, 0.15),)))
-    assert score("mine", truth, Found((-0.02,))).hits == 1
-    assert score("mine", truth, Found((-0.1,))).false_alarms == 0
+    assert score("mine", truth, FoundSegmentation((-0.02,))).hits == 1
+    assert score("mine", truth, FoundSegmentation((-0.1,))).false_alarms == 0
 
 
 @pytest.mark.parametrize(("t", "offset_s"), [(6.05, 0.05), (5.95, -0.05), (5.42, -0.08), (5.59, 0.09)])
@@ -90,9 +90,9 @@ def test_a_changepoint_that_moves_from_one_end_to_the_other_stands_all_the_while
 
 
 def test_no_class_is_scored_between_the_ends_of_an_edge():
-    spans = (Span(0, 6, "contact"), Span(6, 10, "motion"))
+    spans = (TrueSegment(0, 6, "contact"), TrueSegment(6, 10, "motion"))
     parts = (Part(0, 5.5, "contact"), Part(5.5, 10, "motion"))
-    one = score("mine", Truth("one", WINDOW, (RELEASE,), spans), Found((5.5,), parts))
+    one = score("mine", Truth("one", WINDOW, (RELEASE,), spans), FoundSegmentation((5.5,), parts))
     assert dict(one.confusion) == {("contact", "contact"): 5.5, ("motion", "motion"): 4.0}
     assert sum(one.confusion_inside.values()) == pytest.approx(5.4 + 3.9)
 

@@ -12,10 +12,10 @@ from rich.console import Console
 
 from caesura_protocol.messages import App
 from caesura_service.judge import mutations, roundtrip
-from caesura_service.judge.roundtrip import Case, Trip, compared, summarise, travel
+from caesura_service.judge.roundtrip import RoundTripCase, Trip, compared, summarise, travel
 from harness.programs import press
 
-CASE = Case("dispenser", 1)
+CASE = RoundTripCase("dispenser", 1)
 
 
 def executed(index: int = 0, **fields: Any) -> tuple[App, ...]:
@@ -50,7 +50,7 @@ def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], wh
 
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     good = Trip(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
-    bad = Trip(Case("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
+    bad = Trip(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
     console = Console(width=90, record=True, file=StringIO())
     console.print(roundtrip.as_text(summarise([bad, good]), "title"))
     text = console.export_text()
@@ -59,7 +59,7 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
 
 
 def test_one_person_goes_round() -> None:
-    trip = travel(Case("dispenser", 500))
+    trip = travel(RoundTripCase("dispenser", 500))
     assert trip.why is None
     assert max(trip.target_m) < 0.01
 

@@ -23,7 +23,7 @@ from caesura_service.judge.report import as_json, report
 from caesura_service.judge.suites import Extent, FileCase, TaughtCase, missing_recordings, suite
 from caesura_service.judge.tables import as_markdown
 from caesura_service.recordings import capabilities_of, segment_recording
-from caesura_service.truth import Leniency, Span, Truth, TruthError, truth_of
+from caesura_service.truth import Leniency, TrueSegment, Truth, TruthError, truth_of
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 QUICK = Baseline("quick", thresholds)
@@ -149,7 +149,10 @@ def test_a_second_accepted_time_is_read():
 
 def test_phases_are_read_in_the_order_of_time():
     phases = [{"t0": 2, "t1": 4.5, "name": "peel"}, {"t0": 0, "t1": 2, "name": "reach"}]
-    assert truth_of(EMPTY | {"phases": phases}, "x").phases == (Span(0, 2, "reach"), Span(2, 4.5, "peel"))
+    assert truth_of(EMPTY | {"phases": phases}, "x").phases == (
+        TrueSegment(0, 2, "reach"),
+        TrueSegment(2, 4.5, "peel"),
+    )
     assert truth_of(EMPTY, "x").phases == ()
 
 

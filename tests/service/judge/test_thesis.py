@@ -29,13 +29,13 @@ from caesura_service.judge.thesis.demonstrations import (
     ROBOT,
     SENSOR,
     TIMED,
-    Taught,
+    SuiteDemonstration,
     person,
 )
 from caesura_service.judge.thesis.measure import (
     SAME_EVENT_S,
     Found,
-    Outcome,
+    RowOutcome,
     Seen,
     differences,
     paired,
@@ -119,7 +119,7 @@ def test_the_aim_below_a_surface_is_that_of_the_thesis():
 
 
 def test_the_hand_leaves_the_placed_object_when_the_thesis_does():
-    recording, _ = Taught("pick_and_place", 101, "overdamped").load()
+    recording, _ = SuiteDemonstration("pick_and_place", 101, "overdamped").load()
     heights = np.interp([10.3, 10.4, 10.8, 11.3], recording.t, recording.signals["pos"][:, 2])
     assert heights == pytest.approx([0.104, 0.105, 0.166, 0.263], abs=0.012)  # Fig. 4.8, 4.12, 4.17
 
@@ -224,7 +224,7 @@ def test_a_row_passes_with_nine_of_ten_seeds_and_soon_enough():
 
     def passes(failing: int, delay_s: float) -> bool:
         outcomes = [
-            Outcome(name, i, 8, ("no 3.5",) if i < failing else (), delays_s=(delay_s,) * n)
+            RowOutcome(name, i, 8, ("no 3.5",) if i < failing else (), delays_s=(delay_s,) * n)
             for i in range(10)
         ]
         return summarise([{"a": outcomes}])["a"][name].passes
@@ -240,7 +240,7 @@ def test_each_demonstration_is_simulated_once_for_all_settings_that_share_it():
     assert len(work) == len({task.taught for task in work}) == 2 * 2 * len(TIMED)
     names = {task.taught.scenario: [s.name for s in task.settings] for task in work if task.taught.seed == 1}
     assert names["parkour"] == ["minimum jerk"]
-    shared = next(task for task in work if task.taught == Taught("three_point", 1, "overdamped"))
+    shared = next(task for task in work if task.taught == SuiteDemonstration("three_point", 1, "overdamped"))
     assert [setting.name for setting in shared.settings] == ["overdamped", "longer", "cm"]
 
 
@@ -274,14 +274,14 @@ def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: p
         Setting(name, integrated=name, online=True, rows=("R13",))
         for name in ("integrated", "integrated_tab_4_5")
     )
-    perform(Task(Taught("pick_and_place", 101, "overdamped"), pair))
+    perform(Task(SuiteDemonstration("pick_and_place", 101, "overdamped"), pair))
     assert asked == ["integrated", "integrated_tab_4_5"]
 
 
 def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():
     only = Setting("overdamped", rows=("R4",))
-    (outcome,) = perform(Task(Taught("three_point", 101, "overdamped"), (only,)))["overdamped"]
-    assert outcome == Outcome("R4", 101, 6, ())
+    (outcome,) = perform(Task(SuiteDemonstration("three_point", 101, "overdamped"), (only,)))["overdamped"]
+    assert outcome == RowOutcome("R4", 101, 6, ())
 
 
 def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

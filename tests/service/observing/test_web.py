@@ -25,7 +25,7 @@ from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.rates import RateSettings
 from caesura_service.observing import web
 from caesura_service.observing.health import STUCK_S, alive
-from caesura_service.observing.metrics import Observed, ServiceCollector
+from caesura_service.observing.metrics import MetricsSource, ServiceCollector
 from caesura_service.observing.web import CONNECTIONS, SCRAPES, Health, Places, Web, WebError, parse_address
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from clients.conftest import free_port
@@ -43,8 +43,8 @@ def service() -> Iterator[Service]:
         yield running
 
 
-def observed_of(service: Service) -> Observed:
-    return Observed(service.registry, service.status, lambda: True, Budgets(RateSettings()).of)
+def observed_of(service: Service) -> MetricsSource:
+    return MetricsSource(service.registry, service.status, lambda: True, Budgets(RateSettings()).of)
 
 
 def get(url: str) -> tuple[int, str]:

@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.messages import Phase, Segment
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.phases.model import CONTACT_STATES, Seen, seen
+from caesura_service.phases.model import CONTACT_STATES, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -70,7 +70,7 @@ def normal(x: np.ndarray, mean: np.ndarray, sd: float) -> float:
     return float(np.prod(np.exp(-0.5 * ((x - mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))))
 
 
-def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) -> float:
+def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, parameters) -> float:
     """grouping: of each segment its kind's number, whether it interrupts, and whether a phase starts."""
     total, start = parameters.kinds[grouping[0][0]].bounds, 0
     for i, (one, (k, aside, starts)) in enumerate(zip(segments, grouping, strict=True)):
@@ -105,7 +105,7 @@ def weight_of(segments: list[Seen], grouping: tuple, ended: bool, parameters) ->
     return total * (kind.bounds * (1.0 - kind.resumed if last_aside else kind.ends) if ended else 1.0)
 
 
-def resumed(phase: list[Seen], one: Seen, kind, parameters) -> float:
+def resumed(phase: list[SegmentFeatures], one: SegmentFeatures, kind, parameters) -> float:
     """Density of where a phase is resumed, over that of resuming it anywhere."""
     state = CONTACT_STATES.index("free" if kind.name == "cycle" else kind.name)
     strokes = [each for each in phase if int(each.likelihood.argmax()) == state]

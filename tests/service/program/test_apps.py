@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import App, Segment
-from caesura_service.program import Grip, Moment, Step, task_program
+from caesura_service.program import Grip, Moment, ProgramSegment, task_program
 
 PARTS = {
     "motion": ("motion", "free"),
@@ -45,7 +45,7 @@ def segment(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
 
 
 def program(*segments: Segment, grips: tuple[Grip, ...] = (), **options: Any) -> tuple[App, ...]:
-    steps = [Step(index, one, one.probability) for index, one in enumerate(segments)]
+    steps = [ProgramSegment(index, one, one.probability) for index, one in enumerate(segments)]
     return task_program(steps, grips, moment_at, **options)
 
 
@@ -227,7 +227,7 @@ def test_a_contact_was_made_where_something_pushed_back_not_where_its_segment_be
         return replace(moment_at(t), force=(0.0, 0.0, 5.0 if t > 2.3 else 0.5))
 
     steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
-    touching, _ = task_program([Step(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
+    touching, _ = task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
     assert touching.target == pytest.approx((0.0, 0.0, 0.235))
 
 
@@ -246,5 +246,5 @@ def test_a_press_has_its_target_where_it_was_last_pressed() -> None:
         return replace(moment_at(t), force=(0.0, 0.0, 8.0 if 2.0 < t < 2.6 else 1.0))
 
     steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
-    _, pressed = task_program([Step(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
+    _, pressed = task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
     assert pressed.target == pytest.approx((0.0, 0.0, 0.255))

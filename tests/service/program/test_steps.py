@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from caesura_protocol.messages import App
-from caesura_service.program import Grip, Moment, Step, task_program
+from caesura_service.program import Grip, Moment, ProgramSegment, task_program
 from service.program.test_apps import kinds, moment_at, segment
 
 DRIFT_N = (2.0, -1.5, 3.0)  # of the sensor since it was tared
@@ -28,7 +28,7 @@ def held(push_n: float) -> dict[str, Any]:
 
 
 def program(*segments: Any, grips: tuple[Grip, ...] = (), at: Any = moment_at) -> tuple[App, ...]:
-    return task_program([Step(i, one, 1.0) for i, one in enumerate(segments)], grips, at)
+    return task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(segments)], grips, at)
 
 
 def test_a_press_is_what_it_adds_to_the_force_that_was_there_before() -> None:

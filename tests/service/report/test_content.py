@@ -9,7 +9,7 @@ import pytest
 
 from caesura_clients.recording import Recording, load_recording
 from caesura_service.recordings import views
-from caesura_service.report.content import DELAYS_S, Content, gather
+from caesura_service.report.content import DELAYS_S, ReportData, gather
 from caesura_service.report.tables import notes, program_table, ranges, segments_table
 from harness.demonstrations import guided
 
@@ -22,7 +22,7 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def content(recording: Recording) -> Content:
+def content(recording: Recording) -> ReportData:
     return gather(recording, "default")
 
 
@@ -40,7 +40,7 @@ def with_gap(recording: Recording, t0: float, tn: float) -> Recording:
     )
 
 
-def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(content: Content):
+def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(content: ReportData):
     t, drawn = content.changes.t, content.changes.online
     changepoints = np.array([one.t for one in content.view.changepoints])
     for one in content.view.changepoints:
@@ -61,12 +61,12 @@ def test_the_run_length_image_holds_what_every_view_on_the_way_said(preset: str)
             assert tuple(runs.probability[column]) == view.posterior_probabilities
 
 
-def test_every_moment_is_certain_that_some_segment_is_going_on(content: Content):
+def test_every_moment_is_certain_that_some_segment_is_going_on(content: ReportData):
     runs = content.run_lengths
     assert np.bincount(runs.now, runs.probability) == pytest.approx(np.ones(runs.t.size))
 
 
-def test_what_is_known_later_is_a_diagonal_of_the_image(content: Content):
+def test_what_is_known_later_is_a_diagonal_of_the_image(content: ReportData):
     runs = content.run_lengths
     for delay_s in DELAYS_S:
         known, steps = runs.after(delay_s), round(10 * delay_s)
@@ -74,20 +74,20 @@ def test_what_is_known_later_is_a_diagonal_of_the_image(content: Content):
         assert known[17] == runs.probability[(runs.start == 17) & (runs.now == 17 + steps)].sum()
 
 
-def test_the_image_of_a_long_recording_is_no_larger_than_allowed(content: Content):
+def test_the_image_of_a_long_recording_is_no_larger_than_allowed(content: ReportData):
     assert content.run_lengths.image().shape == (content.signals.t.size,) * 2
     assert content.run_lengths.image(most=40).shape == (40, 40)
     assert content.run_lengths.image(most=40).max() == content.run_lengths.probability.max()
 
 
-def test_signals_meet_the_segments_at_their_ends(content: Content):
+def test_signals_meet_the_segments_at_their_ends(content: ReportData):
     t, position = content.signals.t, content.signals.position
     for one in content.view.segments:
         last = np.searchsorted(t, one.tn + 1e-9) - 1  # what a segment ends with came before its end
         assert position[last] == pytest.approx(one.position_end)
 
 
-def test_online_and_offline_agree_on_contacts(content: Content):
+def test_online_and_offline_agree_on_contacts(content: ReportData):
     for t in (1.7, 4.2, 7.5):
         at = np.abs(content.changes.t - t) < 0.15
         assert content.changes.online[at].sum() > 0.9
@@ -113,7 +113,7 @@ def test_a_recording_too_short_to_see_anything_says_so():
         gather(short, "default")
 
 
-def test_tables_have_a_row_for_every_segment_and_app(content: Content):
+def test_tables_have_a_row_for_every_segment_and_app(content: ReportData):
     for table, things in (
         (segments_table(content.view), content.view.segments),
         (program_table(content.view), content.view.apps),
@@ -122,7 +122,7 @@ def test_tables_have_a_row_for_every_segment_and_app(content: Content):
         assert all(len(row) == len(table.columns) for row in table.rows)
 
 
-def test_a_row_says_what_its_segment_says(content: Content):
+def test_a_row_says_what_its_segment_says(content: ReportData):
     table = segments_table(content.view)
     carried = next(i for i, one in enumerate(content.view.segments) if one.kind == "transport")
     row = dict(zip((column.name for column in table.columns), table.rows[carried], strict=True))

@@ -15,37 +15,40 @@ from typer.testing import CliRunner
 
 from caesura_clients.cli import build
 from caesura_clients.recording import Recording
-from caesura_service.report.content import Content, gather
+from caesura_service.report.content import ReportData, gather
 from caesura_service.report.figures.path import informative_planes
 from caesura_service.report.figures.style import LONGEST_S, windows
 from caesura_service.report.figures.tables import table_pages
 from caesura_service.report.tables import program_table, segments_table
 from caesura_service.report.writers import UnknownFormatError, write_report
-from caesura_service.truth import Point, Span, Truth
+from caesura_service.truth import Point, TrueSegment, Truth
 from harness.demonstrations import guided
 
 TRUTH = Truth(
-    "taught", (0.0, 3.0), (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)), (Span(0.0, 0.8, "steady"),)
+    "taught",
+    (0.0, 3.0),
+    (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)),
+    (TrueSegment(0.0, 0.8, "steady"),),
 )
 VOID = {"meta", "img", "br"}
 
 
 @pytest.fixture(scope="module")
-def content() -> Content:
+def content() -> ReportData:
     return gather(guided(), "default", TRUTH)
 
 
 @pytest.fixture(scope="module")
-def pdf(content: Content, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def pdf(content: ReportData, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return written(content, tmp_path_factory.mktemp("pdf") / "out.pdf")
 
 
 @pytest.fixture(scope="module")
-def html(content: Content, tmp_path_factory: pytest.TempPathFactory) -> str:
+def html(content: ReportData, tmp_path_factory: pytest.TempPathFactory) -> str:
     return written(content, tmp_path_factory.mktemp("html") / "out.html").decode()
 
 
-def written(content: Content, path: Path) -> bytes:
+def written(content: ReportData, path: Path) -> bytes:
     write_report(content, path)
     return path.read_bytes()
 
@@ -88,13 +91,13 @@ def test_pdf_has_a_page_for_signals_path_tables_and_run_lengths(pdf: bytes):
     assert len(re.findall(rb"/Type /Page\b(?!s)", pdf)) == 4
 
 
-def test_png_is_page_one_at_150_dots_an_inch(content: Content, tmp_path: Path):
+def test_png_is_page_one_at_150_dots_an_inch(content: ReportData, tmp_path: Path):
     png = written(content, tmp_path / "out.png")
     assert png.startswith(b"\x89PNG\r\n")
     assert struct.unpack(">II", png[16:24]) == (1753, 1240)
 
 
-def test_html_has_every_segment_and_app_in_a_table(content: Content, html: str):
+def test_html_has_every_segment_and_app_in_a_table(content: ReportData, html: str):
     page = Page(html)
     assert not page.open
     rows = [row for row in page.rows if row and row[0].isdigit()]
@@ -144,7 +147,7 @@ def test_unusual_recordings_are_drawn_all_the_same(case: str, suffix: str, divid
     assert len(written(content, tmp_path / f"out{suffix}")) > 10_000
 
 
-def test_a_table_longer_than_a_page_goes_on_on_the_next(content: Content):
+def test_a_table_longer_than_a_page_goes_on_on_the_next(content: ReportData):
     table = segments_table(content.view)
     long = replace(table, rows=table.rows * 12, kinds=table.kinds * 12)
     pages = list(table_pages(content, (long, program_table(content.view))))
@@ -154,7 +157,7 @@ def test_a_table_longer_than_a_page_goes_on_on_the_next(content: Content):
     assert "Segments, continued" in shown
 
 
-def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: Content):
+def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: ReportData):
     longer = replace(content, signals=replace(content.signals, t=12.0 * content.signals.t))
     whole, *parts = windows(longer)
     assert len(windows(content)) == 1
@@ -163,7 +166,7 @@ def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: Cont
     assert all(before[1] == after[0] for before, after in pairwise(parts))
 
 
-def test_an_unknown_suffix_names_the_known_ones(content: Content, tmp_path: Path):
+def test_an_unknown_suffix_names_the_known_ones(content: ReportData, tmp_path: Path):
     with pytest.raises(UnknownFormatError, match=r"'.docx', expected one of \['.pdf', '.png', '.html'\]"):
         write_report(content, tmp_path / "out.docx")
 

@@ -37,7 +37,7 @@ from caesura_service.session.corrections import (
     Heeded,
     correction_of,
 )
-from caesura_service.session.kept import Shown as KeptShown
+from caesura_service.session.kept import MessageSequence
 from caesura_service.session.pipeline import make_pipeline
 from caesura_service.session.view import Pipeline, View
 
@@ -178,7 +178,7 @@ def test_a_limited_force_is_found_again_by_its_time_and_its_direction_stays():
         np.testing.assert_allclose(np.linalg.norm(found.force), 2.0)
         np.testing.assert_allclose(np.cross(found.force, found.force_taught), 0.0, atol=1e-9)
         assert found.force_taught == app.force_taught
-        assert isinstance(view.apps, KeptShown), "only its end is made anew at every look"
+        assert isinstance(view.apps, MessageSequence), "only its end is made anew at every look"
     lifted = wiped.resolve(LimitForce(t=app.t0 + 0.01, newton=None))
     assert wiped.corrected([limited, lifted]).view == wiped.view
 

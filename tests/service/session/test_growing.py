@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.program import Grip, Moment, Step, task_program
+from caesura_service.program import Grip, Moment, ProgramSegment, task_program
 from caesura_service.session.growing import MOST_UNQUIET, GrowingProgram
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
@@ -47,15 +47,15 @@ def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
     )
 
 
-def demonstration(rng: np.random.Generator, n: int, *, holes: bool = False) -> list[Step]:
-    steps: list[Step] = []
+def demonstration(rng: np.random.Generator, n: int, *, holes: bool = False) -> list[ProgramSegment]:
+    steps: list[ProgramSegment] = []
     for i in range(n):
         pause = float(rng.choice(PAUSES)) if holes else 0.0
-        steps.append(Step(i, segment(rng, i, steps[-1].segment.tn + pause if steps else 0.0), 0.9))
+        steps.append(ProgramSegment(i, segment(rng, i, steps[-1].segment.tn + pause if steps else 0.0), 0.9))
     return steps
 
 
-def gaps_between(steps: list[Step]) -> list[Gap]:
+def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
     """What was not observed, a little shorter than the time between the segments, as conditioning has it."""
     pairs = [(before.segment.tn, after.segment.t0) for before, after in pairwise(steps)]
     return [Gap(t0=t0 + 0.1, tn=tn - 0.05, reason="evicted") for t0, tn in pairs if tn > t0]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.codec import encode
 from caesura_protocol.messages import Changepoint, Changepoints, Snapshot
-from caesura_service.session.kept import Kept, Shown, alike
+from caesura_service.session.kept import Kept, MessageSequence, alike
 from caesura_service.session.results import first_difference
 
 
@@ -16,10 +16,10 @@ def changepoint(t: float) -> Changepoint:
     return Changepoint(t=t, probability=0.1, certainty="final", t_low=t - 0.1, t_high=None)
 
 
-def shown_of(every: list[Changepoint], packed: int, first: int = 0) -> Shown[Changepoint]:
+def shown_of(every: list[Changepoint], packed: int, first: int = 0) -> MessageSequence[Changepoint]:
     kept = Kept(Changepoint)
     kept.extend(every[:packed])
-    return Shown(kept, every[packed:], first=first)
+    return MessageSequence(kept, every[packed:], first=first)
 
 
 @given(
@@ -47,9 +47,9 @@ def test_what_a_view_shows_stays_as_more_is_packed():
     every = [changepoint(float(i)) for i in range(6)]
     kept = Kept(Changepoint)
     kept.extend(every[:2])
-    before = Shown(kept, every[2:4], first=1)
+    before = MessageSequence(kept, every[2:4], first=1)
     kept.extend(every[2:4])
-    after = Shown(kept, every[4:], first=1)
+    after = MessageSequence(kept, every[4:], first=1)
     assert tuple(before) == tuple(every[1:4])
     assert tuple(after) == tuple(every[1:])
 
@@ -74,10 +74,10 @@ def test_two_differ_where_they_would_unpacked(packed: int, more: int, changed: i
     new = [*old[:changed], *map(changepoint, (20.0, 21.0))] if changed < 6 else old
     kept = Kept(Changepoint)
     kept.extend(old[: min(packed, changed)])
-    before = Shown(kept, old[len(kept) :])
+    before = MessageSequence(kept, old[len(kept) :])
     known = len(kept)
     kept.extend(new[known : known + min(more, max(changed - known, 0))])
-    after = Shown(kept, new[len(kept) :])
+    after = MessageSequence(kept, new[len(kept) :])
     assert alike(before, after) == known
     assert first_difference(before, after) == first_difference(tuple(old), tuple(new))
     assert first_difference(before, after) == (None if changed == 6 else changed)

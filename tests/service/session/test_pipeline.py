@@ -17,7 +17,7 @@ from caesura_protocol import messages as wire
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import UNITS
-from caesura_service.program import Paths, Step, task_program
+from caesura_service.program import Paths, ProgramSegment, task_program
 from caesura_service.recordings import batches, opening_of, segment_recording, views
 from caesura_service.session.division import Division
 from caesura_service.session.pipeline import (
@@ -240,7 +240,10 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     """From all that is shown at once, not as it grew."""
     view = pipeline.view
     sure = [1.0, *(one.probability for one in view.changepoints), 1.0]
-    steps = [Step(i, one, one.probability * min(sure[i], sure[i + 1])) for i, one in enumerate(view.segments)]
+    steps = [
+        ProgramSegment(i, one, one.probability * min(sure[i], sure[i + 1]))
+        for i, one in enumerate(view.segments)
+    ]
     paths = Paths(pipeline._history.poses)
     if view.segments and not pipeline._finished:
         paths.settled_until = view.segments[-1].t0

@@ -16,7 +16,7 @@ from caesura_protocol.messages import Ack, SessionStatus
 from caesura_service.journal import JournalError, JournalSettings, Siblings, SqliteJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Answer, Forgotten, NotTaken, Output, Owner, ReplayEnded, Taken
+from caesura_service.session.ports import Answer, NotTaken, Output, Owner, ReplayEnded, SessionDeleted, Taken
 from caesura_service.session.registry import Registry
 from caesura_service.session.standing import Standing, snapshot_of
 from harness.sessions import (
@@ -327,7 +327,7 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     b.take()
     assert b.registry.tick(1e6) == []
     a.journal.forget(STATION, NAME)
-    assert b.registry.tick(1e6 + 100.0) == [Forgotten(STATION, NAME, "deleted by another process")]
+    assert b.registry.tick(1e6 + 100.0) == [SessionDeleted(STATION, NAME, "deleted by another process")]
     assert b.registry.board.sessions == {}
 
 

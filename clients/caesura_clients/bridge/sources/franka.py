@@ -18,7 +18,7 @@ import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
 from caesura_clients.errors import BadSource
-from caesura_clients.formats.poses import Pose, flange_of, nearest, pose_of
+from caesura_clients.formats.poses import Transform, flange_of, nearest, pose_of
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
@@ -34,13 +34,13 @@ class FrankaState(NamedTuple):
 
     time_ms: int
     q: Sequence[float]
-    effector: Pose  # O_T_EE
-    effector_on_flange: Pose  # F_T_EE
+    effector: Transform  # O_T_EE
+    effector_on_flange: Transform  # F_T_EE
     wrench: Sequence[float]  # O_F_ext_hat_K
     tau: Sequence[float]  # tau_ext_hat_filtered
 
 
-def state_of(state: Any, pose: Callable[[Any], Pose] = pose_of) -> FrankaState:
+def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of) -> FrankaState:
     """A franka::RobotState as a wrapper shows it, in plain values; pose: reads what it has as a matrix."""
     return FrankaState(
         time_ms=int(state.time.to_msec()),

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import Any
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
-from caesura_clients.formats.poses import Pose, pose_of
+from caesura_clients.formats.poses import Transform, pose_of
 from caesura_clients.recording import needing
 from caesura_protocol.messages import HandOnRobot
 
@@ -33,5 +33,5 @@ def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot =
     return FrankaSource(who, lambda: state_of(robot.state, _pose), width, hand_on_robot)
 
 
-def _pose(affine: Any) -> Pose:
+def _pose(affine: Any) -> Transform:
     return pose_of(affine.matrix.flatten(order="F"))

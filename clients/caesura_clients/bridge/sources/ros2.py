@@ -26,7 +26,7 @@ from caesura_clients.errors import BadSource
 from caesura_clients.formats.joining import Joiner, Row
 from caesura_clients.formats.mapping import Mapped
 from caesura_clients.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
-from caesura_clients.formats.ros_plan import Plan, Topic, plan_of
+from caesura_clients.formats.ros_plan import Topic, TopicSelection, plan_of
 from caesura_clients.formats.ros_types import READ, CannotDecode, decoder
 from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.network import Transport
@@ -44,7 +44,7 @@ INBOX = 16_384
 _DDS_TYPE = re.compile(r"(?P<package>\w+)::msg::dds_::(?P<name>\w+)_")
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message with its topic; None instead of a message where it is a mark."""
 
     topic: Topic
@@ -129,12 +129,12 @@ class Ros2Source:
         finally:
             self.close()
 
-    def _joined(self, heard: Heard) -> list[Row]:
+    def _joined(self, heard: ReceivedMessage) -> list[Row]:
         with _as_source():
             stamp = stamp_of(heard.message, heard.topic.name)
             return self._joiner.push(stamp, self._plan.taken(heard.topic, heard.message))
 
-    def _all(self) -> Iterator[Heard | None]:
+    def _all(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""
         yield from self._heard
         self._heard = []
@@ -156,12 +156,12 @@ class Ros2Source:
             return [f"{self._domain}/**/{_dds(name)}/*" for name in READ]
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
-    def _read(self, delivery: Delivery) -> Heard | None:
+    def _read(self, delivery: Delivery) -> ReceivedMessage | None:
         """The message of a delivery. None for a topic that is not read. Raises BadSource."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
         if rule.mark:
-            return Heard(Topic(found.topic, found.type or "", rule), None)
+            return ReceivedMessage(Topic(found.topic, found.type or "", rule), None)
         kind = found.type or rule.type
         if kind is None:
             raise BadSource(
@@ -174,11 +174,11 @@ class Ros2Source:
             message = self._decoder.read(kind, delivery.payload, found.hash)
         except CannotDecode as error:
             raise BadSource(f"{found.topic}: {error}") from error
-        return Heard(Topic(found.topic, kind, rule), message)
+        return ReceivedMessage(Topic(found.topic, kind, rule), message)
 
-    def _discover(self, discover_s: float) -> list[Heard]:
+    def _discover(self, discover_s: float) -> list[ReceivedMessage]:
         """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
-        heard: list[Heard] = []
+        heard: list[ReceivedMessage] = []
         awaited = {name for name, rule in self._rules.items() if not rule.mark}
         deadline = self._clock() + discover_s
         while self._clock() < deadline:
@@ -200,7 +200,7 @@ class Ros2Source:
             )
         return heard
 
-    def _planned(self, mapped: Mapped | None, wrench_source: str | None) -> Plan:
+    def _planned(self, mapped: Mapped | None, wrench_source: str | None) -> TopicSelection:
         with _as_source():
             told = [(one.topic, one.message) for one in self._heard if not one.topic.rule.mark]
             return plan_of(told, mapped, wrench_source)

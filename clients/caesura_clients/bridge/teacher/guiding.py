@@ -130,7 +130,7 @@ class Guiding:
         self._q = self._q + DT * self._v
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
-        """What the hand does to the flange: hold the place it wants, and what it adds to that."""
+        """What the hand does to the flange: hold its set place, and what it adds to that."""
         plan, person, effort = self._plan, self._plan.person, self._effort
         place = effort.place if effort else 1.0
         wrench = np.empty(6)

@@ -1,7 +1,7 @@
 """From a scenario and a person to what the hand means to do at every tick.
 
 The plan is made before the first tick and draws everything that the hand does by chance, so that a
-demonstration is the same however it is cut into chunks. What comes of it, the simulation tells.
+demonstration is the same however it is cut into chunks. The simulation computes the result.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ TREMOR_HZ, UNREST_HZ = (8.0, 12.0), (1.5, 6.0)
 FULL_UNREST_M_PER_S = 0.1
 WANDER_S = 0.8
 TURN_WANDER_NM = 0.05
-LATERAL_PRESS_SHARE = 0.07  # nobody presses exactly along the normal
+LATERAL_PRESS_SHARE = 0.07  # no person presses exactly along the normal
 LONG_PAUSE_S, LONG_MOVE_M = 0.8, 0.08
 BRIEF_PRESS_S = (0.25, 0.5)
 DRIFT_S, DRIFT_M_PER_S = (0.3, 1.0), (0.002, 0.010)  # creep beside a rest: how long, how fast at most
@@ -63,7 +63,7 @@ FULL_SPEED_NOISE = 2.0  # times the noise at 0.1 m/s, reached in proportion to t
 class Plan:
     """What a hand means to do, tick by tick (n ticks of `DT`).
 
-    position: (n, 3) [m] where it wants the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
+    position: (n, 3) [m] set place of the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
     (n, 3) [Nm] that it adds to holding that place; feed_forward: (n, 3) [N], how much of that is for getting
     there; press: (n,) [N] that it means the surface to feel; aims: what it means to press with where it
     controls its force; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them; turns: where it
@@ -144,7 +144,7 @@ def _smoothed(path: Array, person: Person) -> Array:
 
 
 class _Planner:
-    """Turns steps into strokes, one after the other; knows where the hand will be and when."""
+    """Turns steps into strokes, one after the other; tracks where the hand will be and when."""
 
     def __init__(self, scenario: Scenario, person: Person, rng: np.random.Generator) -> None:
         self.scenario, self.person, self.rng = scenario, person, rng
@@ -469,7 +469,7 @@ def _with_tempo(t: Array, person: Person, rng: np.random.Generator) -> Array:
 
 
 def _feed_forward(velocity: Array, person: Person) -> Array:
-    """Force [N] that a practised hand adds because it knows the arm: its mass, its damping, its friction.
+    """Force [N] that a practised hand adds to compensate the arm: its mass, its damping, its friction.
 
     The friction part leads by `PRELOAD_LEAD_S`: the hand loads before anything moves.
     """

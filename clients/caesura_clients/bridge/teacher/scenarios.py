@@ -56,7 +56,7 @@ class Step:
 class Scenario:
     """A task: where it starts [m], its steps, and what stands around.
 
-    traced: some movements are as slow as creep, so that the truth tells them apart by their length.
+    traced: some movements are as slow as creep, so that the truth distinguishes them by their length.
     whole_pose: the truth reads the turns of the tool and the way of its tip, not the flange's alone.
     turn_axis: of the base, about which the tool turns, None where it keeps its orientation. angle_spread:
     standard deviation of the angles from person to person, relative.

@@ -10,13 +10,13 @@ import numpy as np
 
 from caesura_clients.bridge.teacher.contact import Surface
 from caesura_clients.bridge.teacher.shapes import UP, Screw
-from caesura_clients.bridge.teacher.truth import State
+from caesura_clients.bridge.teacher.truth import TrueState
 
 LEAST_RAD = radians(45.0)  # a shorter stroke leads too little for an advance to be read
 
 
 def screws_of(
-    surfaces: Sequence[Surface], state: State, segments: Sequence[dict[str, Any]]
+    surfaces: Sequence[Surface], state: TrueState, segments: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return each stroke by 45° or more that drives a screw: t0, t1 [s], axis (base frame), pitch_m [m].
 

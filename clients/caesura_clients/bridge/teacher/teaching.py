@@ -27,7 +27,7 @@ from caesura_clients.bridge.teacher.plan import DT, make_plan
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS, Scenario
 from caesura_clients.bridge.teacher.screws import screws_of
 from caesura_clients.bridge.teacher.sensor import Sensors
-from caesura_clients.bridge.teacher.truth import State, annotate
+from caesura_clients.bridge.teacher.truth import TrueState, annotate
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WrenchSource
 from caesura_service.robot import Robot, load_panda
@@ -84,7 +84,7 @@ class Teaching:
         self._guiding = Guiding(robot, plan)
         self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
         self._stride = 1.0 / (DT * rate_hz)
-        self._states: list[State] = []
+        self._states: list[TrueState] = []
         self.signals = _signals(wrench_source)
         self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
 
@@ -103,9 +103,9 @@ class Teaching:
         """What happened, once all chunks are read: the annotation format of real recordings, and more."""
         if not self._guiding.done:
             raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
-        names = [field.name for field in fields(State)]
+        names = [field.name for field in fields(TrueState)]
         parts = [[getattr(state, name) for state in self._states] for name in names]
-        state = State(*(np.concatenate(part) for part in parts))
+        state = TrueState(*(np.concatenate(part) for part in parts))
         truth = annotate(state, guided=self._guided)
         screws = screws_of(self.scenario.surfaces, state, truth["segments"])
         phases = phases_of(self._phases, truth["changepoints"], truth["window"][1])
@@ -123,11 +123,11 @@ class Teaching:
             **({"screws": screws} if screws else {}),
         }
 
-    def _state(self, trace: Trace) -> State:
+    def _state(self, trace: Trace) -> TrueState:
         """True state of a trace: of the flange, or of the fingertips and their turns."""
         if not self.scenario.whole_pose:
-            return State(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg)
-        return State(trace.t, trace.tip_velocity, trace.normal, trace.load_kg, trace.twist[:, 3:])
+            return TrueState(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg)
+        return TrueState(trace.t, trace.tip_velocity, trace.normal, trace.load_kg, trace.twist[:, 3:])
 
     @property
     def _guided(self) -> bool:

@@ -79,7 +79,7 @@ EDGE_TOL_S = 0.4  # largest tolerance of a gradual edge
 
 
 @dataclass(frozen=True)
-class State:
+class TrueState:
     """True state at ticks of equal length: t (n,) [s]; velocity (n, 3) [m/s] of the flange; normal (n,) [N]
     with which a surface pushes; load_kg (n,) between the fingers. Where the whole pose is read, velocity is
     that of the tool's tip and rate (n, 3) [rad/s] that of its turns; else rate is empty.
@@ -134,7 +134,7 @@ class Span(NamedTuple):
     clear: bool = True
 
 
-def annotate(state: State, *, guided: bool = False) -> dict[str, Any]:
+def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     """Changepoints, segments, loads, forces and gripper events of a demonstration, ready for JSON.
 
     guided: read movements of people with habits, which creep and trace; ideal ones do neither.
@@ -172,7 +172,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def contact_spans(state: State) -> list[tuple[int, int]]:
+def contact_spans(state: TrueState) -> list[tuple[int, int]]:
     """Ticks in contact: bounces joined, grazes left out."""
     joined: list[tuple[int, int]] = []
     for first, last in runs(state.normal > 0.0):
@@ -183,7 +183,7 @@ def contact_spans(state: State) -> list[tuple[int, int]]:
     return [(a, b) for a, b in joined if (b - a) * state.dt > TOUCH_S and state.normal[a:b].max() > TOUCH_N]
 
 
-def _spans(state: State, contacts: list[tuple[int, int]], *, guided: bool) -> list[Span]:
+def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -> list[Span]:
     """The whole demonstration as consecutive spans."""
     edges = {0, state.t.size, *(e for contact in contacts for e in contact)}
     taken = {e for held in runs(state.load_kg > 0.0) for e in held}
@@ -199,7 +199,7 @@ def _spans(state: State, contacts: list[tuple[int, int]], *, guided: bool) -> li
 
 
 def _motion_spans(
-    state: State, first: int, last: int, names: tuple[Class, Class], *, guided: bool
+    state: TrueState, first: int, last: int, names: tuple[Class, Class], *, guided: bool
 ) -> list[Span]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
     way = _reach if state.turns else _way
@@ -222,20 +222,20 @@ def _motion_spans(
     return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
 
 
-def _pace(state: State, velocity: Array) -> tuple[Array, Array, float]:
+def _pace(state: TrueState, velocity: Array) -> tuple[Array, Array, float]:
     """Velocity, smoothed speed (n,) [m/s] and tick [s]: what movements are found in."""
     speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
     return velocity, speed, state.dt
 
 
-def _in_place(state: State, first: int, turn: Span) -> bool:
+def _in_place(state: TrueState, first: int, turn: Span) -> bool:
     """Whether the tip hardly travels in a turn of a stretch that begins at a tick."""
     ticks = slice(first + turn.first, first + turn.last)
     turned = state.dt * float(np.linalg.norm(HAND_BREADTH_M * state.rate[ticks], axis=1).sum())
     return _reach(state.velocity[ticks], state.dt) < TRAVEL_SHARE * turned
 
 
-def _with_turns(state: State, moves: list[Span], turns: list[Span], in_place: list[Span]) -> list[Span]:
+def _with_turns(state: TrueState, moves: list[Span], turns: list[Span], in_place: list[Span]) -> list[Span]:
     """Movements and turns of a stretch, apart: what travels and turns is a movement.
 
     What is left of a turn before or after a movement is a turn, if it is not shorter than a rest. A small
@@ -357,7 +357,7 @@ def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
     return [move for move in joined if move.first < move.last]
 
 
-def _boundaries(state: State, spans: list[Span], contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+def _boundaries(state: TrueState, spans: list[Span], contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
     on, off = {a for a, _ in contacts}, {b for _, b in contacts}
     marks = []
     for before, after in pairwise(spans):
@@ -373,7 +373,7 @@ def _large(span: Span) -> bool:
     return span.cls in MOVING and not span.small
 
 
-def _beside_rests(state: State, spans: list[Span], marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _beside_rests(state: TrueState, spans: list[Span], marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Mark a start or stop beside a small movement as optional, unless a rest lies beyond the small one.
 
     Where one does, the tolerance covers the small movement. marks: one for each pair of spans in a row.
@@ -392,7 +392,7 @@ def _beside_rests(state: State, spans: list[Span], marks: list[dict[str, Any]]) 
     return marked
 
 
-def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:
+def _with_edge(state: TrueState, mark: dict[str, Any]) -> dict[str, Any]:
     """Widen the tolerance of a start or stop to the time that the speed spends between 5 and 10 mm/s."""
     if mark["kind"] not in ("start", "stop"):
         return mark
@@ -404,7 +404,7 @@ def _with_edge(state: State, mark: dict[str, Any]) -> dict[str, Any]:
 
 
 def _without_doubtful_rests(
-    state: State, spans: list[Span], marks: list[dict[str, Any]]
+    state: TrueState, spans: list[Span], marks: list[dict[str, Any]]
 ) -> tuple[list[Span], list[dict[str, Any]]]:
     """Leave open what is a rest by one reading only: below 10 mm/s, but never below 5 mm/s for 0.3 s.
 
@@ -443,7 +443,7 @@ def _optional(mark: dict[str, Any]) -> dict[str, Any]:
     return {**mark, "level": "optional"}
 
 
-def _within_motions(state: State, spans: list[Span], *, guided: bool) -> list[dict[str, Any]]:
+def _within_motions(state: TrueState, spans: list[Span], *, guided: bool) -> list[dict[str, Any]]:
     """Corners, speed dips and short rests inside of movements."""
     find, marks = guided_dips if guided else ideal_dips, []
     for span in filter(_large, spans):
@@ -454,7 +454,7 @@ def _within_motions(state: State, spans: list[Span], *, guided: bool) -> list[di
     return marks
 
 
-def _smoothed(state: State, span: Span) -> Array:
+def _smoothed(state: TrueState, span: Span) -> Array:
     part = state.moving(span.first, span.last, span.cls)
     smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
     return smooth
@@ -476,7 +476,7 @@ def _told_apart(marks: list[dict[str, Any]], *, corners_too: bool) -> list[dict[
     return [_optional(m) if m["kind"] in ("corner", "start", "stop") and beside(m) else m for m in marks]
 
 
-def _decays(state: State, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+def _decays(state: TrueState, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
     """Where the force of each contact begins to decay for good."""
     marks = []
     for first, last in contacts:
@@ -492,12 +492,12 @@ def _plateau(effort: Array) -> float:
     return float(np.median(effort[effort >= PLATEAU_SHARE * np.quantile(effort, 0.9)]))
 
 
-def _force(state: State, first: int, last: int) -> dict[str, float]:
+def _force(state: TrueState, first: int, last: int) -> dict[str, float]:
     newton = round(_plateau(state.effort[first:last]), 2)
     return {"t0": _time(state, first), "t1": _time(state, last), "newton": newton}
 
 
-def _loads(state: State, spans: list[Span]) -> list[dict[str, float]]:
+def _loads(state: TrueState, spans: list[Span]) -> list[dict[str, float]]:
     carried = np.zeros(state.t.size, dtype=bool)
     for span in spans:
         free = state.load_kg[span.first] > 0.0 and state.normal[span.first] == 0.0
@@ -510,7 +510,7 @@ def _loads(state: State, spans: list[Span]) -> list[dict[str, float]]:
     ]
 
 
-def _gripper(state: State) -> list[dict[str, Any]]:
+def _gripper(state: TrueState) -> list[dict[str, Any]]:
     held = runs(state.load_kg > 0.0)
     events = [{"t": _time(state, a), "event": "grasp"} for a, _ in held]
     events += [{"t": _time(state, b), "event": "release"} for _, b in held if b < state.t.size]
@@ -521,5 +521,5 @@ def _mark(t: float, level: Level, kind: str, tol: float = TOL_S) -> dict[str, An
     return {"t": t, "kind": kind, "tol": tol, "level": level}
 
 
-def _time(state: State, tick: int) -> float:
+def _time(state: TrueState, tick: int) -> float:
     return round(tick * state.dt, 3)

@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import Client, ui
 
 from caesura_clients.dashboard.elements import Tables, lags
-from caesura_clients.dashboard.glance import World
+from caesura_clients.dashboard.glance import DashboardState
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.sessions import sessions
 from caesura_clients.dashboard.system import system
@@ -43,19 +43,19 @@ def build_system(site: Site) -> None:
     _build(site, "System", "/system", _system)
 
 
-def _build(site: Site, title: str, path: str, shown: Callable[[World], dict[str, Any]]) -> None:
+def _build(site: Site, title: str, path: str, shown: Callable[[DashboardState], dict[str, Any]]) -> None:
     with page(title, path):
         tables = Tables(shown(site.gateway.world))
     ui.timer(SLOW_TICK_S, lambda: tables.show(shown(site.gateway.world)))
 
 
-def _sessions(world: World) -> dict[str, Any]:
+def _sessions(world: DashboardState) -> dict[str, Any]:
     none = "No session is known."
     listed = _table("All sessions", SESSIONS, sessions(world), none, link="session")
     return {"warnings": [world.trouble] if world.trouble else [], "tables": [listed]}
 
 
-def _system(world: World) -> dict[str, Any]:
+def _system(world: DashboardState) -> dict[str, Any]:
     found = system(world)
     tables = [
         _table("Instances", INSTANCES, found.instances, "No instance answers."),

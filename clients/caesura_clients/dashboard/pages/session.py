@@ -9,8 +9,8 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.drawing import run_lengths
-from caesura_clients.dashboard.editing import Refused, correct
-from caesura_clients.dashboard.elements import Program, SessionView
+from caesura_clients.dashboard.editing import EditRefused, correct
+from caesura_clients.dashboard.elements import ProgramTimeline, SessionView
 from caesura_clients.dashboard.glance import Glance, glance, reached
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.results import Update
@@ -30,7 +30,7 @@ class SessionPage:
             self._view = SessionView(
                 editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
-            self._program = Program()
+            self._program = ProgramTimeline()
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
@@ -86,7 +86,7 @@ class SessionPage:
             return
         try:
             said = await run.io_bound(correct, self._corrector, self._station, event.args)
-        except Refused as refused:
+        except EditRefused as refused:
             self._view.answered(str(refused), failed=True)
         else:
             self._view.answered(said or "", failed=False)

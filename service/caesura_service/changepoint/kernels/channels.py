@@ -1,4 +1,4 @@
-"""The channel models: all hypotheses take one observation, and tell the log evidence.
+"""The channel models: all hypotheses take one observation, and return the log evidence.
 
 Which model a channel has is a number, because compiled code cannot look up a method. Each function is the
 twin of the class that its docstring names; `fields` are what a hypothesis keeps of it. `joins` says whether
@@ -184,7 +184,7 @@ def friction(here, c, joins):
 
 @compiled
 def add_to_all(sums, told, value, lanes):
-    """The same to every hypothesis' sum, which is what it tells."""
+    """Add the same value to every hypothesis' log evidence."""
     for i in range(lanes):
         sums[i] += value
         told[i] = sums[i]

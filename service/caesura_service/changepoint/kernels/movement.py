@@ -88,7 +88,7 @@ def add_step(sums, square, log_scale, first, last):
 
 @compiled
 def mix_scales(here, channel, sums, told):
-    """The mean over scales; what depends on length alone has been told."""
+    """The mean over scales; what depends on length alone has been added."""
     state = state_at(here)
     work, lanes = state.work, whole(state.counters[0].living)
     half0, half = 0.5 * channel.nu0, 0.5 * channel.pooled

@@ -280,7 +280,7 @@ def weigh_each(told, residuals, scales, prior, constant, half):
 
 @compiled
 def over_profiles(here, channel, place, peak):
-    """Mixture or maximum over profiles and shares of one group of axes; told: (blocks · shares, profiles)."""
+    """Mixture or maximum over profiles and shares of a group of axes; `told`: (blocks · shares, profiles)."""
     state, total = state_at(here), 0.0
     if not channel.maximum:
         for i in range(channel.blocks * channel.shares):
@@ -295,7 +295,7 @@ def over_profiles(here, channel, place, peak):
 
 @reducing
 def total_of_block(told, peak):
-    """Σ exp(told − peak)."""
+    """Σ exp(`told` − peak)."""
     total = 0.0
     for k in range(BLOCK):
         total += exp_of_negative(told[k] - peak)

@@ -1,7 +1,7 @@
-"""What all channel models share: an observation as hypotheses see it, and what squared residuals tell.
+"""What all channel models share: an observation as hypotheses see it, and the evidence of squared residuals.
 
-Everything is done for all hypotheses in one loop, over whole vectors: what comes out behind the living is
-nobody's. `work` holds what is passed on; its rows are named here.
+Everything is done for all hypotheses in one loop, over whole vectors: entries past the living are
+undefined. `work` holds what is passed on; its rows are named here.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -124,7 +124,7 @@ def add_square(total, values, lanes):
 def over_axes(here, c, channel):
     """`Noise.log_evidence` of sums of squared residuals, one a hypothesis and axis, to `state.channel[c]`.
 
-    The scale is the floor's; what depends on length alone has been told.
+    The scale is the floor's; what depends on length alone has been added.
     """
     state = state_at(here)
     lanes, prior = whole(state.counters[0].living), channel.nu0 * channel.floor2

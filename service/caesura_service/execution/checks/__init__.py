@@ -14,7 +14,7 @@ from caesura_service.execution.checks.fidelity import Taught, fidelity_findings
 from caesura_service.execution.checks.order import order_findings
 from caesura_service.execution.checks.reach import reach_findings
 from caesura_service.execution.checks.values import value_findings
-from caesura_service.execution.findings import Finding, Report
+from caesura_service.execution.findings import CheckReport, Finding
 from caesura_service.execution.limits import Cell
 from caesura_service.robot import Robot, load_panda
 
@@ -26,18 +26,18 @@ def check(
     cell: Cell | None = None,
     taught: Taught | None = None,
     robot: Robot | None = None,
-) -> Report:
+) -> CheckReport:
     """Everything that is wrong with a program, app by app; deterministic.
 
     cell: limits, what stands there and where the robot begins; taught: what is known of the demonstration.
     """
     cell = cell or Cell()
     if not apps:
-        return Report((Finding("error", None, None, "has no apps, there is nothing to run"),))
+        return CheckReport((Finding("error", None, None, "has no apps, there is nothing to run"),))
     found = value_findings(apps, cell.safety)
     broken = any(one.severity == "error" for one in found)
     found += order_findings(apps)
     if not broken:
         found += reach_findings(apps, cell, robot or load_panda())
         found += fidelity_findings(apps, taught, cell.safety)
-    return Report(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))
+    return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

@@ -20,7 +20,7 @@ from caesura_service.execution.findings import Finding
 
 MOVES = ("cartesian_motion", "move_to_contact", "transport")
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
-SURE_SDS = 2.0  # deviations of a load from nothing, above which it can be told
+SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
 
 
@@ -112,7 +112,7 @@ def _effort(app: App) -> Iterator[Reason]:
     if app.load_kg is not None and app.load_sd_kg is not None and app.load_kg < SURE_SDS * app.load_sd_kg:
         least = SURE_SDS * app.load_sd_kg
         yield (
-            f"load {app.load_kg:.2f} ± {app.load_sd_kg:.2f} kg is below what can be told, {least:.2f} kg",
+            f"load {app.load_kg:.2f} ± {app.load_sd_kg:.2f} kg is below what can be measured, {least:.2f} kg",
             app.load_kg,
             least,
         )
@@ -131,9 +131,7 @@ def _of_the_wrench(wrench: WrenchReport | None) -> Iterator[Finding]:
         reason = f"wrench source {wrench.source} is assumed: state it with --wrench-source"
         yield Finding("warning", None, None, reason)
     if not wrench.contact_models:
-        reason = (
-            f"contacts were not looked for: wrench source {wrench.source} cannot tell them from free space"
-        )
+        reason = f"contacts were not looked for: wrench source {wrench.source} hides them"
         yield Finding("warning", None, None, reason)
 
 

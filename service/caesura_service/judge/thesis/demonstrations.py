@@ -3,7 +3,7 @@
 A person of this suite keeps the thesis' times, forces and load to the letter, as `THESIS` does: speed, pauses
 and forces times one, no irregularity, hesitation or correction, 250 g. The body and the sensors (`DRAWN`) are
 drawn from the seed as `draw_person` draws them, and so is the chance of one demonstration. What the thesis
-or its tables tell of its human, robot and sensor (`HUMAN`, `ROBOT`, `SENSOR`, `NO_GRIPPER`) is not drawn:
+or its tables state of its human, robot and sensor (`HUMAN`, `ROBOT`, `SENSOR`, `NO_GRIPPER`) is not drawn:
 
 - the human is a switching proportional controller (3.6): towards a place in free space, where its moves are
   overdamped, and towards a force in contact. Minimum jerk people are the teacher's own;
@@ -124,7 +124,7 @@ TIMED: Mapping[str, Scenario] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Taught:
+class SuiteDemonstration:
     """One demonstration of the suite, not simulated yet. It can be pickled.
 
     wander: the sensor moves as drawn; gripper: it feels the gripper's inertia; timed: by the thesis' tables,

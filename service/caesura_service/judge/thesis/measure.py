@@ -53,7 +53,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RowOutcome:
     """One row on one demonstration.
 
     faults: what differs from the thesis, in words; values: as the row's, where every boundary is right;
@@ -99,7 +99,7 @@ def measure(
     *,
     best: bool = False,
     any_length: bool = True,
-) -> Outcome:
+) -> RowOutcome:
     """One row on one demonstration.
 
     preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold;
@@ -115,7 +115,7 @@ def measure(
     if len(found.inner) == len(right) and all(map(is_right, found.inner, right)):
         of = {"force_n": found.forces_n, "load_kg": found.loads_kg}
         values = tuple(of[value.what][value.segment] for value in row.values)
-    return Outcome(row.name, seed, len(found.states), faults, values)
+    return RowOutcome(row.name, seed, len(found.states), faults, values)
 
 
 def references(row: Row, seen: Seen) -> list[tuple[float, ...]]:
@@ -205,7 +205,7 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     )
 
 
-def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> Outcome:
+def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> RowOutcome:
     began = perf_counter()
     observations, looks = _looks(recording, row)
     cycle_ms = 1e3 * (perf_counter() - began) / observations
@@ -213,7 +213,7 @@ def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[
     delays = tuple(None if t is None else t - times[-1] for t, times in zip(since, right, strict=True))
     faults = tuple(f"no {b.t:.1f}" for b, t in zip(row.inner, since, strict=True) if t is None)
     segments = len(looks[-1].changepoints) + 1
-    return Outcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
+    return RowOutcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
 
 
 def _looks(recording: Recording, row: Row) -> tuple[int, list[Look]]:

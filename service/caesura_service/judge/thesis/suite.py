@@ -9,8 +9,8 @@ from caesura_clients.bridge.teacher.intentions import Profile
 from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.trend import ConstantVelocity
-from caesura_service.judge.thesis.demonstrations import Taught
-from caesura_service.judge.thesis.measure import Outcome, measure, see
+from caesura_service.judge.thesis.demonstrations import SuiteDemonstration
+from caesura_service.judge.thesis.measure import RowOutcome, measure, see
 from caesura_service.judge.thesis.rows import ROWS, Row
 from caesura_service.signals import ConditioningParameters
 
@@ -102,21 +102,21 @@ OPEN = (
 class Task:
     """One demonstration, and in which settings its rows are measured."""
 
-    taught: Taught
+    taught: SuiteDemonstration
     settings: tuple[Setting, ...]
 
 
-Result = Mapping[str, Sequence[Outcome]]  # by setting
+Result = Mapping[str, Sequence[RowOutcome]]  # by setting
 
 
 def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) -> list[Task]:
     """One for every different demonstration."""
-    demonstrations: dict[Taught, list[Setting]] = {}
+    demonstrations: dict[SuiteDemonstration, list[Setting]] = {}
     for setting in settings:
         for scenario in SCENARIOS:
             if any(setting.wants(row) for row in ROWS if row.scenario == scenario):
                 for seed in seeds:
-                    taught = Taught(
+                    taught = SuiteDemonstration(
                         scenario, seed, setting.profile, setting.wander, setting.gripper, setting.timed
                     )
                     demonstrations.setdefault(taught, []).append(setting)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from caesura_service.judge.thesis.measure import Outcome
+from caesura_service.judge.thesis.measure import RowOutcome
 from caesura_service.judge.thesis.rows import ROWS, Row
 from caesura_service.judge.thesis.suite import MAIN, Result
 
@@ -58,7 +58,7 @@ Report = Mapping[str, Mapping[str, Summary]]  # by setting, by row
 
 def summarise(results: Iterable[Result]) -> Report:
     """Put the results of all demonstrations, in any order, together."""
-    outcomes: dict[str, dict[str, list[Outcome]]] = {}
+    outcomes: dict[str, dict[str, list[RowOutcome]]] = {}
     for result in results:
         for setting, some in result.items():
             for outcome in some:
@@ -69,7 +69,7 @@ def summarise(results: Iterable[Result]) -> Report:
     }
 
 
-def _summary(row: Row, outcomes: Sequence[Outcome]) -> Summary:
+def _summary(row: Row, outcomes: Sequence[RowOutcome]) -> Summary:
     faults = Counter(fault for outcome in outcomes for fault in outcome.faults)
     values = [outcome.values for outcome in outcomes if outcome.values]
     cycles = [outcome.cycle_ms for outcome in outcomes if outcome.cycle_ms is not None]

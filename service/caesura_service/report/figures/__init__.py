@@ -1,4 +1,4 @@
-"""The pages of a report, one module each. All of them draw a `Content` and look nothing up."""
+"""The pages of a report, one module each. All of them draw a `ReportData` and look nothing up."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
-from caesura_service.report.content import Content
+from caesura_service.report.content import ReportData
 from caesura_service.report.figures import style
 from caesura_service.report.figures.path import path_page
 from caesura_service.report.figures.run_length import run_length_page
@@ -17,7 +17,7 @@ from caesura_service.report.tables import program_table, segments_table
 __all__ = ["pages", "path_page", "run_length_page", "signals_page"]
 
 
-def pages(content: Content) -> Iterator[Figure]:
+def pages(content: ReportData) -> Iterator[Figure]:
     """Every page, in the order of reading."""
     windows = style.windows(content)
     yield from (signals_page(content, window) for window in windows)

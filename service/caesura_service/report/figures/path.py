@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from caesura_protocol.paths import curve_of, knots_of
-from caesura_service.report.content import Content
+from caesura_service.report.content import ReportData
 from caesura_service.report.figures import style
 from caesura_service.report.tables import ranges
 
@@ -30,7 +30,7 @@ CAPTION = (
 )
 
 
-def path_page(content: Content) -> Figure:
+def path_page(content: ReportData) -> Figure:
     """The path in three dimensions, and seen along the two axes that hide least."""
     figure = style.page(content, "Path in space", CAPTION)
     solid = figure.add_axes((0.01, 0.07, 0.56, 0.80), projection="3d")
@@ -49,19 +49,19 @@ def informative_planes(path: Array) -> list[tuple[int, int]]:
     return planes[:2]
 
 
-def _path_mm(content: Content) -> Array:
+def _path_mm(content: ReportData) -> Array:
     path: Array = 1000.0 * content.signals.position
     return path
 
 
-def _changepoints_mm(content: Content) -> Array:
+def _changepoints_mm(content: ReportData) -> Array:
     """(c, 3) where the changepoints are, with the path's two ends."""
     ends = content.view.segments
     path = [ends[0].position_start, *(one.position_start for one in ends[1:]), ends[-1].position_end]
     return 1000.0 * np.array(path)
 
 
-def _pieces(content: Content) -> list[tuple[str, Array]]:
+def _pieces(content: ReportData) -> list[tuple[str, Array]]:
     """(kind, (n, 3) [mm]) of every segment, its first and last observation included."""
     t, path = content.signals.t, _path_mm(content)
     slack = 1e-6
@@ -72,7 +72,7 @@ def _pieces(content: Content) -> list[tuple[str, Array]]:
     return pieces
 
 
-def _solid(content: Content, axes: Axes3D) -> None:
+def _solid(content: ReportData, axes: Axes3D) -> None:
     for kind, piece in _pieces(content):
         axes.plot(*piece.T, color=style.COLOUR_OF_KIND[kind], linewidth=2.4)
     points = _changepoints_mm(content)
@@ -100,14 +100,14 @@ def _limits(path: Array) -> list[tuple[float, float]]:
     return [(float(c - half), float(c + half)) for c in 0.5 * (low + high)]
 
 
-def _reproduced_mm(content: Content) -> list[tuple[Array, Array]]:
+def _reproduced_mm(content: ReportData) -> list[tuple[Array, Array]]:
     """The reproduced path (n, 3) of every app that has one, and its via points (v, 3)."""
     apps = [app for app in content.view.apps if app.path is not None and app.target is not None]
     ways = [(curve_of(app).sampled(DRAWN)[:, :3], knots_of(app)[1][1:-1, :3]) for app in apps]
     return [(1000.0 * way, 1000.0 * via) for way, via in ways]
 
 
-def _plane(content: Content, axes: Axes, a: int, b: int) -> None:
+def _plane(content: ReportData, axes: Axes, a: int, b: int) -> None:
     for kind, piece in _pieces(content):
         axes.plot(piece[:, a], piece[:, b], color=style.COLOUR_OF_KIND[kind], linewidth=2.4, zorder=1)
     for way, via in _reproduced_mm(content):
@@ -159,7 +159,7 @@ def _shortened(numbers: str) -> str:
     return numbers if len(parts) <= MOST_PARTS else f"{parts[0]}, …"
 
 
-def _legend(content: Content, figure: Figure, axes: Axes3D) -> None:
+def _legend(content: ReportData, figure: Figure, axes: Axes3D) -> None:
     kinds = style.kind_patches(style.kinds_present(content), opacity=1.0)
     (cross,) = axes.plot([], [], [], "x", color=style.RED, markeredgewidth=1.7, label="changepoint")
     (chord,) = axes.plot([], [], [], ":", color=style.RED, label="from one to the next")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from caesura_service.report.content import DELAYS_S, Content
+from caesura_service.report.content import DELAYS_S, ReportData
 from caesura_service.report.figures import style
 
 LEAST_PROBABILITY = 1e-4  # what is as white as paper
@@ -19,7 +19,7 @@ CAPTION = (
 WIDTH = style.RIGHT - style.LEFT - 0.055  # room for the grey scale
 
 
-def run_length_page(content: Content, window: style.Window) -> Figure:
+def run_length_page(content: ReportData, window: style.Window) -> Figure:
     """Changepoints offline and online, the posterior of the segment's start, and that seen with a delay."""
     figure = style.page(content, "Online against offline", CAPTION)
     changes = figure.add_axes((style.LEFT, 0.785, WIDTH, 0.115))
@@ -40,7 +40,7 @@ def run_length_page(content: Content, window: style.Window) -> Figure:
     return figure
 
 
-def _changes(content: Content, axes: Axes) -> None:
+def _changes(content: ReportData, axes: Axes) -> None:
     """Offline up, online down."""
     changes = content.changes
     style.mark_changepoints(content, axes)
@@ -54,7 +54,7 @@ def _changes(content: Content, axes: Axes) -> None:
     axes.set_ylabel("P(changepoint)", fontsize=8.5)
 
 
-def _image(content: Content, axes: Axes) -> AxesImage:
+def _image(content: ReportData, axes: Axes) -> AxesImage:
     first, last = style.whole(content)
     for one in content.view.changepoints:
         axes.axhline(one.t, color=style.RED, linewidth=0.6, alpha=0.5, zorder=-1)
@@ -94,7 +94,7 @@ def _scale(figure: Figure, drawn: AxesImage) -> None:
         spine.set_visible(True)
 
 
-def _delayed(content: Content, axes: Axes, delay_s: float) -> None:
+def _delayed(content: ReportData, axes: Axes, delay_s: float) -> None:
     """P(the segment started at τ | data up to τ + delay): run-length probabilities put where they begin."""
     style.mark_changepoints(content, axes)
     known = content.run_lengths.after(delay_s)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from caesura_clients.cli.show import phase_name
 from caesura_protocol.messages import Segment
-from caesura_service.report.content import THRESHOLD, Content
+from caesura_service.report.content import THRESHOLD, ReportData
 from caesura_service.report.figures import style
 
 LETTER = 0.6  # width of a letter over the size of its font
@@ -23,7 +23,7 @@ LANE, BETWEEN_LANES, ABOVE_PANEL = 0.034, 0.006, 0.026  # heights, shares of the
 POINTS_PER_INCH = 72.0
 CAPTION = "What was measured, how it was divided, and how sure each division is. Numbers as in the table."
 
-Draw = Callable[[Content, Axes], None]
+Draw = Callable[[ReportData, Axes], None]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class _Band:
         return max(pairwise(edges), key=lambda part: part[1] - part[0])
 
 
-def signals_page(content: Content, window: style.Window) -> Figure:
+def signals_page(content: ReportData, window: style.Window) -> Figure:
     """Position, speed and force over time, shaded by kind, with the changepoint probability below."""
     figure = style.page(content, "Segmentation", CAPTION)
     _kinds_legend(content, figure)
@@ -65,7 +65,7 @@ def signals_page(content: Content, window: style.Window) -> Figure:
     return figure
 
 
-def _panels(content: Content) -> list[tuple[str, float, Draw]]:
+def _panels(content: ReportData) -> list[tuple[str, float, Draw]]:
     """Label, share of the height, and how to draw it."""
     force = [("force on the robot [N]", 3.0, _force)] if content.signals.force is not None else []
     return [
@@ -76,7 +76,7 @@ def _panels(content: Content) -> list[tuple[str, float, Draw]]:
     ]
 
 
-def _panel(content: Content, axes: Axes, label: str, draw: Draw) -> None:
+def _panel(content: ReportData, axes: Axes, label: str, draw: Draw) -> None:
     style.shade(content, axes)
     draw(content, axes)
     style.mark_truth(content, axes)
@@ -85,30 +85,30 @@ def _panel(content: Content, axes: Axes, label: str, draw: Draw) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, borderaxespad=0.0, fontsize=8)
 
 
-def _position(content: Content, axes: Axes) -> None:
+def _position(content: ReportData, axes: Axes) -> None:
     moved = 1000.0 * (content.signals.position - content.signals.position[0])
     _three_axes(content, axes, moved)
 
 
-def _force(content: Content, axes: Axes) -> None:
+def _force(content: ReportData, axes: Axes) -> None:
     assert content.signals.force is not None, "a panel only where there is force"
     _three_axes(content, axes, content.signals.force)
 
 
-def _three_axes(content: Content, axes: Axes, values: NDArray[np.float64]) -> None:
+def _three_axes(content: ReportData, axes: Axes, values: NDArray[np.float64]) -> None:
     for axis, line in enumerate(style.AXIS_LINES):
         for i, part in enumerate(content.signals.stretches):
             label = line["label"] if i == 0 else "_"
             axes.plot(content.signals.t[part], values[part, axis], **(line | {"label": label}))
 
 
-def _speed(content: Content, axes: Axes) -> None:
+def _speed(content: ReportData, axes: Axes) -> None:
     for part in content.signals.stretches:
         axes.plot(content.signals.t[part], 1000.0 * content.signals.speed[part], color=style.INK)
     axes.set_ylim(bottom=0.0)
 
 
-def _probability(content: Content, axes: Axes) -> None:
+def _probability(content: ReportData, axes: Axes) -> None:
     changes = content.changes
     style.bars(axes, changes.t, changes.online, label="at every observation")
     times = [one.t for one in content.view.changepoints]
@@ -125,7 +125,7 @@ def _probability(content: Content, axes: Axes) -> None:
     axes.set_yticks([0.0, 0.5, 1.0])
 
 
-def _draw_lanes(content: Content, figure: Figure, window: style.Window) -> float:
+def _draw_lanes(content: ReportData, figure: Figure, window: style.Window) -> float:
     """What was found and what is true, as named bands; returns where they end on the page."""
     top = style.TOP
     for label, bands in _lanes(content):
@@ -139,7 +139,7 @@ def _draw_lanes(content: Content, figure: Figure, window: style.Window) -> float
     return top
 
 
-def _lanes(content: Content) -> list[tuple[str, list[_Band]]]:
+def _lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
     found = [
         _Band(one.t0, one.tn, one.kind, (*_loaded(i, one), f"{i} {one.kind}", str(i)))
         for i, one in enumerate(content.view.segments)
@@ -152,7 +152,7 @@ def _lanes(content: Content) -> list[tuple[str, list[_Band]]]:
     return [*lanes, *_phase_lanes(content)]
 
 
-def _phase_lanes(content: Content) -> list[tuple[str, list[_Band]]]:
+def _phase_lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
     """What was found, where that is more than one phase, and what is true, where the truth has phases."""
     found, lanes = content.view.phases, []
     if len(found) > 1:
@@ -195,7 +195,7 @@ def _name(axes: Axes, band: _Band) -> None:
             return
 
 
-def _true_boundaries(content: Content, axes: Axes) -> None:
+def _true_boundaries(content: ReportData, axes: Axes) -> None:
     for one in content.truth.points if content.truth else ():
         axes.axvline(
             one.t,
@@ -206,7 +206,7 @@ def _true_boundaries(content: Content, axes: Axes) -> None:
         )
 
 
-def _kinds_legend(content: Content, figure: Figure) -> None:
+def _kinds_legend(content: ReportData, figure: Figure) -> None:
     kinds = style.kinds_present(content)
     handles = style.kind_patches(kinds)
     place = (0.5 * (style.LEFT + style.RIGHT), style.TOP + 0.022)

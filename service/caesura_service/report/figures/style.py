@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from caesura_service.report.content import STEP_S, Content
+from caesura_service.report.content import STEP_S, ReportData
 
 A4_LANDSCAPE = (11.69, 8.27)  # [inch]
 DPI = 150
@@ -79,7 +79,7 @@ RC: dict[Any, Any] = {
 HEADING = "heading"  # marks what names the page, for a writer that names it otherwise
 
 
-def page(content: Content, title: str, caption: str = "") -> Figure:
+def page(content: ReportData, title: str, caption: str = "") -> Figure:
     """An empty A4 page with its heading and a line on how to read it."""
     figure = Figure(figsize=A4_LANDSCAPE, facecolor="white", label=title)
     figure.text(LEFT, 0.965, title, fontsize=13, fontweight="bold", va="center", gid=HEADING)
@@ -88,7 +88,7 @@ def page(content: Content, title: str, caption: str = "") -> Figure:
     return figure
 
 
-def heading(content: Content) -> str:
+def heading(content: ReportData) -> str:
     """Which recording this is, in one line."""
     t, count = content.signals.t, len(content.view.segments)
     segments = "1 segment" if count == 1 else f"{count} segments"
@@ -97,7 +97,7 @@ def heading(content: Content) -> str:
     return f"{content.name} · preset {content.preset} · {t[-1] - t[0]:.1f} s · {segments} · {source}"
 
 
-def kinds_present(content: Content) -> list[str]:
+def kinds_present(content: ReportData) -> list[str]:
     """Kinds that occur, found or true, in the order of the palette."""
     found = {one.kind for one in content.view.segments}
     true = {one.kind for one in content.truth.spans} if content.truth else set()
@@ -109,7 +109,7 @@ def kind_patches(kinds: Iterable[str], opacity: float = 2 * SHADE) -> list[Patch
     return [Patch(facecolor=COLOUR_OF_KIND[kind], alpha=opacity, label=kind) for kind in kinds]
 
 
-def shade(content: Content, axes: Axes) -> None:
+def shade(content: ReportData, axes: Axes) -> None:
     """Segments as bands behind the signals, gaps hatched."""
     for one in content.view.segments:
         axes.axvspan(one.t0, one.tn, facecolor=COLOUR_OF_KIND[one.kind], alpha=SHADE, linewidth=0)
@@ -118,7 +118,7 @@ def shade(content: Content, axes: Axes) -> None:
         axes.axvspan(gap.t0, gap.tn, facecolor="none", edgecolor=FAINT, hatch="////", linewidth=0)
 
 
-def mark_truth(content: Content, axes: Axes) -> None:
+def mark_truth(content: ReportData, axes: Axes) -> None:
     """True boundaries as dashed ticks from below, short ones where a boundary is optional."""
     for one in content.truth.points if content.truth else ():
         axes.axvline(
@@ -130,7 +130,7 @@ def mark_truth(content: Content, axes: Axes) -> None:
         )
 
 
-def mark_changepoints(content: Content, axes: Axes) -> None:
+def mark_changepoints(content: ReportData, axes: Axes) -> None:
     """The chosen ones as thin red lines behind everything."""
     for one in content.view.changepoints:
         axes.axvline(one.t, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
@@ -142,13 +142,13 @@ def bars(axes: Axes, t: Array, probability: Array, colour: str = INK, **options:
     axes.bar(t[seen], probability[seen], width=0.7 * STEP_S, color=colour, **options)
 
 
-def whole(content: Content) -> Window:
+def whole(content: ReportData) -> Window:
     """All of a recording, with half a sample to either side."""
     t = content.signals.t
     return float(t[0]) - STEP_S / 2, max(float(t[-1]), float(t[0]) + STEP_S) + STEP_S / 2
 
 
-def windows(content: Content) -> list[Window]:
+def windows(content: ReportData) -> list[Window]:
     """What fits on a page each: the whole, and where that is too long to be read, its parts after it."""
     first, last = whole(content)
     if last - first <= LONGEST_S:

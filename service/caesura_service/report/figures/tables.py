@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from caesura_service.report.content import Content
+from caesura_service.report.content import ReportData
 from caesura_service.report.figures import style
-from caesura_service.report.tables import Column, Table, notes
+from caesura_service.report.tables import Table, TableColumn, notes
 
 ROW, HEAD, GAP = 0.0245, 0.056, 0.05  # heights, shares of the page
 FIRST, LAST = 0.925, 0.06  # where rows may stand on the page
@@ -21,7 +21,7 @@ PADDING = 2.0  # letters between columns
 NOTE_LETTERS = 175
 
 
-def table_pages(content: Content, tables: Sequence[Table]) -> Iterator[Figure]:
+def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure]:
     """One table after the other, continued where a page ends; the notes come last."""
     figure, top = style.page(content, tables[0].title), FIRST
     for number, table in enumerate(tables):
@@ -86,7 +86,7 @@ def _draw_row(
         figure.text(place_x, top - ROW / 2, cell, ha=align, va="center", fontsize=SIZE, family=family)
 
 
-def _flush(column: Column, left: float, right: float) -> tuple[float, str]:
+def _flush(column: TableColumn, left: float, right: float) -> tuple[float, str]:
     return (left, "left") if column.words else (right, "right")
 
 

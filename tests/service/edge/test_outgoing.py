@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from caesura_service.edge.arrivals import Arrival, Ended
+from caesura_service.edge.arrivals import Arrival, ReplayFinished
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.inbox import QueueSettings, WorkQueue
 from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.outgoing import QUESTIONS, Outgoing
 from caesura_service.edge.rates import RateSettings
@@ -40,13 +40,13 @@ def closed() -> zenoh.Session:
 
 @pytest.mark.parametrize("network", [Broken, closed])
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
-    inbox: Inbox[Arrival] = Inbox(QueueSettings())
+    inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
     with Lanes() as lanes:
         outgoing = Outgoing(network(), inbox, Budgets(RateSettings()), lanes)
         for number in range(ASKED):
             outgoing.ask(AskReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []
-        while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), Ended):
+        while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), ReplayFinished):
             ended.append(arrival.asked.ask.station)
             outgoing.ended()
     assert sorted(ended) == sorted(f"cell-{number}" for number in range(ASKED))

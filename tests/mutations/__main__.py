@@ -76,9 +76,7 @@ def check(copy: Path, chosen: list[Mutation], *, with_tests: bool) -> None:
         raise RuntimeError(f"the tests would import {where}, expected a file below {copy}")
     for mutation in chosen:
         mutated(copy, mutation)
-    run(
-        copy, "-m", "caesura_service.prepare", deadline_s=ROW_DEADLINE_S
-    )  # compiles, in no test's time
+    run(copy, "-m", "caesura_service.prepare", deadline_s=ROW_DEADLINE_S)  # compiles, in no test's time
     if not with_tests:
         return
     tests = dict.fromkeys(test for one in chosen for test in one.tests)

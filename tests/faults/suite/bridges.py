@@ -60,7 +60,9 @@ def bridges_killed(directory: Path) -> Row:
             eventually(partial(passed, began_s + share * LASTS_S / PACE))
             process.kill()
             disturbance.is_over()
-            process.start()
+            process.begin()  # and kill the next one in time, however slowly this one starts
+        for process in processes:
+            process.ready()
         pool = stack.enter_context(ThreadPoolExecutor(KILLED))
         killed = [Station(p.number, LASTS_S, None, pool.submit(p.ack)) for p in processes]
         done = found(service.endpoint, killed, directory)

@@ -38,6 +38,7 @@ SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
 SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
 LEAVING_APPS = ("cartesian_motion", "move_to_contact", "transport", "hold")
+JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
@@ -199,7 +200,7 @@ class Acting:
         """The path of an app from where the robot is, in its seconds, or slower where a limit asks for it."""
         here = self.setpoint
         path = course(app, here.position, here.rotation, seconds, arriving)
-        slower = self.safety.slower(*path.peaks())
+        slower = max(self.safety.slower(*path.peaks()), self.arm.joint_hurry(path) / JOINT_SHARE)
         if slower == 1.0:
             return path
         return course(app, here.position, here.rotation, slower * seconds, arriving)

@@ -27,7 +27,8 @@ from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_clients.bridge.teacher.shapes import contact_with
-from caesura_protocol.paths import Curve, turning_of
+from caesura_protocol.paths import Curve
+from caesura_protocol.rotations import turning_of
 from caesura_service.execution.world import World
 from caesura_service.robot import HandDynamics, Robot
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from caesura_protocol.messages import App, Vector, ViaPoint
+from caesura_protocol.rotations import align_signs, turned_along, turning_of
 
 Array = NDArray[np.float64]
 
@@ -156,22 +157,6 @@ def curve_of(app: App) -> Curve:
     return Curve.through(times, poses, passing=passing)
 
 
-def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
-    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
-
-    change, bend: (4,) its first and second derivatives; its length need not be 1.
-    """
-    size = float(quaternion @ quaternion)
-    turning, turned = _imaginary(change, quaternion) / size, _imaginary(bend, quaternion) / size
-    return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
-
-
-def _imaginary(change: Array, quaternion: Array) -> Array:
-    """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
-    product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
-    return 2.0 * (product + np.cross(quaternion[:3], change[:3]))
-
-
 def turning_at_points(app: App) -> list[Vector]:
     """Rate of turn [rad/s] of an app's path at its start and each via point; empty without orientations.
 
@@ -210,31 +195,11 @@ def turn_of(app: App) -> float:
     return float(np.linalg.norm(turned_along(quaternions), axis=1).max()) if quaternions.size else 0.0
 
 
-def turned_along(quaternions: Array) -> Array:
-    """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
-    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    align_signs(along)
-    before, after = along[:-1], along[1:]
-    half_sines = (
-        before[:, 3:] * after[:, :3] - after[:, 3:] * before[:, :3] + np.cross(before[:, :3], after[:, :3])
-    )
-    sizes = np.linalg.norm(half_sines, axis=1, keepdims=True)
-    angles = 2.0 * np.arctan2(sizes, np.vecdot(before, after)[:, None])
-    steps = half_sines * np.divide(angles, sizes, out=np.full_like(sizes, 2.0), where=sizes > 0.0)
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
 def unit(values: Array) -> Array:
     """The same values (n, c) with their quaternions at unit length."""
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
     return values
-
-
-def align_signs(quaternions: Array) -> None:
-    """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
-    turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
-    quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
 
 
 def _powers(s: Array) -> Array:

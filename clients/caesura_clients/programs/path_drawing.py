@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import App
 from caesura_protocol.paths import TOLD_TURN_RAD, curve_of, knots_of, path_in_words, turn_of
+from caesura_protocol.rotations import matrices_of
 
 Array = NDArray[np.float64]
 
@@ -86,8 +87,7 @@ def _drawn(view: _View, way: Array, poses: Array, scale: float, middle: Array, *
 
 def _tool(poses: Array, axes: list[int]) -> list[tuple[float, float]]:
     """Strokes [px] of the flange's x axis at each knot, in a plane."""
-    x, y, z, w = (poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)).T
-    ends = STROKE * np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+    ends = STROKE * matrices_of(poses[:, 3:])[:, :, 0]
     return [(float(right), float(-up)) for right, up in ends[:, axes]]
 
 

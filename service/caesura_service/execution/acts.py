@@ -15,11 +15,12 @@ from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind, ScrewMotion
-from caesura_protocol.paths import Curve, turning_of
+from caesura_protocol.paths import Curve
+from caesura_protocol.rotations import matrix_of, turning_of
 from caesura_protocol.turning import tight_nm
 from caesura_service.execution.arm import Arm, ArmMeasurement, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
-from caesura_service.execution.motion import course, press_direction, rotation_of
+from caesura_service.execution.motion import course, press_direction
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
@@ -38,6 +39,7 @@ SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
 SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
 LEAVING_APPS = ("cartesian_motion", "move_to_contact", "transport", "hold")
+JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
@@ -199,7 +201,7 @@ class Acting:
         """The path of an app from where the robot is, in its seconds, or slower where a limit asks for it."""
         here = self.setpoint
         path = course(app, here.position, here.rotation, seconds, arriving)
-        slower = self.safety.slower(*path.peaks())
+        slower = max(self.safety.slower(*path.peaks()), self.arm.joint_hurry(path) / JOINT_SHARE)
         if slower == 1.0:
             return path
         return course(app, here.position, here.rotation, slower * seconds, arriving)
@@ -210,7 +212,7 @@ class Acting:
         setpoint = Setpoint(value[:3], self.setpoint.rotation, velocity[:3], acceleration[:3])
         if len(value) == 7:
             x, y, z, w = value[3:].tolist()
-            setpoint.rotation = rotation_of((x, y, z, w))
+            setpoint.rotation = matrix_of((x, y, z, w))
             turning = turning_of(value[3:], velocity[3:], acceleration[3:])
             setpoint.turning, setpoint.angular_acceleration = turning
         return setpoint
@@ -263,7 +265,7 @@ class Tight:
 def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
     """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
     position = acting.setpoint.position if app.target is None else np.array(app.target)
-    rotation = acting.setpoint.rotation if app.orientation is None else rotation_of(app.orientation)
+    rotation = acting.setpoint.rotation if app.orientation is None else matrix_of(app.orientation)
     return position, rotation
 
 

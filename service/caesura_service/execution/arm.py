@@ -27,6 +27,8 @@ from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.bridge.teacher.plan import DT, TICKS_PER_S
 from caesura_clients.bridge.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_clients.bridge.teacher.shapes import contact_with
+from caesura_protocol.paths import Curve
+from caesura_protocol.rotations import turning_of
 from caesura_service.execution.world import World
 from caesura_service.robot import HandDynamics, Robot
 
@@ -35,6 +37,7 @@ TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 300.0, 14.0  # likewise
 LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forward near a singularity
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
 FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction that the controller makes up for
+LOOK_S, LEAST_SINGULAR = 0.02, 0.02  # between two looks at joint speeds; of the largest singular value
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
 
 
@@ -136,6 +139,20 @@ class Arm:
         )
         self.world.tick(arm.position_base, DT)
         return self.felt
+
+    def joint_hurry(self, path: Curve) -> float:
+        """Largest share of a joint's speed limit that a path from here asks for (q̇ = J⁺ twist)."""
+        q, most = self._q, 0.0
+        for t in np.arange(0.0, float(path.t[-1]), LOOK_S):
+            value, velocity, _ = path.at(t)
+            twist = np.zeros(6)
+            twist[:3] = velocity[:3]
+            if len(value) == 7:
+                twist[3:] = turning_of(value[3:], velocity[3:], np.zeros(4))[0]
+            v = np.linalg.pinv(self._robot.hand_dynamics(q).jacobian, rcond=LEAST_SINGULAR) @ twist
+            most = max(most, float((np.abs(v) / self.joint_speeds).max()))
+            q = q + LOOK_S * v
+        return most
 
     def trace(self) -> Trace:
         """Everything so far; the controller's wrench stands where a hand's would."""

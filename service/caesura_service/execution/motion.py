@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_protocol.messages import App
-from caesura_protocol.paths import Curve, knots_of, turned_along
+from caesura_protocol.paths import Curve, knots_of
+from caesura_protocol.rotations import angle_of_matrices, matrix_of, quaternion_of, turned_along
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
@@ -38,7 +36,7 @@ def course(
         away = float(np.linalg.norm(values[0, :3] - position))
         turn = 0.0
         if values.shape[1] == 7:
-            away += TURNED_M * _angle(rotation, rotation_of(values[0, 3:]))
+            away += TURNED_M * angle_of_matrices(rotation, matrix_of(values[0, 3:]))
             turn = float(np.linalg.norm(np.diff(turned_along(values[:, 3:]), axis=0), axis=1).sum())
         if away > ASTRAY_M:
             way = max(path.length_m + TURNED_M * turn, ASTRAY_M)
@@ -81,11 +79,6 @@ def _paced(curve: Curve, arriving: Array) -> Curve:
     return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
 
 
-def _angle(one: Array, other: Array) -> float:
-    """[rad] between two rotations (3, 3)."""
-    return math.acos(min(max(0.5 * (float(np.vdot(one, other)) - 1.0), -1.0), 1.0))
-
-
 def press_direction(rotation: Array, force: Array | None) -> Array:
     """Direction (3,) of a press: the tool's axis, or the force's own where the two do not go together."""
     axis: Array = rotation[:, 2]
@@ -93,32 +86,3 @@ def press_direction(rotation: Array, force: Array | None) -> Array:
         return axis
     own: Array = force / np.linalg.norm(force)
     return axis if float(axis @ own) > ALIGNED else own
-
-
-def rotation_of(quaternion: Sequence[float] | Array) -> Array:
-    """Rotation (3, 3) of a quaternion x y z w, which need not have length 1."""
-    x, y, z, w = np.asarray(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def quaternion_of(rotation: Array) -> Array:
-    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
-    m, trace = rotation, float(np.trace(rotation))
-    squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
-    products = np.array(
-        [
-            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
-            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
-            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
-        ]
-    )
-    row = products[int(np.argmax(squares))]
-    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
-    return unit

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from caesura_clients.programs.safety import CellSettings, Safety
 from caesura_clients.recording import Recording
 from caesura_protocol.messages import App
-from caesura_protocol.paths import align_signs
+from caesura_protocol.rotations import align_signs
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 Array = NDArray[np.float64]

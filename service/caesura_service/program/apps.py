@@ -186,7 +186,7 @@ class _End:
 
 def _motions(group: _Group) -> Iterable[App]:
     """One app a movement; the last one is stopped by the contact that follows."""
-    touches = _is_met(group.following)
+    touches = _meets(group)
     for step in group.steps:
         if touches and step is group.steps[-1]:
             yield group.moving("move_to_contact", step, group.touch())
@@ -230,12 +230,17 @@ def _contacts(group: _Group) -> Iterable[App]:
 
 def _arrives(step: ProgramSegment) -> bool:
     """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
-    return step.segment.kind == "sliding" and pushed_in(step.segment) > ARRIVES_M
+    segment = step.segment
+    return segment.kind == "sliding" and gives_way(segment) and pushed_in(segment) > ARRIVES_M
 
 
-def _is_met(following: ProgramSegment | None) -> bool:
-    """Is what follows a contact that the movement before it ends at?"""
-    return following is not None and following.touches and not _arrives(following)
+def _meets(group: _Group) -> bool:
+    """Does its last movement end at the contact that follows?"""
+    following = group.following
+    if following is None or not following.touches:
+        return False
+    t0, tn = following.segment.t0 - GRIP_SLACK_S, following.segment.tn + GRIP_SLACK_S
+    return not _arrives(following) or any(t0 <= grip.t <= tn for grip in group.grips)
 
 
 def _press(group: _Group) -> App:
@@ -278,7 +283,7 @@ def _carries(group: _Group) -> Iterable[App]:
             "load_kg": _average(weighed, lambda segment: segment.load_kg or 0.0),
             "load_sd_kg": _average(weighed, lambda segment: segment.load_sd_kg or 0.0),
         }
-    sets_down = _is_met(group.following)
+    sets_down = _meets(group)
     for step in group.steps:
         end = group.touch() if sets_down and step is group.steps[-1] else None
         yield group.moving("hold" if step.segment.kind == "hold" else "transport", step, end, load)

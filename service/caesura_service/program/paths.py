@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
-from caesura_protocol.paths import Curve, align_signs, unit
+from caesura_protocol.paths import Curve, unit
+from caesura_protocol.rotations import align_signs, angles
 
 Array = NDArray[np.float64]
 PosesBetween = Callable[[float, float], tuple[Array, Array]]
@@ -162,12 +163,6 @@ def deviations(
     off_m = tolerance_m * np.linalg.norm(left[:, :3], axis=1)
     half_chord = np.minimum(0.25 * tolerance_rad * np.linalg.norm(left[:, 3:], axis=1), 1.0)
     return off_m, 4.0 * np.arcsin(half_chord)
-
-
-def angles(quaternions: Array, other: Array) -> Array:
-    """Angles (n,) [rad] between unit quaternions (n, 4) and another (4,)."""
-    cosine = np.minimum(np.abs(quaternions @ other), 1.0)
-    return 2.0 * np.arccos(cosine)
 
 
 def _sides(poses: Array) -> list[int]:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import ScrewMotion
+from caesura_protocol.rotations import matrices_of
 from caesura_service.signals.torque import about
 
 Array = NDArray[np.float64]
@@ -155,19 +156,9 @@ def held_torque(course: Course, axis: Array, point: Array) -> Array:
 
 def rotations_since(orientations: Array) -> Array:
     """Rotation matrices (n, 3, 3) in the base frame since the first of quaternions (n, 4) x y z w."""
-    frames = _matrices(orientations)
+    frames = matrices_of(orientations)
     turns: Array = frames @ frames[0].T
     return turns
-
-
-def _matrices(quaternions: Array) -> Array:
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def _strong(values: Array, share: float) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.programs.safety import DEFAULT, Safety
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.turning import torque_about_axis
+from caesura_service.execution.acts import Acting
 from caesura_service.execution.arm import Arm
 from caesura_service.execution.executor import Done, Place, execute, run
 from caesura_service.execution.findings import RefusedError
@@ -148,6 +149,21 @@ def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
     (t0, tn), (s0, sn) = *taught.spans, *slowed.spans
     assert tn - t0 == pytest.approx(2.0, abs=0.01)
     assert sn - s0 > 2.5
+
+
+def test_a_movement_is_slowed_to_the_limits_of_the_joints(robot: Robot) -> None:
+    """Joint 7 turns the tool about its axis, by 60° in 1 s: a peak of 1.96 rad/s."""
+    acting = Acting(Arm(robot, World(PRESSING.scenario, 0.25)), DEFAULT)
+    here = acting.felt
+    turned = Rotation.from_matrix(here.rotation) * Rotation.from_euler("z", 60.0, degrees=True)
+    moving = app("cartesian_motion", 0.0, 1.0, tuple(here.position.tolist()))
+    moving = moving.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
+    path = acting.course(moving, 1.0)
+    assert path.t[-1] == 1.0
+    assert acting.arm.joint_hurry(path) == pytest.approx(1.875 * np.radians(60.0) / 2.61, rel=0.03)
+    acting.arm.joint_speeds = 0.4 * acting.arm.joint_speeds
+    slowed = acting.course(moving, 1.0)
+    assert acting.arm.joint_hurry(slowed) == pytest.approx(0.85, rel=0.02)
 
 
 @pytest.mark.parametrize(("row", "said"), [(0, "speed 0.6"), (4, "turn 2.4")])

@@ -200,6 +200,9 @@ def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
     down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2), "force_held": (0.0, 0.0, 9.0)}
     made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **down))
     assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+    tilted = ACROSS | {"force_held": (-6.0, 0.0, 8.0)}
+    stroke = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **tilted))
+    assert kinds(stroke) == ["move_to_contact", "apply_force"]
 
 
 def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs() -> None:

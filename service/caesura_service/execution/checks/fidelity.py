@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_clients.bridge.teacher.intentions import Array
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.limiting import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.rotations import angle_between
 from caesura_service.execution.findings import Finding
 
 MOVES = ("cartesian_motion", "move_to_contact", "transport")
@@ -158,6 +158,4 @@ def _angle(one: ViaPoint, other: ViaPoint) -> float:
     """[rad] between two orientations; 0 where one is not known."""
     if one.orientation is None or other.orientation is None:
         return 0.0
-    a: Array = np.array(one.orientation) / np.linalg.norm(one.orientation)
-    b: Array = np.array(other.orientation) / np.linalg.norm(other.orientation)
-    return 2.0 * math.acos(min(abs(float(a @ b)), 1.0))
+    return angle_between(one.orientation, other.orientation)

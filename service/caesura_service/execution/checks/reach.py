@@ -14,10 +14,11 @@ from caesura_clients.programs.safety import PLANNED_SHARE
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
+from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.execution.checks.order import CARRIES, CONTACT_APPS
 from caesura_service.execution.findings import Finding
 from caesura_service.execution.limits import Cell
-from caesura_service.execution.motion import course, press_direction, quaternion_of, rotation_of
+from caesura_service.execution.motion import course, press_direction
 from caesura_service.robot import Robot
 
 REACH_M, REACH_RAD = 1e-3, 1e-2
@@ -175,7 +176,7 @@ class _Looking:
 
     def _blocked(self, point: Array, turned: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
         """Why a pose of the flange is not free: its fingertips are in something."""
-        x, y, z = (point + FINGERS_BELOW_FLANGE_M * rotation_of(turned)[:, 2]).tolist()
+        x, y, z = (point + FINGERS_BELOW_FLANGE_M * matrix_of(turned)[:, 2]).tolist()
         top = self._cell.top_at(x, y)
         if top is None or z >= top - DEPTH_M - (self._cell.yields_at(x, y) if ends else 0.0):
             return None
@@ -187,7 +188,7 @@ class _Looking:
 
     def _press(self, app: App, here: _Here, path: Curve | None) -> Iterator[str]:
         force = np.array(app.force)
-        rotation = here.rotation if app.orientation is None else rotation_of(app.orientation)
+        rotation = here.rotation if app.orientation is None else matrix_of(app.orientation)
         if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
             yield "pulls on what it touches: its force points away from the tool"
         if path is None:
@@ -204,7 +205,7 @@ class _Looking:
 def _after(app: App, here: _Here, *, touching: bool) -> _Here:
     return _Here(
         here.place if app.target is None else np.array(app.target),
-        here.rotation if app.orientation is None else rotation_of(app.orientation),
+        here.rotation if app.orientation is None else matrix_of(app.orientation),
         here.joints,
         touching,
     )
@@ -216,7 +217,7 @@ def _path(app: App, here: _Here) -> Curve:
     rotation = here.rotation
     if rotation is None:
         taught = app.path.start.orientation if app.path is not None else None
-        rotation = rotation_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
+        rotation = matrix_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
     return course(app, here.place, rotation, app.tn - app.t0)
 
 
@@ -229,8 +230,8 @@ def _depth(path: Curve, force: Array, rotation: Array | None) -> float:
     along = press_direction(rotation, force)
     if points.shape[1] == 3:
         return float(np.max((points - points[0]) @ along))
-    first = rotation_of(points[0, 3:]).T @ along
-    turned = np.array([rotation_of(pose[3:]) @ first for pose in points])
+    first = matrix_of(points[0, 3:]).T @ along
+    turned = np.array([matrix_of(pose[3:]) @ first for pose in points])
     return float(np.max(np.cumsum(np.vecdot(np.diff(points[:, :3], axis=0), turned[1:]))))
 
 

@@ -1,0 +1,105 @@
+"""Rotations: quaternions x y z w of any length, and matrices; as arrays of numpy.
+
+q and −q are the same rotation. Functions of many rotations take rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def matrix_of(quaternion: Sequence[float] | Array) -> Array:
+    """Rotation (3, 3) of a quaternion (4,)."""
+    return np.array(_rows(*(np.asarray(quaternion) / np.linalg.norm(quaternion))))
+
+
+def matrices_of(quaternions: Array) -> Array:
+    """Rotations (n, 3, 3) of quaternions (n, 4)."""
+    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.moveaxis(np.array(_rows(*along.T)), -1, 0)
+
+
+def quaternion_of(rotation: Array) -> Array:
+    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
+    m, trace = rotation, float(np.trace(rotation))
+    squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
+    products = np.array(
+        [
+            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    row = products[int(np.argmax(squares))]
+    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
+    return unit
+
+
+def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
+    """[rad] between two quaternions (4,)."""
+    a: Array = np.array(one) / np.linalg.norm(one)
+    b: Array = np.array(other) / np.linalg.norm(other)
+    return 2.0 * math.acos(min(abs(float(a @ b)), 1.0))
+
+
+def angles(quaternions: Array, other: Array) -> Array:
+    """Angles (n,) [rad] between quaternions (n, 4) and another (4,), all of unit length."""
+    cosine = np.minimum(np.abs(quaternions @ other), 1.0)
+    return 2.0 * np.arccos(cosine)
+
+
+def angle_of_matrices(one: Array, other: Array) -> float:
+    """[rad] between two rotations (3, 3)."""
+    return math.acos(min(max(0.5 * (float(np.vdot(one, other)) - 1.0), -1.0), 1.0))
+
+
+def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
+    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
+
+    change, bend: (4,) its first and second derivatives; its length need not be 1.
+    """
+    size = float(quaternion @ quaternion)
+    turning, turned = _imaginary(change, quaternion) / size, _imaginary(bend, quaternion) / size
+    return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
+
+
+def _imaginary(change: Array, quaternion: Array) -> Array:
+    """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
+    product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
+    return 2.0 * (product + np.cross(quaternion[:3], change[:3]))
+
+
+def turned_along(quaternions: Array) -> Array:
+    """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
+    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    align_signs(along)
+    before, after = along[:-1], along[1:]
+    half_sines = (
+        before[:, 3:] * after[:, :3] - after[:, 3:] * before[:, :3] + np.cross(before[:, :3], after[:, :3])
+    )
+    sizes = np.linalg.norm(half_sines, axis=1, keepdims=True)
+    angles = 2.0 * np.arctan2(sizes, np.vecdot(before, after)[:, None])
+    steps = half_sines * np.divide(angles, sizes, out=np.full_like(sizes, 2.0), where=sizes > 0.0)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def align_signs(quaternions: Array) -> None:
+    """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
+    turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
+    quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
+
+
+def _rows(x: Array, y: Array, z: Array, w: Array) -> list[list[Array]]:
+    """The elements of a matrix from those of quaternions of unit length."""
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]

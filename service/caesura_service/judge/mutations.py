@@ -19,12 +19,13 @@ from rich.text import Text
 
 from caesura_clients.programs.safety import CellSettings, Safety
 from caesura_protocol.messages import App, AppKind
+from caesura_service.judge.roundtrip import LIMITS_N
 from caesura_service.judge.tables import Grid, markdown_grid, rich_grid
 
 TAUGHT_SEEDS = (500, 502)
 MOST_OPERATORS = 3
-SCENARIOS, FORCE_LIMIT_N = ("pick_and_place", "dispenser"), 10.0
-CELL = Safety(force_n=FORCE_LIMIT_N)
+SCENARIOS = ("pick_and_place", "dispenser")
+CELLS = {name: Safety(force_n=LIMITS_N[name]) for name in SCENARIOS}
 NUMBERS = ("t0", "tn", "load_kg", "gripper_width", "confidence")
 VECTORS = ("target", "orientation", "joints", "force")
 KINDS: tuple[AppKind, ...] = (
@@ -60,15 +61,16 @@ def meet_fate(number: int) -> Fate:
     from caesura_service.execution.findings import RefusedError  # noqa: PLC0415
 
     rng = np.random.default_rng([number, 2])
-    apps, place = _taught(SCENARIOS[number % 2], TAUGHT_SEEDS[number // 2 % 2])
+    scenario = SCENARIOS[number % 2]
+    cell, (apps, place) = CELLS[scenario], _taught(scenario, TAUGHT_SEEDS[number // 2 % 2])
     operators, mutated = mutate(apps, rng)
     try:
-        done = execute(mutated, place, CELL)
+        done = execute(mutated, place, cell)
     except RefusedError as refused:
         return Fate(number, operators, "refused", str(refused.report.errors[0]))
     except Exception as error:  # whatever it is, a spoilt program must not bring it about
         return Fate(number, operators, "violation", f"crashed: {error!r}")
-    if broken := violations(done.trace, CELL):
+    if broken := violations(done.trace, cell):
         return Fate(number, operators, "violation", broken[0])
     if done.stopped is not None:
         return Fate(number, operators, "stopped", done.stopped)
@@ -121,7 +123,7 @@ def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
 
     teaching = Teaching(scenario, seed=seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
-    apps = segment_recording(recording, setting=CellSettings(force_limit_n=FORCE_LIMIT_N)).apps
+    apps = segment_recording(recording, setting=CellSettings(force_limit_n=LIMITS_N[scenario])).apps
     return tuple(apps), Place(teaching.scenario, teaching.person, seed)
 
 

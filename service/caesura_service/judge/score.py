@@ -365,19 +365,18 @@ def _screw_errors(screws: Sequence[Screwing], parts: Sequence[Part]) -> list[tup
     """
     errors = []
     for true in screws:
-        shared = [(_shared(part, Quantity(true.t0, true.t1, 0.0)), part.screw) for part in parts]
-        most, found = max(
-            ((seconds, screw) for seconds, screw in shared if screw is not None),
-            key=lambda one: one[0],
-            default=(0.0, None),
-        )
-        if found is not None and most > 0.0:
-            axis, pitch_m = found
-            cosine = sum(map(operator.mul, axis, true.axis)) / (math.hypot(*axis) * math.hypot(*true.axis))
-            errors.append(
-                (math.degrees(math.acos(min(max(cosine, -1.0), 1.0))), abs(pitch_m / true.pitch_m - 1.0))
-            )
+        stroke = Quantity(true.t0, true.t1, 0.0)
+        shared = [(_shared(part, stroke), part.screw) for part in parts if part.screw is not None]
+        most, screw = max(shared, key=lambda one: one[0], default=(0.0, None))
+        if screw is not None and most > 0.0:
+            axis, pitch_m = screw
+            errors.append((_degrees_between(axis, true.axis), abs(pitch_m / true.pitch_m - 1.0)))
     return errors
+
+
+def _degrees_between(one: Sequence[float], other: Sequence[float]) -> float:
+    cosine = sum(map(operator.mul, one, other)) / (math.hypot(*one) * math.hypot(*other))
+    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
 def _miss(point: Point, alarms: Sequence[float], truth: Truth) -> Miss:

@@ -28,10 +28,8 @@ PosesBetween = Callable[[float, float], tuple[Array, Array]]
 TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)
 MOST_TURN_RAD = math.radians(100.0)
 TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
-BETWEEN, PARTS = (
-    3,
-    8,
-)  # looks from one observation to the next; pieces of a leg, which is compared piece by piece
+BETWEEN = 3  # looks from one observation to the next
+PARTS = 8  # pieces of a leg, which is compared piece by piece
 MOST_KEPT = 256  # paths that are kept for the next look
 
 
@@ -129,8 +127,7 @@ def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float
         places = shown[low * BETWEEN : high * BETWEEN + 1]
         step = np.diff(places, axis=0)
         away = line[number * PARTS + 1 : (number + 1) * PARTS, None] - places[:-1]
-        share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
-        apart = away - share[..., None] * step
+        _, apart = _projected(away, step)
         far = float(np.sqrt(np.vecdot(apart, apart).min(axis=1).max()))
         furthest = max(furthest, far)
         if far > tolerance_m and high - low > 1:
@@ -152,8 +149,7 @@ def deviations(
     start = line[first]
     step = line[first + 1] - start
     away = seen[:, None] - start
-    share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
-    apart = away - share[..., None] * step
+    share, apart = _projected(away, step)
     best = np.argmin(np.vecdot(apart, apart), axis=1)
     rows = np.arange(len(seen))
     place = np.maximum.accumulate(first[rows, best] + share[rows, best])
@@ -163,6 +159,15 @@ def deviations(
     off_m = tolerance_m * np.linalg.norm(left[:, :3], axis=1)
     half_chord = np.minimum(0.25 * tolerance_rad * np.linalg.norm(left[:, 3:], axis=1), 1.0)
     return off_m, 4.0 * np.arcsin(half_chord)
+
+
+def _projected(away: Array, step: Array) -> tuple[Array, Array]:
+    """Share (…) of a segment at which it is nearest to a point, and what is left (…, c) to the point.
+
+    away: (…, c) of the point from the segment's start; step: (…, c) from its start to its end.
+    """
+    share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
+    return share, away - share[..., None] * step
 
 
 def _sides(poses: Array) -> list[int]:

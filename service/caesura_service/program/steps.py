@@ -112,14 +112,17 @@ def kept_steps(
     kept: list[ProgramSegment] = []
     before: ProgramSegment | None = None
     touched = -1  # the last step in contact, however short
-    for beside, step in zip([None, *steps], steps, strict=False):
+    for behind, beside, step in zip([None, None, *steps], [None, *steps], steps, strict=False):
         touched = beside.index if beside is not None and beside.touches else touched
         if not step.lasts(least_s):
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, last, step, moment_at):
             read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
-            read = _still_touching(beside, last, _as_touching(last, read, grips, moment_at), moment_at)
+            read = _as_touching(last, read, grips, moment_at)
+            contact = _contact_before(behind, beside, last)
+            if contact is not None and last is not None and not read.touches:
+                read = _still_touching(contact, _base(last, moment_at), read, moment_at)
             kept += [] if _pauses(read) or _ends_stroke(last, before, read) else [read]
         before = step
     return kept
@@ -175,17 +178,24 @@ def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
     return before.base if before.touches else _force_at_end(before.segment, moment_at)
 
 
-def _still_touching(
-    beside: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
-) -> ProgramSegment:
-    """What follows a contact directly is one too, where the force of the contact lasts and it does not leave.
+def _contact_before(
+    behind: ProgramSegment | None, beside: ProgramSegment | None, last: ProgramSegment | None
+) -> ProgramSegment | None:
+    """The contact that a step follows directly, or with one step between that was read as a contact itself.
 
-    beside: the step before it, however short; last: the last one that was kept.
+    behind, beside: the last but one and the last step before it, however short; last: the last one kept.
     """
-    if beside is None or last is None or step.touches or not beside.touches:
-        return step
-    base = _base(last, moment_at)
-    normal = _direction(replace(beside, base=base).force)
+    if beside is None or beside.touches:
+        return beside
+    read = last is not None and last.touches and last.index == beside.index
+    return last if read and behind is not None and behind.touches else None
+
+
+def _still_touching(
+    contact: ProgramSegment, base: Vector, step: ProgramSegment, moment_at: MomentAt
+) -> ProgramSegment:
+    """What follows a contact is one too, where its force above a base lasts and the tool does not leave."""
+    normal = _direction(replace(contact, base=base).force)
     segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
     moved = np.subtract(segment.position_end, segment.position_start)
     leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))

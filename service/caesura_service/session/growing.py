@@ -1,8 +1,8 @@
 """The task program of a demonstration that goes on: what lies before a quiet place is built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a motion that neither follows a contact nor is part of a
-carry. The program is then that of the segments up to it, and that of the segments from
+it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and
+is not part of a carry. The program is then that of the segments up to it, and that of the segments from
 it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends there. A gap that touches what lies
 before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
@@ -116,7 +116,8 @@ class GrowingProgram:
         for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
-            moves = kind == "motion" and self._lasts(before) and not before.touches
+            touched = before.touches or (i > 1 and steps[i - 2].touches)
+            moves = kind == "motion" and self._lasts(before) and not touched
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and moves and not holds(step, known) and not gripped:
                 return i

@@ -86,12 +86,12 @@ def screw_of(course: Course, *, pressed: bool) -> ScrewMotion | None:
     fit = fit_turn(course, turns, axis, counts, pressed=pressed)
     point = fit.point + axis * (axis @ (course.positions[0] - fit.point))
     return ScrewMotion(
-        axis=_vector(axis),
-        point=_vector(point),
+        axis=tuple(axis.tolist()),
+        point=tuple(point.tolist()),
         angle=float(course.turned[-1] @ axis),
         pitch_m=2.0 * math.pi * fit.advance,
         pitch_sd_m=2.0 * math.pi * fit.sd,
-        torque=None if course.torques is None else _vector(held_torque(course, axis, point)),
+        torque=None if course.torques is None else tuple(held_torque(course, axis, point).tolist()),
     )
 
 
@@ -165,8 +165,3 @@ def _strong(values: Array, share: float) -> NDArray[np.bool_]:
     """(n,) where the size of values (n, c) is at least a share of what a tenth of them exceeds."""
     sizes = np.linalg.norm(values, axis=1)
     return np.asarray(sizes >= share * np.quantile(sizes, UPPER))
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

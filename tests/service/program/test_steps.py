@@ -109,9 +109,11 @@ def test_between_fingers_that_are_shut_there_is_nothing() -> None:
         assert app.kind == becomes
 
 
+@pytest.mark.parametrize("rest", ["contact", "steady"])
 @pytest.mark.parametrize("turns", [False, True])
-def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool) -> None:
+def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, rest: str) -> None:
     """Two strokes of a screw, the tool turned back between them under 6 N: they pressed without a contact."""
+    still: dict[str, Any] = {"position_end": (0.0, 0.0, 0.6), **(held(6.0) if rest == "contact" else {})}
     back = segment("motion", 4.0, 6.0, **ACROSS)
     if turns:
         back = back.model_copy(update={"kind": "turning", "position_end": back.position_start})
@@ -119,7 +121,7 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool) ->
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 4.0, **held(13.0)),
         back,
-        segment("contact", 6.0, 7.0, **held(6.0)),
+        segment(rest, 6.0, 7.0, **still),
         segment("contact", 7.0, 9.0, **held(13.0)),
         at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0),
     )

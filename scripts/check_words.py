@@ -5,8 +5,8 @@
 
 Words are checked in docs, in docstrings, in comments and in every string of the source: help texts, errors,
 log lines and status texts are strings. Names in the source and `code` in the docs are not words.
-Sentences are checked in docs. A full stop, a colon and a semicolon end one; code blocks, tables and headings
-have none. `ROOMS` names what is checked; `LEFT_OUT` names what is not yet, and why.
+Sentences are checked in docs. A full stop and a colon end one, a semicolon does not; code blocks, tables and
+headings have none. `ROOMS` names what is checked; `LEFT_OUT` names what is not yet, and why.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ def _sentences(text: str) -> Iterator[tuple[int, str]]:
         r"^\s*(?:[-*]|\d+\.) ", lambda item: "\n" * item.group().count("\n") + "\0", prose, flags=re.M
     )
     start = 0
-    for stop in re.finditer(r"\n[ \t]*\n|\0|[.!?:;][*_)\"”]*(?=\s)|\Z", prose):
+    for stop in re.finditer(r"\n[ \t]*\n|\0|[.!?:][*_)\"”]*(?=\s)|\Z", prose):
         sentence = prose[start : stop.end()].replace("\0", " ")
         lead = len(sentence) - len(sentence.lstrip())
         yield 1 + prose.count("\n", 0, start + lead), sentence.strip()

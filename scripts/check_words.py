@@ -31,7 +31,7 @@ RULES = {
         "name the actor: bridge, worker, operator, subscriber, robot programmer",
     ),
     "nameless-owner": (
-        r"ours|theirs",
+        r"ours|theirs|one's|whom",
         "name the owner: this instance's, the service's, the sender's",
     ),
     "code-that-talks": (

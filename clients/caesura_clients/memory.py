@@ -30,7 +30,7 @@ def intersect(one: str, other: str) -> bool:
 
 
 class MemoryNetwork:
-    """Everything that is declared, by whom does not matter."""
+    """All declarations of all its transports."""
 
     def __init__(self) -> None:
         self.subscribers: list[tuple[str, Inbox]] = []

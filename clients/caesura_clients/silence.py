@@ -48,7 +48,7 @@ class Silence(Generic[K]):
         self._waiting.pop(key, None)
 
     def due(self) -> list[K]:
-        """Whom to ask about now; looks no oftener than it matters."""
+        """Return the keys to query now; checks no oftener than needed."""
         now = self._clock()
         if now < self._look_at:
             return []

@@ -57,7 +57,7 @@ class ReplayRing:
         self._lock = threading.Lock()
 
     def append(self, entry: Entry) -> None:
-        """Keep a batch, whose number follows the last one's; evicts what is too old or too much."""
+        """Keep a batch, whose number follows that of the last; evicts what is too old or too much."""
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
                 raise ValueError(f"batch {entry.seq} after {self._entries[-1].seq}, expected the next")

@@ -1,4 +1,4 @@
-"""When to ask about what says nothing: after a while, and then less and less often.
+"""Decides when to query keys without messages: after a pause, then at increasing intervals.
 
 A key that is received again starts anew; a query without an answer is repeated after the first interval.
 """

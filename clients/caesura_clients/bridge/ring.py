@@ -1,4 +1,4 @@
-"""The last batches that were sent, kept so that they can be asked for again.
+"""The ring of the last batches, kept for replay.
 
 The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, as long as that is
 no more than `max_samples`; and always the last `min_batches`, which is what may be under way to the service.

@@ -1,4 +1,4 @@
-"""What other threads see of the sessions of this instance."""
+"""An immutable index of the sessions of this instance, for other threads."""
 
 from __future__ import annotations
 

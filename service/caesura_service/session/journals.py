@@ -1,4 +1,4 @@
-"""The own journal and those beside it as one: which copy of a session is furthest along."""
+"""The own journal and those of other instances, to find the copy of a session that is furthest along."""
 
 from __future__ import annotations
 

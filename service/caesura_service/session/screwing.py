@@ -1,4 +1,4 @@
-"""A turn read from its observations: its axis, a point of it, how far it leads along it, and the torque held.
+"""The screw motion of a turn, from its observations: axis, a point of it, advance, and torque held.
 
 Nothing here changes where a segment begins or ends. In base coordinates the pose of a turn about an axis is
 

@@ -16,7 +16,7 @@ class Copies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """Return the copy that is furthest along; the own one if it has the same batches and edits."""
+        """Return the copy that is furthest along; the local one if it has the same batches and edits."""
         return max(self._all, key=lambda copy: (copy.closed, copy.last_seq, copy.edits))
 
     @property

@@ -50,7 +50,7 @@ class PeerCopy(NamedTuple):
 
 
 class Siblings:
-    """Every journal in the directory of `own` but that one; without a file of this instance there are none."""
+    """Every journal in the directory of `own` except that one; none if `own` is None."""
 
     def __init__(self, own: Path | None) -> None:
         self._own = own

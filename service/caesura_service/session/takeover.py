@@ -95,7 +95,7 @@ class Takeover:
         return gone
 
     def _ended(self, copies: Copies, owner: Owner) -> Session | None:
-        """Restore a closed session from its outcome in the best copy; a local copy without one is unused."""
+        """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
         if outcome is None or outcome.snapshot.status.revision != copies.best.edits:

@@ -197,14 +197,31 @@ def path_in_words(app: App, unit: str = " via") -> str:
 
 
 def turn_of(app: App) -> float:
-    """The largest angle [rad] of an app's path from its first orientation; 0 where none is known."""
+    """The turn [rad] of an app: that of its screw motion, else the largest along its path; 0 without either.
+
+    Along a path the rotation vectors from knot to knot are added up, so a turn may pass 180° and what is
+    turned back does not count.
+    """
     if app.path is None or app.target is None:
         return 0.0
-    quaternions = knots_of(app)[1][:, 3:]
-    if not quaternions.size:
-        return 0.0
+    if app.screw is not None:
+        return app.screw.angle
+    quaternions = np.array(knots_of(app)[1][:, 3:])
+    return float(np.linalg.norm(turned_along(quaternions), axis=1).max()) if quaternions.size else 0.0
+
+
+def turned_along(quaternions: Array) -> Array:
+    """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
     along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return float(2.0 * np.arccos(np.minimum(np.abs(along @ along[0]), 1.0)).max())
+    align_signs(along)
+    before, after = along[:-1], along[1:]
+    half_sines = (
+        before[:, 3:] * after[:, :3] - after[:, 3:] * before[:, :3] + np.cross(before[:, :3], after[:, :3])
+    )
+    sizes = np.linalg.norm(half_sines, axis=1, keepdims=True)
+    angles = 2.0 * np.arctan2(sizes, np.vecdot(before, after)[:, None])
+    steps = half_sines * np.divide(angles, sizes, out=np.full_like(sizes, 2.0), where=sizes > 0.0)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 def unit(values: Array) -> Array:

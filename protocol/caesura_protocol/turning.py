@@ -6,6 +6,8 @@ import math
 
 from caesura_protocol.messages import ScrewMotion
 
+TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn ends; the least torque
+
 
 def exerted(screw: ScrewMotion | None) -> ScrewMotion | None:
     """The same motion with the torque that the robot exerts, which is the opposite of what acts on it."""
@@ -20,6 +22,15 @@ def torque_about_axis(screw: ScrewMotion) -> float | None:
     if screw.torque is None:
         return None
     return sum(a * b for a, b in zip(screw.torque, screw.axis, strict=True))
+
+
+def tight_nm(screw: ScrewMotion | None) -> float | None:
+    """Torque [Nm] about the axis at which a turn is done; None where none was taught.
+
+    screw: with the torque that the robot exerts.
+    """
+    taught_nm = None if screw is None else torque_about_axis(screw)
+    return None if taught_nm is None or taught_nm < LEAST_TORQUE_NM else TIGHT * taught_nm
 
 
 def screw_in_words(screw: ScrewMotion) -> str:

@@ -112,4 +112,11 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
         refused = caesura(*command, "--name-group", wrong)
         assert refused.exit_code == 1
         assert f"cannot name '{wrong}'" in refused.output
+    alike = [{"first": i, "last": i, "name": "wipe"} for i in (0, 1)]
+    file.write_text(json.dumps({**json.loads(file.read_text("utf-8")), "groups": alike}), encoding="utf-8")
+    ambiguous = caesura(*command, "--name-group", "wipe=polish")  # it named the first of the two
+    assert ambiguous.exit_code == 1
+    assert "2 groups have that name, use 0 or 1" in " ".join(ambiguous.output.split())
+    assert caesura(*command, "--name-group", "1=polish").exit_code == 0
+    assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["wipe", "polish"]
     assert "needs --format json" in caesura("program", "--file", file, "--name-group", "0=a").output

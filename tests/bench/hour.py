@@ -6,6 +6,7 @@ session may have, once while the robot stands still. Each runs in a process of i
 and its time is that of the thread that takes it, so that other work on the machine does not count. Memory of
 the last minute is compared with that of the second: the first warms up. Steps are compared with those of
 another session in its second minute, batch by batch in turn: a machine's own speed varies by a third.
+Exits 1 where a limit does not hold.
 
 Usage: python tests/bench/hour.py [--minutes 60] [--only varied|complete|still]
 """
@@ -16,6 +17,7 @@ import argparse
 import gc
 import multiprocessing
 import resource
+import sys
 import tempfile
 import time
 from collections import deque
@@ -101,19 +103,21 @@ class Demonstration:
         return Minute(resident_mb(), float(np.mean(spent)), p99, len(standing.view.segments))
 
 
-def main() -> None:
-    """Measure both, and print a row for every tenth minute."""
+def main() -> int:
+    """Measure all, and print a row for every tenth minute; 1 where a limit does not hold."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--minutes", type=int, default=60)
     parser.add_argument("--only", choices=sorted(HOURS))
     options = parser.parse_args()
+    holds = True
     for name in [options.only] if options.only else sorted(HOURS, reverse=True):
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            show(name, pool.apply(measure, (name, options.minutes)))
+            holds &= show(name, pool.apply(measure, (name, options.minutes)))
+    return 0 if holds else 1
 
 
-def show(name: str, hour: Hour) -> None:
-    """A table, and what it comes to."""
+def show(name: str, hour: Hour) -> bool:
+    """A table, and what it comes to; True where the limits hold."""
     minutes = hour.minutes
     table = Table("minute", "resident [MB]", "step [ms]", "p99 [ms]", "segments", title=name)
     for number, minute in enumerate(minutes, start=1):
@@ -130,6 +134,7 @@ def show(name: str, hour: Hour) -> None:
     first, last = minutes[min(1, len(minutes) - 1)], minutes[-1]
     old, young = hour.beside
     memory, step = last.resident_mb / first.resident_mb, old.step_ms / young.step_ms
+    flat = memory <= MEMORY_LIMIT and step <= STEP_LIMIT
     in_turn = f"step: {old.step_ms:.2f} ms beside {young.step_ms:.2f} ms of another session's second minute,"
     for what, ratio, limit in (
         ("memory: last minute over the second", memory, MEMORY_LIMIT),
@@ -137,6 +142,7 @@ def show(name: str, hour: Hour) -> None:
     ):
         verdict = "holds" if ratio <= limit else "DOES NOT HOLD"
         console.print(f"{what} {ratio:.3f}, at most {limit:g}: {verdict}")
+    return flat
 
 
 def measure(kind: str, minutes: int) -> Hour:
@@ -250,4 +256,4 @@ HOURS = {name: (work, COLUMNS) for name, work in WORK.items()} | {"complete": (c
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -11,9 +11,10 @@ from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.errors import BadSource, CaesuraError, Unreachable
-from caesura_protocol.codec import unpack_samples
+from caesura_protocol.codec import decode, encode_error, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
+from caesura_protocol.messages import Close, Control, Open
 from clients.examples import LiveSource, recording, samples
 from clients.fake_service import FakeService, eventually
 
@@ -256,6 +257,30 @@ def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory, 
         service.openings.clear()
         assert bridge.finish().next_seq == 5
     assert service.rows() == 100
+
+
+class Unanswering(FakeService):
+    """Closes, and its answer is lost until the bridge has been refused to open the session again."""
+
+    def _command(self, question):
+        command = decode(*question.content, Control).command
+        if isinstance(command, Open) and self.state == "closed":
+            self.refusals.append(ProtocolError("conflict", "the session is closed: it takes no open"))
+            question.refuse(encode_error(self.refusals[-1]))
+        elif isinstance(command, Close) and not self.refusals:
+            self._close("cell-1", command)
+        else:
+            super()._command(question)
+
+
+def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_same(memory):
+    settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
+    with Unanswering(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(100))
+        assert bridge.finish().state == "closed"
+        assert service.refusals
 
 
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):

@@ -17,7 +17,7 @@ from caesura_clients.recording import RecordingError
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Program, Refusal, Snapshot
+from caesura_protocol.messages import Phase, Program, Refusal, Snapshot
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import example, recording, snapshot
@@ -304,6 +304,17 @@ def test_a_session_is_shown_with_its_segments_and_its_program(caesura, service):
     assert "version" in shown
     told = caesura("sessions", "show", "s2", "--station", "cell-1", "--json").stdout
     assert Snapshot.model_validate_json(told) == service.snapshots[1]
+
+
+def test_a_session_is_shown_with_its_phases(caesura, service):
+    whole = snapshot(0, "motion", "contact", session="s1")
+    phases = tuple(
+        example(Phase).model_copy(update={"first_segment": i, "last_segment": i, "name": name})
+        for i, name in enumerate(("reach", "wipe the table"))
+    )
+    shown = whole.segments.model_copy(update={"phases": phases})
+    service.snapshots = [whole.model_copy(update={"segments": shown})]
+    assert "wipe the table" in caesura("sessions", "show", "s1", "--station", "cell-1").stdout
 
 
 def test_a_session_that_is_not_there_is_one_line(caesura, service):

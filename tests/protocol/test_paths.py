@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from tests.harness.programs import app
 
-from caesura_protocol.paths import Curve
+from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.paths import Curve, path_in_words, turn_of
 
 START, END = np.array([0.1, -0.5, 0.3]), np.array([0.3, -0.4, 0.1])
 PEAK = 1.875  # of a minimum-jerk movement over its mean
@@ -50,6 +54,26 @@ def test_the_rate_of_a_turn_is_that_of_its_quaternions() -> None:
     seen = 2.0 * np.arcsin(curve.sampled(1000)[:, 5])
     assert curve.peaks()[0] == 0.0
     assert_allclose(curve.peaks()[1], np.diff(seen).max() / 1e-3, rtol=0.01)
+
+
+def test_a_turn_beyond_half_a_turn_is_named_in_full_and_one_that_comes_back_is_not_doubled() -> None:
+    def turning(*degrees: float, **changes: object) -> App:
+        poses = [Rotation.from_euler("z", angle, degrees=True).as_quat().tolist() for angle in degrees]
+        start, *via = (ViaPoint(t=float(t), position=START, orientation=q) for t, q in enumerate(poses[:-1]))
+        path = AppPath(
+            start=start, via=tuple(via), tn=float(len(via) + 1), length_m=0.0, deviation_m=0.0,
+            deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+        )  # fmt: skip
+        fields = {"target": START, "orientation": poses[-1], "path": path, **changes}
+        return app("cartesian_motion", 0.0, path.tn).model_copy(update=fields)
+
+    assert turn_of(turning(0, 90, 180, 270, 360)) == pytest.approx(2.0 * np.pi)
+    assert turn_of(turning(0, 60, 120, 60, 0)) == pytest.approx(np.radians(120.0))
+    assert path_in_words(turning(0, 70, 140, 210)) == "0 mm, 210°, 2 via"
+    screw = ScrewMotion(
+        axis=(0, 0, 1), point=(0, 0, 0), angle=9.0, pitch_m=0.001, pitch_sd_m=0.0, torque=None
+    )
+    assert turn_of(turning(0, 90, screw=screw)) == 9.0
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)

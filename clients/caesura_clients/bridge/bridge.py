@@ -227,17 +227,20 @@ class Bridge:
         close = Close(session=self.session, last_seq=self._sender.last_seq, bridge=self._open.bridge)
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
-            before = self.acknowledged
+            # The keeper may have been refused: by a session of another bridge, or by our own that is closed
+            # already, where the answer to an earlier close was lost. The next answer says which.
+            failure, before = self._failure or self._pump.failure, self.acknowledged
             ack, refusal, told = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
+            if failure is not None:
+                raise failure
             if self._clock() >= deadline:
                 raise refusal or self._unacknowledged()
             if told and self.acknowledged <= before:
                 self._sender.resend(self.acknowledged, self.settings.window_batches)
             self._over.wait(self.settings.retry_s)
-            self._check()  # the session may be another bridge's
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
         """Ask once, and open the session again at a service that has lost it or lacks batches.

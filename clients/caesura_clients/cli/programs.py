@@ -63,8 +63,8 @@ def program(
         list[str] | None,
         typer.Option(
             metavar="GROUP=NAME",
-            help="Name a group of apps, by its name or number from 0, in --format json; may be repeated. "
-            "A session keeps a name by `caesura edit … name_phase`.",
+            help="Name a group of apps, by its number from 0 or its own name, in --format json; may be "
+            "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
     as_json: Json = False,

@@ -12,7 +12,13 @@ import typer
 from rich.console import Console, Group
 
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
-from caesura_clients.cli.show import outcome_line, program_view, segments_view, sessions_view
+from caesura_clients.cli.show import (
+    outcome_line,
+    phases_table,
+    program_view,
+    segments_view,
+    sessions_view,
+)
 from caesura_clients.errors import Absent
 from caesura_protocol.extras import installing
 
@@ -66,14 +72,17 @@ def show(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show one session: its segments, its task program, and what did not become segments."""
+    """Show one session: its segments, its phases, its task program, and what did not become segments."""
     with reported(), connected(endpoint, config) as caesura:
         found = caesura.snapshot(only_station(caesura, station), session)
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
         return
     lost = outcome_line(found.status)
-    views = [segments_view(found.status, found.segments.segments), program_view(found.program)]
+    views = [segments_view(found.status, found.segments.segments)]
+    if len(found.segments.phases) > 1:
+        views.append(phases_table(found.segments.phases, "phases"))
+    views.append(program_view(found.program))
     Console().print(Group(*views, *([lost] if lost else [])))
 
 

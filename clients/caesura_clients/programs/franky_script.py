@@ -15,7 +15,8 @@ from caesura_clients.programs.document import ProgramFile, ProgramStep
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.limiting import is_limited
 from caesura_protocol.messages import Vector
-from caesura_protocol.paths import turning_at_points
+from caesura_protocol.paths import turn_of, turning_at_points
+from caesura_protocol.turning import tight_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
@@ -72,6 +73,10 @@ def _row(app: ProgramStep) -> dict[str, Any]:
             for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
+        row["turns"] = _rounded(turn_of(app))
+    most_nm = tight_nm(app.screw)
+    if app.screw is not None and most_nm is not None:
+        row["tight"] = _rounded(app.screw.axis), _rounded(app.screw.point), _rounded(most_nm)
     return row
 
 

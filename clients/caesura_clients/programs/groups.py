@@ -48,7 +48,7 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
     """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 0.
 
-    Raises CaesuraError for any other text, and for a group that is not there.
+    Raises CaesuraError for any other text, for a group that is not there, and for a name of several groups.
     """
     found = list(groups)
     for given in names:
@@ -58,6 +58,11 @@ def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
         if not separator or not 0 <= number < len(found):
             there = ", ".join(f"{i} {name!r}" for i, name in enumerate(known)) or "none"
             raise CaesuraError(f"cannot name {given!r}: expected GROUP=NAME with one of the groups {there}")
+        if known.count(old) > 1:
+            numbers = " or ".join(str(i) for i, name in enumerate(known) if name == old)
+            raise CaesuraError(
+                f"cannot name {given!r}: {known.count(old)} groups have that name, use {numbers}"
+            )
         if not 1 <= len(new) <= LONGEST_NAME:
             raise CaesuraError(f"cannot name {given!r}: expected a name of 1 to {LONGEST_NAME} characters")
         found[number] = found[number].model_copy(update={"name": new})

@@ -3,10 +3,10 @@ principle.
 
 The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library
 of strokes does; a movement ends at a corner, and everything else inside it is a via point; noise comes from
-the sensor and grows with speed; free space has a bias, and contact is a change; residuals are correlated;
-speed separates movement from rest; a surface never drives what slides along it; two rests, or two contacts,
-do not follow each other; nothing lasts less than 0.4 s. `WITHOUT` leaves each of them out and keeps the
-others.
+the sensor and grows with speed; free space has a bias, and contact is a change; a load differs from free
+space by its weight alone; residuals are correlated; speed separates movement from rest; a surface never
+drives what slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than
+0.4 s. `WITHOUT` leaves each of them out and keeps the others.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to t
 HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
+LOAD_KG = 3.0  # of the heaviest load: what a Panda carries
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 PAUSE_S = 0.3  # shorter rests are part of a movement
@@ -114,11 +115,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "about_a_point": Pivot(floor=0.0002, share=0.002, reach=TOOL_M),
         "resisted": Resistance(least=HELD_NM),
         "unresisted": Resistance(most=HELD_NM),
-        "untouched": Biased(QUIET, bias=bias_n, absence=beyond),
-        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
+        "untouched": Biased(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
+        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
         "pressed": Walk("force", scale=0.5, presence=beyond),
         "slid_along": Friction(least=beyond, pace=SLOW),
-        "laden": Laden(QUIET, bias=bias_n, absence=beyond),
+        "laden": Laden(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
         "empty": Held(0.01),
         "gripping": Held(0.5, change=0.05),
         "holding": Held(0.99),
@@ -126,9 +127,10 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 
 def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    """The same with movements along a library of strokes, without corners and without turns."""
+    """The same with movements along a library of strokes, without corners, turns, and loads by weight."""
     channels = {
         **default_channels(bias_n),
+        **_laden_by_sample(bias_n),
         "moving": stroke(),
         "still": Walk("position", scale=REST_STEP_M, still=SLOW),
     }
@@ -149,7 +151,7 @@ STROKE_KINDS = (
 )
 
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
-_FREE = {"free": ("not_set_in",), "contact": (), "transport": ()}
+_FREE = {"free": ("not_set_in",), "contact": (), "transport": ("not_set_in",)}
 _TURN = ("turning", "turned_back", "about_a_point")
 ALL_KINDS = (
     *(
@@ -161,7 +163,7 @@ ALL_KINDS = (
         Kind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
         for torque in ("resisted", "unresisted")
     ),
-    Kind("turning", "motion", "transport", (*_TURN, "laden", "holding"), _LADEN_WEIGHT),
+    Kind("turning", "motion", "transport", (*_TURN, "laden", "not_set_in", "holding"), _LADEN_WEIGHT),
 )
 UNREPEATED = (("steady", "hold"), ("contact",))  # rests, with and without a load; contacts
 
@@ -210,6 +212,14 @@ def _unbiased(bias_n: float) -> Channels:
     return {"untouched": Constant("force", QUIET, origin="zero")}
 
 
+def _laden_by_sample(bias_n: float) -> Channels:
+    """Every sample of a weight speaks against free space, as every sample of a press does."""
+    return {
+        "untouched": Biased(QUIET, bias=bias_n, absence=2.0 * bias_n),
+        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
+    }
+
+
 def _rising_contact(bias_n: float) -> Channels:
     """A contact is a rise from zero, (3.36)–(3.45)."""
     rise = Profiled("force", thesis_force_library(), Noise(10.0, 1.25), origin="zero")
@@ -221,7 +231,7 @@ def _white(bias_n: float) -> Channels:
     white = replace(QUIET, correlation=0.0)
     return {
         "moving": replace(guided_motion(), correlation=0.0),
-        "untouched": Biased(white, bias=bias_n, absence=2.0 * bias_n),
+        "untouched": Biased(white, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG),
         "pressed": Constant("force", white, origin="previous"),
         "laden": Laden(white, bias=bias_n, absence=2.0 * bias_n),
     }
@@ -243,6 +253,13 @@ def _frictionless(bias_n: float) -> Channels:
 def _torqueless(bias_n: float) -> Channels:
     """A screw that is driven and a ratchet that returns are one kind of turn."""
     return {"resisted": Resistance(), "unresisted": Resistance()}
+
+
+def _begun_anyhow(kind: Kind) -> Kind:
+    """A load may begin with a rise of the force."""
+    if kind.contact != "transport":
+        return kind
+    return replace(kind, channels=tuple(channel for channel in kind.channels if channel != "not_set_in"))
 
 
 def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
@@ -267,6 +284,12 @@ WITHOUT: Mapping[str, Preset] = {
         *(
             replace(DEFAULT, name=f"without_{principle}", channels=partial(_with, changes))
             for principle, changes in _CHANGED_CHANNELS.items()
+        ),
+        replace(
+            DEFAULT,
+            name="without_load_by_weight",
+            channels=partial(_with, _laden_by_sample),
+            kinds=tuple(_begun_anyhow(kind) for kind in ALL_KINDS),
         ),
         replace(DEFAULT, name="without_transitions", unrepeated=()),
         replace(DEFAULT, name="without_refractory", refractory_s=0.0),

@@ -66,12 +66,16 @@ class Biased:
     values, weighted as generalised least squares does.
 
     `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a steady
-    press is no bias, however steady it is. The weight is at most 1.
+    press is no bias, however steady it is. The weight is at most 1. z is what the weight of a load between
+    `least_kg` and `most_kg` leaves of the force: a load is no contact either, so its weight decides between
+    a load and free space once, by the mean, and not anew at every sample.
     """
 
     noise: Noise
     bias: float
     absence: float = 0.0
+    least_kg: float = 0.0
+    most_kg: float = 0.0
 
     def empty(self) -> Rows:
         """Rows: n, f, Σ w², Σ w c, Σ c², Σ log absence, with w the whitened force and c the whitened one."""
@@ -84,13 +88,9 @@ class Biased:
         force = np.broadcast_to(observed.force, before.shape)
         w = self.noise.fresh(force, before, n, "zero")
         c = self.noise.fresh(np.ones(n.size), np.ones(n.size), n, "zero")
-        beyond = self.beyond(observed.force)
+        beyond = weightless(observed.force, self.least_kg, self.most_kg)
         absent = append(rows[5], 0.0) + log_absence(beyond @ beyond, self.absence)
         return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2, absent
-
-    def beyond(self, force: Array) -> Array:
-        """(3,) what of a force [N] is not explained without a contact."""
-        return force
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
@@ -116,12 +116,6 @@ class Laden(Biased):
 
     least_kg: float = 0.2
     most_kg: float = 3.0
-
-    def beyond(self, force: Array) -> Array:
-        """(3,) what of a force [N] no load explains."""
-        weight = np.clip(-force[_Z], self.least_kg * GRAVITY, self.most_kg * GRAVITY)
-        left: Array = force + np.array([0.0, 0.0, weight])
-        return left
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:
         """(h,) sideways as in free space, downwards the load's density."""
@@ -188,6 +182,13 @@ class Held:
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
         return np.asarray(rows[0], np.float64)
+
+
+def weightless(force: Array, least_kg: float, most_kg: float) -> Array:
+    """(3,) what the weight of a load between these two [kg] leaves of a force (3,) [N]."""
+    weight = np.clip(-force[_Z], least_kg * GRAVITY, most_kg * GRAVITY)
+    left: Array = force + np.array([0.0, 0.0, weight])
+    return left
 
 
 def _normal(value: Array, variance: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Free space does not begin with a rise of the force: that is how a contact begins."""
+"""Neither free space nor a load begins with a rise of the force: that is how a contact begins."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.levels import weightless
 from caesura_service.changepoint.models import AXES, Observed, Rows, append
 
 Array = NDArray[np.float64]
@@ -21,11 +22,13 @@ class NoRise:
     free space may read as much as a light contact, and still not begin where the force sets in. The first
     observation of all has nothing before it.
 
-    scale [N]: by which the force of a free movement varies within these observations.
+    scale [N]: by which the force of a free movement varies within these observations. most_kg [kg]: the
+    weight of a load up to this is left out of the force, since a load sets in without a contact.
     """
 
     scale: float
     reach: int = 3
+    most_kg: float = 0.0
 
     def empty(self) -> Rows:
         """Rows: n, force before the start, largest rise, last force."""
@@ -33,7 +36,7 @@ class NoRise:
 
     def extend(self, rows: Rows, observed: Observed) -> Rows:
         """Take one observation."""
-        force = observed.force
+        force = weightless(observed.force, 0.0, self.most_kg)
         last = rows[3][-1] if len(rows[0]) else force
         n, before = append(rows[0], 0), append(rows[1], np.sqrt(last @ last))
         risen = append(rows[2], 0.0)

@@ -27,7 +27,9 @@ class Smoothing:
     def __init__(self) -> None:
         self.window: Array = np.zeros(0)  # of the last observations, now
         self._past = array("d")  # of those before them
-        self._undecided: dict[int, tuple[int, array[float]]] = {}  # around a start, from an observation on
+        # Around a start, from an observation on: doubles, as bytes. Each segment of a session has one, and of
+        # arrays the garbage collector would visit every one, again and again, while all stations wait.
+        self._undecided: dict[int, tuple[int, bytes]] = {}
 
     @property
     def count(self) -> int:
@@ -48,7 +50,7 @@ class Smoothing:
         """A segment starts there for certain from now on; remember how probable it was."""
         first = max(start - INTERVAL_REACH, len(self._past))
         around = self.window[first - len(self._past) : start + INTERVAL_REACH + 1 - len(self._past)]
-        self._undecided[start] = first, array("d", around.tolist())
+        self._undecided[start] = first, around.tobytes()
 
     def probability(self, start: int, about: int | None = None) -> float:
         """That a segment starts at observation `start`.
@@ -64,15 +66,16 @@ class Smoothing:
         found = self._past[first : last + 1].tolist() if first < past else []
         found += self.window[max(first - past, 0) : max(last + 1 - past, 0)].tolist()
         if about in self._undecided:
-            begin, around = self._undecided[about]
+            begin, packed = self._undecided[about]
+            around = array("d", packed)
             for s in range(max(first, begin), min(last + 1, begin + len(around))):
                 found[s - first] = around[s - begin]
         return found
 
     def stands(self, start: int) -> bool:
         """Can nothing change any more that is said of a start and its neighbours?"""
-        first, around = self._undecided.get(start, (0, ()))
-        return start + INTERVAL_REACH < max(first + len(around), len(self._past))
+        first, packed = self._undecided.get(start, (0, b""))
+        return start + INTERVAL_REACH < max(first + len(packed) // self._past.itemsize, len(self._past))
 
     def event(self, start: int, others: Collection[int] = ()) -> float:
         """That a segment starts here or next to it: the same event, to the grid's resolution.

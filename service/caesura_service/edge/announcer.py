@@ -20,11 +20,11 @@ REPEAT_S = 1.0
 
 
 class Announcer(Threaded):
-    """Watches the inbox while the context lasts; `tell` publishes the service's status."""
+    """Watches the inbox while the context lasts; `publish` puts the service's status."""
 
-    def __init__(self, inbox: WorkQueue[Any], tell: Callable[[], None]) -> None:
+    def __init__(self, inbox: WorkQueue[Any], publish: Callable[[], None]) -> None:
         self._inbox = inbox
-        self._tell = tell
+        self._publish = publish
         self._dropped = 0  # before the overload that lasts
         super().__init__("caesura-announcer", inbox.changed.set)
 
@@ -38,7 +38,7 @@ class Announcer(Threaded):
             if not (before or lasts):
                 continue
             try:
-                self._tell()
+                self._publish()
             except Exception:
                 logger.exception("the overload was not announced")
             if lasts:

@@ -31,7 +31,7 @@ from caesura_service.edge.arrivals import (
 )
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import QueueSettings, WorkQueue
-from caesura_service.edge.outgoing import answer, as_told, refuse
+from caesura_service.edge.outgoing import answer, refuse, with_load
 from caesura_service.edge.rates import COMPLAINTS, Rate, RateLimit
 from caesura_service.edge.threaded import Threaded
 from caesura_service.session.registry import Registry
@@ -163,7 +163,7 @@ class Answers(Threaded):
 
     def _snapshot(self, standing: Standing) -> Snapshot:
         snapshot = snapshot_of(standing)
-        return snapshot.model_copy(update={"status": as_told(snapshot.status, self._work, self._budgets)})
+        return snapshot.model_copy(update={"status": with_load(snapshot.status, self._work, self._budgets)})
 
     def _answer_program(self, query: zenoh.Query) -> None:
         with query:

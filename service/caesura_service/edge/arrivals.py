@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, NamedTuple, Self
@@ -67,6 +68,11 @@ class Asked:
     replies: int = 0
     dropped: int = 0  # replies for which there was no room
     refusal: Content | None = field(default=None)
+    _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
+
+    def ends(self) -> bool:
+        """End it. False where it has ended before; any thread may ask."""
+        return self._over.acquire(blocking=False)
 
     def ended(self) -> ReplayEnded:
         """What it comes to. An answer that is no refusal of the protocol, like a timeout, counts as none."""

@@ -63,11 +63,13 @@ class Budgets:
         return self.refuse_work(station)
 
     def refuse_work(self, station: str) -> ProtocolError | None:
-        """Why a message is dropped or refused that would cause work, where it is."""
-        return self._refusal(station, "work") if self._work.is_spent(station) else None
+        """Count a message that is dropped or refused because it would cause work; why, where it is."""
+        if (refusal := self.exhausted(station)) is not None:
+            self._count(station, "work")
+        return refusal
 
     def exhausted(self, station: str) -> ProtocolError | None:
-        """The same words, for a station's sessions; nothing is counted."""
+        """Why a message that causes work is refused now, where it is. Counts nothing."""
         return self._words(station, "work") if self._work.is_spent(station) else None
 
     def spend(self, station: str, seconds: float) -> None:
@@ -108,12 +110,15 @@ class Budgets:
         return max(shares) + (FULL if station in self._refused else 0.0)
 
     def _refusal(self, station: str, use: Use) -> ProtocolError:
+        self._count(station, use)
+        return self._words(station, use)
+
+    def _count(self, station: str, use: Use) -> None:
         with self._lock:
             counts = self._refused.pop(station, {})
             self._refused[station] = {**counts, use: counts.get(use, 0) + 1}
             if len(self._refused) > SENDERS:
                 del self._refused[next(iter(self._refused))]
-        return self._words(station, use)
 
     def _words(self, station: str, use: Use) -> ProtocolError:
         """What was used, the limit, and when more may be."""

@@ -73,7 +73,7 @@ class Outgoing:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
         message = publish.message
         if isinstance(message, SessionStatus):
-            message = as_told(message, self._inbox, self._budgets)
+            message = with_load(message, self._inbox, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
@@ -109,25 +109,31 @@ class Outgoing:
             query.drop()  # type: ignore[no-untyped-call]
 
     def _ask(self, ask: AskReplay) -> None:
-        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW)."""
+        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW).
+
+        A question that fails ends: counted as under way for good, it would leave no room for others.
+        """
         asked = Asked(ask)
+        try:
+            self._get(asked, ask)
+        except Exception:
+            self._end(asked)
+            raise
+
+    def _get(self, asked: Asked, ask: AskReplay) -> None:
         wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1, ask.session)
         selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)}"
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
             lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
         )
-        try:
-            self._network.get(
-                selector,
-                handler,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.DATA_LOW,
-                timeout=QUERY_TIMEOUT_S,
-            )
-        except zenoh.ZError:
-            logger.exception("%s was not asked", ask)
-            self._end(asked)
+        self._network.get(
+            selector,
+            handler,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
+            timeout=QUERY_TIMEOUT_S,
+        )
 
     def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -143,7 +149,9 @@ class Outgoing:
             asked.refusal = content_of_error(reply.err)
 
     def _end(self, asked: Asked) -> None:
-        self._inbox.deliver(ReplayFinished(asked), asked.ask.station)
+        """Once: of a question that fails Zenoh ends some, and others not."""
+        if asked.ends():
+            self._inbox.deliver(ReplayFinished(asked), asked.ask.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
@@ -161,11 +169,11 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def as_told(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
-    """The status of a session with the edge's state of its station: overload, and budgets."""
+def with_load(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
+    """The status of a session with the load that its station causes: overload, and budgets."""
     pressed = inbox.is_pressed(*sources_of(status.station))
-    known = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
-    return status.model_copy(update=known)
+    load = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
+    return status.model_copy(update=load)
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:

@@ -34,7 +34,7 @@ def who_is_there(network: zenoh.Session) -> There:
 
 
 def watching(
-    network: zenoh.Session, tell: Callable[[Presence | Linked], object], *, client: bool
+    network: zenoh.Session, report: Callable[[Presence | Linked], object], *, client: bool
 ) -> ExitStack:
     """Report live peers, arrivals and departures, and for a client the loss and return of its router.
 
@@ -45,10 +45,10 @@ def watching(
     def take(sample: zenoh.Sample) -> None:
         presence = _named(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
         if presence is not None:
-            tell(presence)
+            report(presence)
 
     def take_link(event: zenoh.TransportEvent) -> None:
-        tell(Linked(event.kind == zenoh.SampleKind.PUT))
+        report(Linked(event.kind == zenoh.SampleKind.PUT))
 
     if client:
         listener = network.info.declare_transport_events_listener(direct(take_link))

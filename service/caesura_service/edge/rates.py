@@ -81,42 +81,36 @@ class RateLimit:
                 if not self._has_room(now):
                     return 0
                 bucket = self._full
-            left = self._left(bucket, now, (cost, *further))
-            self._buckets[sender] = bucket if isinstance(left, int) else _Bucket(left, now)
-        return left if isinstance(left, int) else None
+            filled = self._filled(bucket, now)
+            left = [tokens - each for tokens, each in zip(filled, (cost, *further), strict=True)]
+            lacks = next((index for index, tokens in enumerate(left) if tokens < 0.0), None)
+            self._buckets[sender] = bucket if lacks is not None else _Bucket(left, now)
+        return lacks
 
     def used(self, sender: str) -> list[float]:
         """Tokens of each rate that are missing to a full bucket."""
-        tokens, at = self._buckets.get(sender, self._full)
-        passed_s = self._clock() - at
-        return [
-            max(0.0, burst - left - passed_s * per_s)
-            for (per_s, burst), left in zip(self.rates, tokens, strict=True)
-        ]
+        filled = self._filled(self._buckets.get(sender, self._full), self._clock())
+        return [rate.burst - tokens for rate, tokens in zip(self.rates, filled, strict=True)]
 
     def senders(self) -> list[str]:
         """Return those that have buckets of their own now."""
         with self._lock:
             return list(self._buckets)
 
-    def _left(self, bucket: _Bucket, now: float, costs: Sequence[float]) -> list[float] | int:
-        """Tokens of each rate once the costs are taken, or the first rate of which there are too few."""
+    def _filled(self, bucket: _Bucket, now: float) -> list[float]:
+        """Tokens of each rate by now, never more than its burst."""
         passed_s = now - bucket.at
-        left: list[float] = []
-        for (per_s, burst), tokens, cost in zip(self.rates, bucket.tokens, costs, strict=True):
-            filled = tokens + passed_s * per_s
-            filled = (filled if filled < burst else burst) - cost
-            if filled < 0.0:
-                return len(left)
-            left.append(filled)
-        return left
+        return [
+            by_now if (by_now := tokens + passed_s * per_s) < burst else burst
+            for (per_s, burst), tokens in zip(self.rates, bucket.tokens, strict=True)
+        ]
 
     def _has_room(self, now: float) -> bool:
         """Room for one more sender; one whose buckets are full again need not be remembered."""
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))
-        if isinstance(self._left(self._buckets[oldest], now, [rate.burst for rate in self.rates]), int):
+        if self._filled(self._buckets[oldest], now) != self._full.tokens:
             return False
         del self._buckets[oldest]
         return True

@@ -65,10 +65,10 @@ class Steward:
         missing = self._registry.restore(now, self._ours)
         self._registry.custody.served = served
         self._declare(served)
-        self._tell_of_start(time.monotonic() - began)
+        self._log_start(time.monotonic() - began)
         return missing
 
-    def _tell_of_start(self, took_s: float) -> None:
+    def _log_start(self, took_s: float) -> None:
         if standings := self._registry.board.standings():
             opened = sum(standing.is_open for standing in standings)
             logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)

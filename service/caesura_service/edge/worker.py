@@ -76,10 +76,8 @@ class Worker(Threaded):
     ) -> None:
         self.messages = 0  # taken from the inbox so far
         self._chores: set[str] = set()  # lanes of our own that have a turn coming
-        self._news, self._pressed = (
-            0,
-            frozenset[str](),
-        )  # of the inbox, as far as statuses have it
+        self._news = 0  # of the inbox, as far as statuses have it; and who was pressed then:
+        self._pressed = frozenset[str]()
         self._registry = registry
         self._steward = steward
         self._inbox = inbox
@@ -96,7 +94,7 @@ class Worker(Threaded):
             self._look_for_chores()
             self._take_some(AT_ONCE, min(TICK_S, self._steward.patience_s()))
             if self._inbox.news != self._news:
-                self._guarded(self._tell_of_overload)
+                self._guarded(self._publish_overload)
             if (now := self._clock()) >= due:
                 due = now + TICK_S
                 self._guarded(self._let, self._registry.tick, now)
@@ -157,17 +155,17 @@ class Worker(Threaded):
     def _let(self, step: Callable[[*Given], Iterable[Output]], *given: *Given) -> None:
         self.say(step(*given))
 
-    def _tell_of_overload(self) -> None:
+    def _publish_overload(self) -> None:
         """Charge what was dropped to its sessions, and let those say so that are pressed, or no longer."""
         self._news = self._inbox.news
         before, self._pressed = self._pressed, self._inbox.pressed
         for source, messages in self._inbox.take_drops().items():
             self.say(self._registry.dropped(station_of(source), messages))
-            self._tell_of_budget(station_of(source))
+            self._publish_budget(station_of(source))
         for source in before ^ self._pressed:
             self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
 
-    def _tell_of_budget(self, station: str) -> None:
+    def _publish_budget(self, station: str) -> None:
         """Where a station's messages are dropped because of its work, its session says so, once."""
         if (refusal := self._budgets.exhausted(station)) is None:
             self._refused.discard(station)

@@ -16,7 +16,7 @@ from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve, turning_of
-from caesura_protocol.turning import torque_about_axis
+from caesura_protocol.turning import tight_nm
 from caesura_service.execution.arm import Arm, ArmMeasurement, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
 from caesura_service.execution.motion import course, press_direction, rotation_of
@@ -24,20 +24,20 @@ from caesura_service.execution.motion import course, press_direction, rotation_o
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
 RISE_S, LET_GO_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
-FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 8.0, 8.0
+FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
-STANDING_N = 10.0  # with which it stays on what it stands on
+STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
 MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
-TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn ends; what is a torque at all
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
 SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
 SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
+LEAVING_APPS = ("cartesian_motion", "move_to_contact", "transport", "hold")
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
@@ -60,23 +60,30 @@ class Acting:
         """Do an app. Raises Stopped."""
         _ACTS[app.kind](self, app, following)
 
-    def stay(self, seconds: float) -> None:
-        """Hold the place, or what is stood on, for some seconds."""
+    def stay(self, seconds: float, force_n: float | None = None) -> None:
+        """Hold the place for some seconds, or stand on a contact with a force [N], by default as it does."""
         if self.along is not None:
-            self.press(min(STANDING_N, self.safety.most_force_n), seconds)
+            force_n = self._pressed_n if force_n is None else force_n
+            self.press(min(force_n, self.safety.most_force_n), seconds)
             return
         for _ in range(round(seconds / DT)):
             self.tick(self.setpoint.still)
 
+    def pause(self, seconds: float, following: App | None) -> None:
+        """Stay between two apps; the time in which a contact is let go is part of it."""
+        leaves = self.along is not None and following is not None and following.kind in LEAVING_APPS
+        self.stay(max(seconds - LET_GO_S, 0.0) if leaves else seconds)
+
     def send_fingers(self, width_m: float) -> None:
-        """Move the fingers to a width [m], or to what is between them, and let everything settle."""
+        """Stand firmly, move the fingers to a width [m] or to what is between them, and let it settle."""
         world, safety = self.arm.world, self.safety
+        self.stay(SETTLE_S, STANDING_N)
         world.send_fingers(width_m, safety.gripper_m_per_s)
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / LOOK_S)):
-            self.stay(LOOK_S)
+            self.stay(LOOK_S, STANDING_N)
             if world.fingers_still:
                 break
-        self.stay(SETTLE_S)
+        self.stay(SETTLE_S, STANDING_N)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """One tick. Raises Stopped where a limit is reached."""
@@ -241,15 +248,13 @@ class Tight:
 
     def __init__(self, screw: ScrewMotion | None) -> None:
         """screw: with the torque that the robot exerts; without one nothing is ever tight."""
-        taught_nm = None if screw is None else torque_about_axis(screw)
-        self._most_nm = np.inf
-        if screw is not None and taught_nm is not None and taught_nm >= LEAST_TORQUE_NM:
-            self._most_nm = TIGHT * taught_nm
+        self._most_nm = tight_nm(screw)
+        if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 
     def reached(self, felt: ArmMeasurement) -> bool:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
-        if self._most_nm == np.inf:
+        if self._most_nm is None:
             return False
         about_point = felt.torque + np.cross(felt.position - self._point, felt.force)
         return -float(self._axis @ about_point) > self._most_nm
@@ -309,7 +314,6 @@ def _apply(acting: Acting, app: App, following: App | None) -> None:
 
 def _grasp(acting: Acting, app: App, following: App | None) -> None:
     world = acting.arm.world
-    acting.stay(SETTLE_S)
     acting.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
     if not world.held_kg:
         raise Stopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
@@ -317,7 +321,6 @@ def _grasp(acting: Acting, app: App, following: App | None) -> None:
 
 def _move_fingers(acting: Acting, app: App, following: App | None) -> None:
     width = acting.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
-    acting.stay(SETTLE_S)
     acting.send_fingers(width)
     if not acting.arm.world.held_kg:
         acting.arm.load_kg = 0.0

@@ -87,7 +87,7 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
             at, began = index, acting.arm.t
             acting.run(app, following)
             spans.append((began, acting.arm.t))
-            acting.stay(_pause(app, following, safety))
+            acting.pause(_pause(app, following, safety), following)
         at = None
         acting.let_go()
         acting.stay(END_S)

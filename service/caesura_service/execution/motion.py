@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from caesura_clients.bridge.teacher.intentions import Array
 from caesura_protocol.messages import App
-from caesura_protocol.paths import Curve, knots_of
+from caesura_protocol.paths import Curve, knots_of, turned_along
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
@@ -23,7 +24,8 @@ def course(
 
     arriving: (3,) [m/s] at its target, None where it rests there.
     The speed is that which was taught. A robot that is more than `ASTRAY_M` away from where the path was
-    taught to start goes there first; else it goes to the first via point. Without a path, straight.
+    taught to start goes there first, at the pace of the path; else it goes to the first via point. Without a
+    path, straight. Where ways are compared, a radian of a turn counts as `TURNED_M`.
     """
     path, target = app.path, position if app.target is None else np.array(app.target)
     if path is None or app.target is None:
@@ -34,8 +36,13 @@ def course(
     else:
         times, values, passing = knots_of(app)
         away = float(np.linalg.norm(values[0, :3] - position))
+        turn = 0.0
+        if values.shape[1] == 7:
+            away += TURNED_M * _angle(rotation, rotation_of(values[0, 3:]))
+            turn = float(np.linalg.norm(np.diff(turned_along(values[:, 3:]), axis=0), axis=1).sum())
         if away > ASTRAY_M:
-            pace = max(path.length_m, ASTRAY_M) / max(path.tn - path.start.t, LEAST_S)
+            way = max(path.length_m + TURNED_M * turn, ASTRAY_M)
+            pace = way / max(path.tn - path.start.t, LEAST_S)
             times, values = np.append(times[0] - away / pace, times), np.vstack([values[:1], values])
             passing = np.vstack([passing[:1], passing])
         slower = seconds / (times[-1] - times[0])
@@ -72,6 +79,11 @@ def _paced(curve: Curve, arriving: Array) -> Curve:
     speeds = np.array([law.at(t)[1][0] for t in times])
     times[0], times[-1] = 0.0, seconds
     return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
+
+
+def _angle(one: Array, other: Array) -> float:
+    """[rad] between two rotations (3, 3)."""
+    return math.acos(min(max(0.5 * (float(np.vdot(one, other)) - 1.0), -1.0), 1.0))
 
 
 def press_direction(rotation: Array, force: Array | None) -> Array:

@@ -73,9 +73,7 @@ class PhaseTracker:
         """
         fresh = settled_count - self._settled
         for segment in segments[:fresh]:
-            self._settle(segment)
-        if fresh:
-            self._looked = []
+            self.settle(segment)
         looked = self._follow(segments[fresh:], finished=finished)
         newly, self._decided = self._decided, []
         shown = [*self._kept, *looked]
@@ -86,8 +84,9 @@ class PhaseTracker:
         groups = self._groups(shown, states, posterior(self._chain, steps, ended=finished))
         return newly, [_phase(group, "final" if finished else "provisional") for group in groups]
 
-    def _settle(self, segment: Segment) -> None:
-        """Take a segment that nothing can change any more."""
+    def settle(self, segment: Segment) -> None:
+        """Take segment number `settled`, which nothing can change any more."""
+        self._looked = []
         one = self._step(segment, self._kept, grows=False)
         self._kept.append(one._replace(step=settled(one.step)))
         self._settled += 1

@@ -186,7 +186,7 @@ class _End:
 
 def _motions(group: _Group) -> Iterable[App]:
     """One app a movement; the last one is stopped by the contact that follows."""
-    touches = group.following is not None and group.following.touches
+    touches = _is_met(group.following)
     for step in group.steps:
         if touches and step is group.steps[-1]:
             yield group.moving("move_to_contact", step, group.touch())
@@ -222,10 +222,20 @@ def _contacts(group: _Group) -> Iterable[App]:
         gripping = _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
         yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
-    if first.segment.kind == "sliding" and pushed_in(first.segment) > ARRIVES_M and not mine:
+    if _arrives(first) and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
         yield _press(group)
+
+
+def _arrives(step: ProgramSegment) -> bool:
+    """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
+    return step.segment.kind == "sliding" and pushed_in(step.segment) > ARRIVES_M
+
+
+def _is_met(following: ProgramSegment | None) -> bool:
+    """Is what follows a contact that the movement before it ends at?"""
+    return following is not None and following.touches and not _arrives(following)
 
 
 def _press(group: _Group) -> App:
@@ -268,7 +278,7 @@ def _carries(group: _Group) -> Iterable[App]:
             "load_kg": _average(weighed, lambda segment: segment.load_kg or 0.0),
             "load_sd_kg": _average(weighed, lambda segment: segment.load_sd_kg or 0.0),
         }
-    sets_down = group.following is not None and group.following.touches
+    sets_down = _is_met(group.following)
     for step in group.steps:
         end = group.touch() if sets_down and step is group.steps[-1] else None
         yield group.moving("hold" if step.segment.kind == "hold" else "transport", step, end, load)

@@ -1,11 +1,15 @@
 """Which segments a program is made of, and what each is taken for beside what came before it.
 
 A segment is judged by itself. Here it is seen that
-- what is shorter than the minimum time is nothing, nor is the force of a contact that decays;
-- a contact changes the force: what begins without a change goes on as what came before it. A sensor drifts
-  by newtons within a recording, and a press is what is added to that;
-- what the fingers have let go is not carried, what they hold is, and so is what only hangs on the robot;
-  a load that rests for less than a second is not held, but on its way;
+- what is shorter than the minimum time is nothing, nor is the force of a contact that decays. But a way in
+  the air after it is a movement;
+- a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
+  a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
+  recording, and a press is what is added to that;
+- a rest at the end of a stroke, shorter than half a second, is the end of the stroke;
+- what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
+  to weigh in the air. What they hold is, and so is what only hangs on the robot; a load that rests for less
+  than a second is on its way;
 - a movement far out of what was pressed goes on in the air.
 What an operator has named is what it is.
 """
@@ -25,6 +29,7 @@ from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 
 GRAVITY = 9.81
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
+ROUNDED_S = 1e-6
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
@@ -33,9 +38,15 @@ HOLD_S = 1.0  # a load is held for so long where it is meant: hesitating takes l
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
+IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
+OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
+STROKE_ENDS_S = 0.5  # a rest at the end of a stroke that is shorter than this is no press of its own
+SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
     ("motion", "free"): "motion",
     ("steady", "free"): "steady",
+    ("motion", "contact"): "sliding",
+    ("steady", "contact"): "contact",
     ("motion", "transport"): "transport",
     ("steady", "transport"): "hold",
 }
@@ -78,6 +89,10 @@ class ProgramSegment:
         """How long it lasts [s]."""
         return self.segment.tn - self.segment.t0
 
+    def lasts(self, least_s: float) -> bool:
+        """Does it last for so long [s]? Three observations are 0.3 s, whatever their times are rounded to."""
+        return self.seconds >= least_s - ROUNDED_S
+
     @property
     def touches(self) -> bool:
         """Is it in contact?"""
@@ -94,13 +109,19 @@ def kept_steps(
     steps: Sequence[ProgramSegment], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
 ) -> list[ProgramSegment]:
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
-    long = [step for step in steps if step.seconds >= least_s]
     kept: list[ProgramSegment] = []
-    for before, step in zip([None, *long], long, strict=False):
-        if not _lets_go(before, step):
-            read = _leaving(_hanging(_in_hand(step, grips), grips))
-            read = _as_touching(kept[-1] if kept else None, read, moment_at)
-            kept += [] if _pauses(read) else [read]
+    before: ProgramSegment | None = None
+    touched = -1  # the last step in contact, however short
+    for beside, step in zip([None, *steps], steps, strict=False):
+        touched = beside.index if beside is not None and beside.touches else touched
+        if not step.lasts(least_s):
+            continue
+        last = kept[-1] if kept else None
+        if not _lets_go(before, last, step, moment_at):
+            read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
+            read = _still_touching(beside, last, _as_touching(last, read, grips, moment_at), moment_at)
+            kept += [] if _pauses(read) or _ends_stroke(last, before, read) else [read]
+        before = step
     return kept
 
 
@@ -135,35 +156,97 @@ def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
     return math.hypot(*vector)
 
 
-def _as_touching(before: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
-    """A contact, with the force before it; one that begins without a change goes on as what came before."""
+def _as_touching(
+    before: ProgramSegment | None, step: ProgramSegment, grips: Sequence[Grip], moment_at: MomentAt
+) -> ProgramSegment:
+    """A contact, with the force before it; what does not change that goes on as what came before."""
     if before is None or not step.touches:
         return step
+    step = replace(step, base=_base(before, moment_at))
+    if length(step.force) >= PUSHES_BACK_N or (before.touches and step.segment.motion == "steady"):
+        return step
     if before.touches:
-        return replace(step, base=before.base)
-    step = replace(step, base=_force_at_end(before.segment, moment_at))
-    return step if length(step.force) >= PUSHES_BACK_N else _as(step, before.segment.contact)
+        return _as(step, "transport" if holds(step, grips) else "free")
+    return _as(step, before.segment.contact)
+
+
+def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
+    """[N] before the contact that a step belongs to, or that follows it."""
+    return before.base if before.touches else _force_at_end(before.segment, moment_at)
+
+
+def _still_touching(
+    beside: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
+) -> ProgramSegment:
+    """What follows a contact directly is one too, where the force of the contact lasts and it does not leave.
+
+    beside: the step before it, however short; last: the last one that was kept.
+    """
+    if beside is None or last is None or step.touches or not beside.touches:
+        return step
+    base = _base(last, moment_at)
+    normal = _direction(replace(beside, base=base).force)
+    segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
+    moved = np.subtract(segment.position_end, segment.position_start)
+    leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))
+    if leaves or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
+        return step
+    held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
+    return replace(_as(step, "contact", force_held=held), base=base)
+
+
+def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, step: ProgramSegment) -> bool:
+    """Is it the rest at the end of a stroke along a surface, the last step that was kept?"""
+    if last is None or before is None or last.index != before.index:
+        return False
+    segment = step.segment
+    slid = last.touches and last.segment.motion == "motion" and not gives_way(last.segment)
+    return slid and segment.kind == "contact" and not step.lasts(STROKE_ENDS_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
     """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
-    seen = (moment_at(t).force for t in observed(max(segment.t0, segment.tn - BASE_S), segment.tn))
-    forces = [force for force in seen if force is not None] or [(0.0, 0.0, 0.0)]
-    x, y, z = map(median, zip(*forces, strict=True))
+    forces = _forces(observed(max(segment.t0, segment.tn - BASE_S), segment.tn), moment_at)
+    x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
     return x, y, z
 
 
-def _in_hand(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
-    """What the fingers hold is carried, however light; what they have let go is not.
+def _forces(times: Sequence[float], moment_at: MomentAt) -> NDArray[np.float64]:
+    """(n, 3) [N] at some times [s], where they are known."""
+    seen = (moment_at(t).force for t in times)
+    return np.array([force for force in seen if force is not None]).reshape(-1, 3)
 
-    Where they say nothing, what weighs nothing is not carried.
+
+def _direction(vector: Vector) -> NDArray[np.float64]:
+    return np.asarray(vector) / max(length(vector), 1e-12)
+
+
+def _from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
+    """Did the last movement carry nothing, and was nothing touched since? Then nothing was picked up.
+
+    touched: index of the last step in contact.
+    """
+    moved = (step for step in reversed(kept) if step.touches or step.segment.motion == "motion")
+    last = next(moved, None)
+    return last is not None and last.segment.contact == "free" and touched < last.index
+
+
+def _in_hand(
+    step: ProgramSegment, grips: Sequence[Grip], from_air: bool, moment_at: MomentAt
+) -> ProgramSegment:
+    """What the fingers hold is carried, however light; what they have let go is not, nor while they are shut.
+
+    Where they say nothing, what weighs nothing is not carried, nor what was not picked up.
     """
     segment = step.segment
-    if segment.contact == "free" and segment.motion == "motion":
+    if segment.contact == "free":
         return _as(step, "transport") if holds(step, grips) else step
     if segment.contact != "transport":
         return step
     carried, kg, sd_kg = holds(step, grips), segment.load_kg, segment.load_sd_kg
+    if carried is None:
+        width_m = moment_at(0.5 * (segment.t0 + segment.tn)).gripper_width
+        carried = False if from_air or (width_m is not None and width_m <= SHUT_M) else None
     if carried is None:
         carried = kg is None or kg > SURE_SDS * (sd_kg or 0.0)
     return step if carried else _as(step, "free")
@@ -172,7 +255,7 @@ def _in_hand(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
 def _pauses(step: ProgramSegment) -> bool:
     """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
     segment = step.segment
-    return segment.kind == "hold" and step.seconds < HOLD_S and not segment.corrected
+    return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
 
 
 def holds(step: ProgramSegment, grips: Sequence[Grip]) -> bool | None:
@@ -202,21 +285,45 @@ def _leaving(step: ProgramSegment) -> ProgramSegment:
     return _as(step, "free") if leaves else step
 
 
-def _lets_go(before: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off."""
+def _lets_go(
+    before: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
+) -> bool:
+    """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off.
+
+    What goes on without that force is a movement.
+    """
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
     segment = step.segment
     moved = length(np.subtract(segment.position_end, segment.position_start))
-    return moved < DECAY_REACH_M and length(segment.force_end) < length(segment.force_start)
+    if moved >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
+        return False
+    base, normal = (last.base, _direction(last.force)) if last is not None and last.touches else (None, None)
+    if base is None or normal is None:
+        return True
+    times = observed(segment.t0, segment.tn)
+    presses = [t for t in times if _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N]
+    gone = moment_at(presses[-1]).position if presses else segment.position_start
+    return length(np.subtract(segment.position_end, gone)) < IN_AIR_M
+
+
+def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:
+    """[N] of what is added to a base, in a direction; 0 where it is not known."""
+    return 0.0 if force is None else float(np.subtract(force, base) @ normal)
 
 
 def _as(
-    step: ProgramSegment, contact: str, load_kg: float | None = None, load_sd_kg: float | None = None
+    step: ProgramSegment,
+    contact: str,
+    load_kg: float | None = None,
+    load_sd_kg: float | None = None,
+    force_held: tuple[float, ...] | None = None,
 ) -> ProgramSegment:
-    """The same movement or rest, touching nothing or carrying something; what an operator has named stays."""
+    """The same movement or rest, touching, carrying or neither; what an operator has named stays."""
     if step.segment.corrected:
         return step
-    kind = KINDS[step.segment.motion, contact]
-    read = {"kind": kind, "contact": contact, "load_kg": load_kg, "load_sd_kg": load_sd_kg}
+    kind = "turning" if step.segment.kind == "turning" else KINDS[step.segment.motion, contact]
+    read: dict[str, object] = {"kind": kind, "contact": contact, "load_kg": load_kg, "load_sd_kg": load_sd_kg}
+    if force_held is not None:
+        read["force_held"] = force_held
     return replace(step, segment=step.segment.model_copy(update=read))

@@ -21,6 +21,7 @@ from caesura_service.session.corrections import Heeded
 from caesura_service.session.history import History
 from caesura_service.session.screwing import screw_of
 from caesura_service.session.settled import SegmentEntry, Settled
+from caesura_service.session.slices import give_way
 from caesura_service.session.weighing import Load, is_baseline, weigh
 from caesura_service.signals import WrenchCapabilities
 from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
@@ -77,6 +78,12 @@ class Division:
         self._baseline: list[Stretch] = []  # the last free space that has settled
         self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
         self._finished = False
+        self._final = 0  # segments that were final at the last look
+
+    @property
+    def unlooked(self) -> int:
+        """How many segments have become final since the last look."""
+        return len((self._decided or self.online).final) - self._final
 
     def step(self, index: int) -> None:
         """Filter an observation, with its corrections.
@@ -104,11 +111,15 @@ class Division:
         self._finished = finished
         if not self.online.count:
             return []
+        self._final += self.unlooked
         known = {start: seen.stretch for start, seen in self._seen.items()}
         found = stretches(self.online, len(self.settled), decided=self._decided, known=known)
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
-        seen = [self._look_at(every, first + i) for i in range(len(fresh))]
+        seen: list[_Seen] = []
+        for i in range(len(fresh)):
+            seen.append(self._look_at(every, first + i))
+            give_way()
         self._seen = {one.stretch.start: one for one in seen}
         parts = [
             SegmentEntry(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen

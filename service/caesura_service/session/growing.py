@@ -1,8 +1,8 @@
 """Incremental construction of the task program: apps before a quiet place are built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a rest, or a motion that is neither the decay of a
-contact nor part of a carry. The program is then that of the segments up to it, and that of the segments from
+it, and at whose beginning the gripper does nothing: a motion that neither follows a contact nor is part of a
+carry. The program is then that of the segments up to it, and that of the segments from
 it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends there. A gap that touches what lies
 before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
@@ -91,7 +91,8 @@ class GrowingProgram:
         return apps if self.limited is None else tuple(map(self.limited, apps))
 
     def _moment(self, t: float) -> Moment:
-        """The same ones are asked for at every look."""
+        """The same ones are asked for at every look. A program is built from many: it gives way at each."""
+        give_way()
         if (seen := self._seen.get(t)) is not None:
             return seen
         moment = self.moment_at(t)
@@ -115,12 +116,12 @@ class GrowingProgram:
         for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
-            moves = kind == "motion" and self._lasts(before) and before.segment.kind != "contact"
+            moves = kind == "motion" and self._lasts(before) and not before.touches
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
-            if self._lasts(step) and (kind == "steady" or (moves and not holds(step, known))) and not gripped:
+            if self._lasts(step) and moves and not holds(step, known) and not gripped:
                 return i
         return last if last == begin + MOST_UNQUIET else 0
 
     def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""
-        return step.seconds >= max(self.least_s, GRIP_SLACK_S)
+        return step.lasts(max(self.least_s, GRIP_SLACK_S))

@@ -52,7 +52,10 @@ from caesura_service.signals import (
 
 PHASES = Chain(PARAMETERS)
 LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
-SETTLE_EVERY = 150  # observations, where many are taken at once: what has settled by then is made and kept
+# Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
+# work is long: segments every so many that are final, the program and all else every so many observations.
+SETTLE_EVERY = 25  # final segments
+PROGRAM_EVERY = 150  # observations
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -192,8 +195,7 @@ class SegmentationPipeline:
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
             other._division.step(index)
-            if index % SETTLE_EVERY == 0:
-                other._look(other._happened())  # an hour of it, all at once at the end, would be one slice
+            other._keep_up()  # an hour of it, all at once at the end, would be one slice
             give_way()
         other._view = other._look(other._happened())
         return other
@@ -246,15 +248,29 @@ class SegmentationPipeline:
         looked = self._looked
         for observation in conditioned.observations:
             self._history.append(observation)
-            index = len(self._history) - 1
-            self._division.step(index)
-            if index > looked.observations + SETTLE_EVERY and index % SETTLE_EVERY == 0:
-                self._view = self._look(self._happened())
+            self._division.step(len(self._history) - 1)
+            self._keep_up()
             give_way()
         happened = self._happened()
         due = self._finished or self._division.online.count >= looked.observations + LOOK_EVERY
         glances = happened == looked.happened and not due
         self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
+
+    def _keep_up(self) -> None:
+        """Make what has settled, where that is much by now."""
+        if self._division.online.count >= self._looked.observations + PROGRAM_EVERY:
+            self._view = self._look(self._happened())
+        elif self._division.unlooked >= SETTLE_EVERY:
+            self._settle()
+
+    def _settle(self) -> list[SegmentEntry]:
+        """Keep the segments that have settled, and their phases; the others."""
+        division = self._division
+        self._unsettled = parts = division.look(self._program.first, finished=self._finished)
+        for part in division.settled.since(self._phases.settled):
+            self._phases.settle(part.segment)
+            give_way()
+        return parts
 
     def _happened(self) -> tuple[object, ...]:
         """All that segments and program depend on, but how far the last segment reaches."""
@@ -277,12 +293,16 @@ class SegmentationPipeline:
     def _look(self, happened: tuple[object, ...]) -> View:
         division = self._division
         self._looked = _Looked(division.online.count, happened)
-        self._unsettled = parts = division.look(self._program.first, finished=self._finished)
+        parts = self._settle()
+        apps = self._apps(parts)
+        give_way()
+        phases = self._phases_with(parts)
+        give_way()
         return View(
             **self._newest(),
             changepoints=division.settled.changepoints(parts),
             segments=division.settled.segments(parts),
-            apps=self._apps(parts),
+            apps=apps,
             notes=self._notes(),
             gaps=self._gaps.all,
             wrench=_wrench_report(
@@ -295,14 +315,13 @@ class SegmentationPipeline:
             delay_s=self._conditioner.delay_s,
             length_unit=self._opening.length_unit,
             force_limit_n=self._opening.force_limit_n,
-            phases=self._phases_with(parts),
+            phases=phases,
         )
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """The phases so far; parts: those that have not settled."""
-        settled = self._division.settled
-        segments = [part.segment for part in (*settled.since(self._phases.settled), *parts)]
-        decided, rest = self._phases.look(segments, len(settled), finished=self._finished)
+        segments = [part.segment for part in parts]
+        decided, rest = self._phases.look(segments, self._phases.settled, finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
         return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 

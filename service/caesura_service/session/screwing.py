@@ -2,12 +2,16 @@
 
 Nothing here changes where a segment begins or ends. In base coordinates the pose of a turn about an axis is
 
-    p_i = b + E_i x + (k θ_i + κ f_i) a,    E_i = R_i R_0⁻¹ − I
+    p_i = b + E_i x + θ_i d + κ f_i a,    E_i = R_i R_0⁻¹ − I,    d = k a + s
 
-with the axis a, the angle θ_i about it, and the lever x from the axis to the flange at the start. k is the
-advance for each radian. What is pressed gives way: κ is its compliance, and f_i by how much the force along
-the axis has changed. Without that term a press that grows during a turn passes for advance. All of b, x, k
-and κ is one linear least-squares problem.
+with the axis a, the angle θ_i about it, and the lever x from the axis to the flange at the start. d is the
+way for each radian: the advance k along the axis, and the slip s of the tool across it. What is pressed gives
+way: κ is its compliance, and f_i by how much the force along the axis has changed. Without that term a press
+that grows during a turn passes for advance. All of b, x, d and κ is one linear least-squares problem.
+
+Two things make the advance uncertain. Errors last from one observation to the next, so n of them are worth
+n (1 − ρ) / (1 + ρ), with their correlation ρ (Bartlett 1946). And the axis is known as well as the tool keeps
+to it: where it leans by λ and slips by s, λ s of the slip passes for advance.
 
 The axis is the direction that the turn leaves as it is, on average over the turn: with M the mean of
 R_i R_0⁻¹, the left singular vector of M of the largest singular value. It does not depend on how the flange's
@@ -34,12 +38,13 @@ LEAST_LOOKS = 5  # poses, below which there are fewer equations than make an err
 NOISE_M = 1e-4  # by which a pose leaves a turn, beside which the prior scales count
 LEVER_M = 0.12  # prior scale of the lever along the axis: the length of a tool
 COMPLIANCE_M_PER_N = 1e-4  # prior scale of the compliance of what is pressed: a soft hand on a stiff screw
-DEPENDENT = 4.0  # errors stay alike for 0.2 s, so that many observations count as one
+SLIP_M_PER_RAD = 1e-3  # prior scale of the slip, which a small turn does not separate from a lever
+MOST_CORRELATED = 0.95
 PRESSED_SHARE = 0.5  # of the force of a tenth of the time, from which on a turn in contact is pressed
 HELD_SHARE = 0.7  # of the torque of a tenth of the time, from which on a torque is held
 UPPER = 0.9
 TURNING_RAD = 0.01  # by which an observation turns beyond the one before, at 0.1 rad/s
-POINT, LEVER, ADVANCE, COMPLIANCE, UNKNOWNS = slice(0, 3), slice(3, 6), 6, 7, 8
+POINT, LEVER, WAY, COMPLIANCE, UNKNOWNS = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
 
 
 class Course(NamedTuple):
@@ -99,7 +104,7 @@ def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_
     """Solve the module's equation over the observations that count, (n,) bool.
 
     turns: (n, 3, 3) since the first. The lever along the axis, of which a turn about one axis says nothing,
-    and the compliance have a normal prior about 0. There is no compliance where nothing is pressed.
+    the slip and the compliance have a normal prior about 0. There is no compliance where nothing is pressed.
     """
     places, angles = course.positions[counts] - course.positions[0], course.turned[counts] @ axis
     felt = (course.forces[counts] - course.forces[counts][0]) @ axis if pressed else np.zeros(len(places))
@@ -107,16 +112,30 @@ def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_
     design = np.zeros((n, AXES, UNKNOWNS))
     design[:, :, POINT] = np.eye(AXES)
     design[:, :, LEVER] = turns[counts] - np.eye(AXES)
-    design[:, :, ADVANCE] = np.outer(angles, axis)
+    design[:, :, WAY] = angles[:, None, None] * np.eye(AXES)
     design[:, :, COMPLIANCE] = np.outer(felt, axis)
-    prior = np.zeros((2, UNKNOWNS))
+    prior = np.zeros((2 + AXES, UNKNOWNS))
     prior[0, LEVER], prior[1, COMPLIANCE] = NOISE_M / LEVER_M * axis, NOISE_M / COMPLIANCE_M_PER_N
+    prior[2:, WAY] = NOISE_M / SLIP_M_PER_RAD * (np.eye(AXES) - np.outer(axis, axis))
     stacked = np.vstack([design.reshape(-1, UNKNOWNS), prior])
-    found = np.linalg.lstsq(stacked, np.append(places.ravel(), (0.0, 0.0)), rcond=None)[0]
+    found = np.linalg.lstsq(stacked, np.append(places.ravel(), np.zeros(len(prior))), rcond=None)[0]
     left = (places - design @ found) @ axis
-    spread = DEPENDENT * float(left @ left) / max(n - 2, 1)
-    sd = math.sqrt(spread * np.linalg.pinv(stacked.T @ stacked)[ADVANCE, ADVANCE])
-    return Fit(course.positions[0] + found[POINT] - found[LEVER], float(found[ADVANCE]), sd)
+    spread = repeats(left) * float(left @ left) / max(n - 2, 1)
+    noise = spread * float(axis @ np.linalg.pinv(stacked.T @ stacked)[WAY, WAY] @ axis)
+    advance, way = float(found[WAY] @ axis), found[WAY]
+    slip = float(np.linalg.norm(way - advance * axis))
+    lean = math.sqrt(float(np.square(turns[counts] @ axis - axis).sum(axis=1).mean()) / 2.0)
+    return Fit(
+        course.positions[0] + found[POINT] - found[LEVER], advance, math.hypot(math.sqrt(noise), lean * slip)
+    )
+
+
+def repeats(errors: Array) -> float:
+    """How many errors (n,) in a row count as one, by their correlation from each to the next; at least 1."""
+    size = float(errors @ errors)
+    correlation = float(errors[1:] @ errors[:-1]) / size if size > 0.0 else 0.0
+    correlation = min(max(correlation, 0.0), MOST_CORRELATED)
+    return (1.0 + correlation) / (1.0 - correlation)
 
 
 def held_torque(course: Course, axis: Array, point: Array) -> Array:

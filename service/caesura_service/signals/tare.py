@@ -69,12 +69,17 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return Tare(None, f"Not tared: the force varied by {worst:.2f} N at the start ({limit}).")
     x, y, z = mean.tolist()
-    taken = f"({x:.2f}, {y:.2f}, {z:.2f}) N"
+    taken = f"{_rounded(mean)} N"
     if torques is None or not len(torques):
         return Tare((x, y, z), f"Tared at the start: {taken} are taken off.")
     a, b, c = torques.mean(axis=0).tolist()
-    taken += f" and ({a:.2f}, {b:.2f}, {c:.2f}) Nm"
+    taken += f" and {_rounded(torques.mean(axis=0))} Nm"
     return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", (a, b, c))
+
+
+def _rounded(vector: Array) -> str:
+    """(x, y, z) with two digits; a component that rounds to zero has no sign."""
+    return f"({', '.join(f'{round(value, 2) + 0.0:.2f}' for value in vector.tolist())})"
 
 
 class TareState(NamedTuple):

@@ -18,7 +18,7 @@ from caesura_clients.programs import franky_script as writer
 from caesura_clients.programs.document import ProgramFile
 from caesura_clients.programs.franky_script import franky_script
 from caesura_clients.programs.safety import Safety
-from caesura_protocol.messages import App, AppPath, ViaPoint
+from caesura_protocol.messages import App, AppKind, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.paths import path_in_words
 from harness.programs import DOWN, app, as_file, pick_and_place, press
 
@@ -166,6 +166,33 @@ def test_a_press_that_turns_is_slowed_to_the_limit() -> None:
     )
     poses = Rotation.from_quat([one.target.quaternion for one in tracked.references[1:]])
     assert (poses[1:] * poses[:-1].inv()).magnitude().max() <= 1.0 * 0.02 + 1e-6  # rad a period
+
+
+@pytest.mark.parametrize("kind", ["cartesian_motion", "apply_force"])
+@pytest.mark.parametrize(("felt_nm", "tight"), [(1.4, False), (1.6, True), (-1.6, True)])
+def test_a_turn_ends_where_it_is_tight(
+    monkeypatch: pytest.MonkeyPatch, kind: AppKind, felt_nm: float, tight: bool
+) -> None:
+    first, turned = turning(2.0, by_path=True).apps
+    screw = ScrewMotion(
+        axis=(0, 0, 1), point=(0, 0, 0), angle=1.6, pitch_m=0.001, pitch_sd_m=0.0, torque=(0.0, 0.0, 1.0)
+    )
+    app = turned.model_copy(update={"kind": kind, "screw": screw, "force": (0.0, 0.0, -5.0)})
+    made = module_of(as_file((first, app)))
+    assert made.APPS[1]["tight"][2] == 1.5  # of 1 Nm taught
+    runner = made.Runner(fake_franky, "robot")
+    monkeypatch.setattr(fake_franky, "torque_nm", [felt_nm])
+    joins = iter([False] * 200)
+    monkeypatch.setattr(fake_franky.Robot, "join_motion", lambda self, timeout=None: next(joins, True))
+    fake_franky.calls.clear()
+    runner.moved = True
+    try:
+        getattr(runner, kind)(made.APPS[1], None)
+    finally:
+        polls = 200 - len(list(joins))
+    assert polls == 1 if tight else polls > 50
+    ended = isinstance(motions(fake_franky.calls)[-1], fake_franky.CartesianStopMotion)
+    assert ended == (tight and kind == "cartesian_motion")
 
 
 def test_a_press_that_slides_follows_its_path_across_the_force() -> None:

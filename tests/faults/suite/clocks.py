@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ import numpy as np
 
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Chunk
-from caesura_clients.query import snapshot
+from caesura_clients.query import service_status, snapshot
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.messages import Snapshot
 from faults.suite.outcome import Disturbance, Row, played
@@ -30,8 +31,14 @@ from faults.suite.stations import (
 )
 from harness.processes import SESSION, Service, serving
 
-NO_LIBRARY = "not run: there is no libfaketime (apt-get install faketime)"
+NO_LIBRARY = "not run: there is no libfaketime (scripts/debian.sh faketime)"
 HALF_S = 10.0  # where the clock jumps
+SHARES = (
+    (0.2, 3600),
+    (0.35, -86400),
+)  # of the demonstrations, and how far the service's clock is off then [s]
+RESTART, OFF_S = 0.5, -604800  # likewise, where it is started again
+SLACK_S = 60.0  # between asking for a time and having it
 LIBRARIES = ("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1", "/usr/lib/faketime/libfaketime.so.1")
 Jump = Callable[[np.ndarray], np.ndarray]
 
@@ -95,10 +102,8 @@ def wall_clock(directory: Path) -> Row:
     """An hour forth and a day back while the service runs; a week back over a restart."""
     library = next((name for name in LIBRARIES if Path(name).exists()), None)
     if library is None or shutil.which("env") is None:
-        return Row(
-            0, 0, 0, 0, "–", None, "not run: there is no libfaketime (apt-get install faketime)", met=True
-        )
-    told = directory / "offset"
+        return Row(0, 0, 0, 0, "–", None, NO_LIBRARY, met=False)
+    told, seen_s = directory / "offset", list[float]()
     told.write_text("+0")
     service = Service(directory)
     environment = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": told, "FAKETIME_NO_CACHE": 1}
@@ -112,18 +117,30 @@ def wall_clock(directory: Path) -> Row:
     ]
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
-        for share, offset in ((0.2, "+3600"), (0.35, "-86400")):
+        for share, off_s in SHARES:
             reached(stations, share)
-            told.write_text(offset)
-        reached(stations, 0.5)
+            told.write_text(f"{off_s:+d}")
+            seen_s.append(off_by_s(service.endpoint))
+        reached(stations, RESTART)
         service.kill()
-        told.write_text("-604800")
+        told.write_text(f"{OFF_S:+d}")
         disturbance.is_over()
         service.start()
+        seen_s.append(off_by_s(service.endpoint))
 
     try:
         service.start()
         done = played(service.endpoint, directory, disturb)
     finally:
         service.kill()
-    return done.row(note="1 h forth, 1 day back, killed, started 1 week back")
+    wanted = np.array([*(off_s for _, off_s in SHARES), OFF_S])
+    jumped = bool((np.abs(np.array(seen_s) - wanted) < SLACK_S).all())
+    note = "1 h forth, 1 day back, killed, started 1 week back"
+    return done.row(note=note if jumped else f"its clock was off by {seen_s} s", met=jumped)
+
+
+def off_by_s(endpoint: str) -> float:
+    """How far a service's time of day is ahead of ours [s], by its own status."""
+    with ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport:
+        (status,) = service_status(transport)
+    return status.time - time.time()

@@ -120,6 +120,8 @@ def _free_space() -> Iterator[tuple[str, Entry]]:
             Entry(Biased(replace(noise, nu0=CERTAIN), 1.5), DENSITY, "force"),
         )
         yield f"biased, {name}, absence", Entry(Biased(noise, 1.5, absence=3.0), WEIGHTED, "force")
+        light = Biased(noise, 1.5, absence=3.0, most_kg=0.1)
+        yield f"biased, {name}, absence but for a weight", Entry(light, WEIGHTED, "force")
         yield f"laden, {name}", Entry(Laden(noise, 1.5), APART, "force")
         yield f"laden, {name}, absence", Entry(Laden(noise, 1.5, absence=3.0), WEIGHTED, "force")
 
@@ -215,6 +217,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     "corner, standing": CornerStart(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
     "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoRise(scale=1.0),
+    "no rise but a weight's": NoRise(scale=1.0, most_kg=0.1),
     "pace": Pace("rotation", least=0.02, most=0.1),
     "resistance": Resistance(least=0.2, aligned=0.5),
     "no resistance": Resistance(most=0.2),

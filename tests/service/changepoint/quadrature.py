@@ -159,7 +159,8 @@ def biased(model: Biased, before: Array, z: Array) -> float:
         given = sum(log_sum_exp(prior + stats.norm.logpdf(m, grid, np.sqrt(variance))) for m in mean)
     else:  # a load's density is not one of an unknown bias: it is looked at by itself
         given = model.mean_log_density(mean[None], np.array([[variance]]))[0]
-    beyond = np.array([model.beyond(force) for force in z])
+    lightest, heaviest = model.least_kg * GRAVITY, model.most_kg * GRAVITY
+    beyond = np.array([(x, y, down + min(max(-down, lightest), heaviest)) for x, y, down in z])
     absent = -0.5 * (beyond**2).sum() / model.absence**2 if model.absence else 0.0
     return sum(map(deviations, groups)) + float(given) + absent
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from caesura_clients.recording import load_recording
 from caesura_service.changepoint.default import DEFAULT, WITHOUT
+from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.presets import PRESETS, preset_named
+from caesura_service.changepoint.profiles import minimum_jerk
+from caesura_service.changepoint.segments import stretches
 from caesura_service.recordings import segment_recording
+from caesura_service.signals.tare import TARED_BIAS_N
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 
@@ -25,6 +30,7 @@ TOUCHED = {
     "without_pace": {"moving", "still"},
     "without_friction": {"slid_along"},
     "without_torque": {"resisted", "unresisted"},
+    "without_load_by_weight": {"untouched", "not_set_in"},
     "without_transitions": set(),
     "without_refractory": set(),
     "without_power": set(),
@@ -40,7 +46,8 @@ def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str
     full, less = ({c: pickle.dumps(m) for c, m in p.channels(1.5).items()} for p in (DEFAULT, WITHOUT[name]))
     assert set(full) == set(less)
     assert {channel for channel in full if full[channel] != less[channel]} == TOUCHED[name]
-    assert WITHOUT[name].kinds == DEFAULT.kinds
+    kinds = {a.name for a, b in zip(WITHOUT[name].kinds, DEFAULT.kinds, strict=True) if a != b}
+    assert kinds == ({"transport", "hold", "turning"} if name == "without_load_by_weight" else set())
     changed = {
         field
         for field in ("unrepeated", "refractory_s", "mean_segment_s", "power", "filter")
@@ -55,6 +62,31 @@ def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str
 def test_a_recording_can_be_segmented_without_it(name: str) -> None:
     kinds = [segment.kind for segment in segment_recording(load_recording(BUTTON), name).segments]
     assert "motion" in kinds
+
+
+@pytest.mark.parametrize(
+    ("force_n", "gripper", "expected"),
+    [
+        ((0.0, 0.0, -3.0), np.nan, "motion"),  # a bias that wanders while the arm moves
+        ((4.0, 1.0, -6.0), np.nan, "motion"),  # what an estimate errs by, as soon as the arm moves
+        ((0.0, 0.0, -6.0), 1.0, "transport"),
+        ((0.0, 0.0, -15.0), np.nan, "transport"),
+    ],
+)
+def test_a_load_is_told_from_free_space_by_its_weight_and_the_gripper(
+    force_n: tuple[float, float, float], gripper: float, expected: str
+) -> None:
+    """After one second at rest without a force the arm moves for two seconds with this one."""
+    online = DEFAULT.online(bias_n=TARED_BIAS_N)
+    bell = minimum_jerk(2.0)(np.arange(21, dtype=np.float64) * 0.1)
+    for i in range(31):
+        share = min(max((i - 10) / 4, 0.0), 1.0)  # sets in within 0.4 s
+        position = np.array([0.2 * bell[max(i - 10, 0)], 0.0, 0.0])
+        online.step(
+            Observed(position, share * np.asarray(force_n, np.float64), gripper if i > 10 else np.nan)
+        )
+    longest = max(stretches(online), key=lambda one: one.end - one.start)
+    assert longest.verdict.kind.name == expected
 
 
 def test_a_preset_that_is_none_is_refused_with_those_there_are() -> None:

@@ -26,6 +26,7 @@ from caesura_service.recordings import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.programs import app, pick_and_place, press
 
+FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
 PRESSING, PICKING = (Place(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
 
 
@@ -173,6 +174,31 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
     if said:
         assert done.stopped is not None
         assert said in done.stopped
+
+
+def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:
+    """A tenth of a stroke was off by 3.9 N or more; a pause on it had 10 N, and lasted 0.15 s longer."""
+    touch, stroke = (0.40, -0.16, 0.150), (0.47, 0.04, 0.150)
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=touch, orientation=FLAT), tn=3.5, length_m=0.21, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    down = {"orientation": FLAT}
+    apps = (
+        app("move_to_contact", 0.5, 1.5, touch, **down),
+        app("apply_force", 1.5, 2.5, touch, force=(0.0, 0.0, -8.0), **down),
+        app("apply_force", 2.5, 3.5, stroke, force=(0.0, 0.0, -6.0), path=path, **down),
+        app("cartesian_motion", 3.9, 4.9, (0.47, 0.04, 0.25), **down),
+    )
+    done = execute(apps, Place(SCENARIOS["wiping"], THESIS, 1), robot=robot)
+    assert done.stopped is None
+    normal, (begun, ended) = done.trace.contact[:, 2], done.spans[2]
+    sliding = normal[round(1000 * begun) + 200 : round(1000 * ended)]
+    assert np.percentile(np.abs(sliding - 6.0), 90) < 3.0
+    pause = normal[round(1000 * ended) : round(1000 * done.spans[3][0])]
+    assert np.median(pause) == pytest.approx(6.0, rel=0.1)
+    left = np.flatnonzero(normal > 0.0)[-1] / 1000.0 - ended
+    assert left == pytest.approx(0.4, abs=0.1)
 
 
 SCREW_HEAD = (0.45, -0.05, 0.200)

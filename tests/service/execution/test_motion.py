@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from tests.harness.programs import DOWN, app
@@ -52,6 +53,21 @@ def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time
     far = course(moving, np.array([0.3, -0.6, 0.3]), rotation_of(DOWN), 4.0)
     assert np.linalg.norm(far.sampled(50)[:, :3] - start.position, axis=1).min() < 1e-3
     assert far.t[-1] == 4.0
+
+
+def test_the_way_to_the_start_of_a_turn_takes_its_share_of_the_time_and_no_more() -> None:
+    turned = Rotation.from_quat(DOWN) * Rotation.from_euler("z", 90.0, degrees=True)
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=CORNER, orientation=DOWN), tn=4.0, length_m=0.0, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    turning = app("cartesian_motion", 2.0, 4.0, CORNER, path=path)
+    turning = turning.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
+    beside = course(turning, np.add(CORNER, (0.015, 0.0, 0.0)), rotation_of(DOWN), 2.0)
+    assert beside.t[1] == pytest.approx(2.0 * 0.015 / (0.015 + 0.1 * np.pi / 2.0))  # it was 60 % of the time
+    leaning = Rotation.from_euler("x", 0.3) * Rotation.from_quat(DOWN)
+    aside = course(turning, np.array(CORNER), leaning.as_matrix(), 2.0)
+    assert aside.t[1] == pytest.approx(2.0 * 0.3 / (0.3 + np.pi / 2.0))
 
 
 def test_towards_a_contact_the_speed_rises_and_falls_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -92,7 +93,118 @@ def test_what_the_fingers_hold_is_carried_from_beginning_to_end_however_light() 
     apps = [app for app in program(before, carry, after, grips=(GRASP, RELEASE)) if app.segments]
     assert kinds(tuple(apps)) == ["transport", "transport", "cartesian_motion"]
     assert apps[0].load_kg == pytest.approx(0.15)
-    assert kinds(program(before, carry)) == ["cartesian_motion", "transport"]
+
+
+def test_what_begins_to_weigh_in_the_air_is_not_carried() -> None:
+    before, carry = segment("motion", 1.0, 3.0), segment("transport", 3.5, 5.0, load_kg=0.3, load_sd_kg=0.05)
+    for between, becomes in (("steady", "cartesian_motion"), ("contact", "transport")):
+        touched = segment(between, 3.0, 3.2)  # too short for an app
+        assert kinds(program(before, touched, carry))[-1] == becomes
+
+
+def test_between_fingers_that_are_shut_there_is_nothing() -> None:
+    carry = segment("transport", 3.0, 5.0, load_kg=0.3, load_sd_kg=0.05)
+    for width, becomes in ((0.001, "cartesian_motion"), (0.04, "transport")):
+        (app,) = program(carry, at=lambda t, width=width: replace(moment_at(t), gripper_width=width))
+        assert app.kind == becomes
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool) -> None:
+    """Two strokes of a screw, the tool turned back between them under 6 N: they pressed without a contact."""
+    back = segment("motion", 4.0, 6.0, **ACROSS)
+    if turns:
+        back = back.model_copy(update={"kind": "turning", "position_end": back.position_start})
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(13.0)),
+        back,
+        segment("contact", 6.0, 7.0, **held(6.0)),
+        segment("contact", 7.0, 9.0, **held(13.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "apply_force"]
+    assert [round(-app.force_taught[2]) for app in made[1:]] == [13, 6, 13]
+
+
+def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
+    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
+
+    The short press after it is no end of a stroke.
+    """
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(13.0)),
+        segment("sliding", 3.0, 5.0, **held(0.8), **ACROSS),
+        segment("contact", 5.0, 5.4, **held(13.0)),
+        at=drifted,
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "move_to_contact", "apply_force"]
+
+
+def test_a_stroke_under_friction_is_a_contact_though_the_force_is_tilted() -> None:
+    x, y, z = DRIFT_N
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x + 1.5, y, z + 10.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 8.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
+
+
+@pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])
+def test_a_way_in_the_air_after_a_contact_is_a_movement(pressed_until: float, becomes: list[str]) -> None:
+    """Lifting off by 13 mm was left out, as if it were the contact's force that decays."""
+    off = {"position_start": (0.0, 0.0, 0.300), "position_end": (0.0, 0.0, 0.313)}
+    fading = {"force_start": (0.0, 0.0, 13.0), "force_end": (0.0, 0.0, 3.0)}
+
+    def lifted(t: float) -> Moment:
+        pressed = drifted(t, pushed_n=10.0 if 2.0 < t < pressed_until else 0.0)
+        return replace(pressed, position=(0.0, 0.0, 0.300 + 0.013 * min(max((t - 3.0) / 0.9, 0.0), 1.0)))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(10.0)),
+        segment("motion", 3.0, 3.9, **off, **fading),
+        at=lifted,
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", *becomes]
+
+
+@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
+def test_a_short_rest_at_the_end_of_a_stroke_is_its_end(seconds: float, presses: int) -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.0 + seconds, **held(9.0)),
+        segment("motion", 4.0 + seconds, 6.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0 if t < 4.0 + seconds else 0.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", *["apply_force"] * presses, "cartesian_motion"]
+
+
+def test_three_observations_are_long_enough_whatever_their_times_are_rounded_to() -> None:
+    """A contact from 2.95 to 3.25 s was too short for 0.3 s, and one from 2.45 to 2.75 s was not."""
+    for t in (2.45, 2.95):
+        made = program(
+            segment("motion", 0.0, t),
+            segment("contact", t, t + 0.3, **held(9.0)),
+            segment("motion", t + 0.3, 6.0),
+            at=drifted,
+        )
+        assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+
+
+def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2), "force_held": (0.0, 0.0, 9.0)}
+    made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **down))
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+
+
+def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs() -> None:
+    carry = segment("motion", 1.0, 2.0), segment("steady", 2.0, 3.5), segment("motion", 3.5, 4.2)
+    assert kinds(program(*carry, grips=(GRASP,)))[1:] == ["transport", "hold", "transport"]
 
 
 @pytest.mark.parametrize(

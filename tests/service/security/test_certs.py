@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from datetime import UTC, datetime, timedelta
 
@@ -77,6 +78,17 @@ def test_a_station_that_is_added_changes_the_routers_files_alone(made):
     assert b"bridge.cell-2" in after["router.json5"]
     assert set(before["users.txt"].splitlines()) < set(after["users.txt"].splitlines())
     assert {"bridge.cell-2.json5", "bridge.cell-2.password.json5"} <= set(after)
+
+
+def test_a_routers_file_of_an_earlier_release_is_written_anew_and_the_command_says_so(made):
+    file, before = made / "router.json5", content(made)
+    setting = r',\s*"queue": \{.*?\}\s*\}\s*\}(?=\s*\},\s*"rx")'
+    earlier = re.sub(setting, "", file.read_text(), flags=re.DOTALL)
+    assert "wait_before_close" not in earlier
+    file.write_text(earlier)
+    zenoh.Config.from_file(file)
+    assert f"wrote {file}\n" in certs(made).stdout
+    assert file.read_bytes() == before["router.json5"]
 
 
 def test_where_to_listen_and_the_hosts_are_remembered(tmp_path):

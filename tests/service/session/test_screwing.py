@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from caesura_clients.recording import Recording
 from caesura_protocol.turning import exerted, torque_about_axis
 from caesura_service.recordings import segment_recording
-from caesura_service.session.screwing import Course, screw_of
+from caesura_service.session.screwing import Course, repeats, screw_of
 
 Array = NDArray[np.float64]
 NEWTONS = np.array([3.0, -2.0, 12.0])
@@ -181,6 +181,45 @@ def test_a_press_that_grows_during_the_turn_is_no_advance() -> None:
     assert found is not None
     assert found.pitch_m == pytest.approx(0.0015, rel=0.01)
     assert found.torque is None
+
+
+def leaning_screw(seed: int) -> Course:
+    """A screw of 1.5 mm driven by 120°, with a tool that leans by 1° and slips by 0.3 mm a radian.
+
+    The lean wanders within half a radian, and so does what the tip's height is off, by 5 µm.
+    """
+    rng = np.random.default_rng(seed)
+    angles = np.radians(np.linspace(0.0, 120.0, 33))
+    lasting = np.exp(-np.abs(np.subtract.outer(angles, angles)) / 0.5)
+    wander = np.linalg.cholesky(lasting + 1e-9 * np.eye(33)) @ rng.normal(size=(33, 3))
+    lean = np.radians(1.0) * wander[:, :2]
+    turns = Rotation.from_rotvec(np.column_stack([lean, 0.0 * angles])) * Rotation.from_rotvec(
+        np.outer(angles, (0.0, 0.0, -1.0))
+    )
+    slip = np.outer(angles, 3e-4 * rng.normal(size=2))
+    height = -0.0015 / (2.0 * np.pi) * angles + 5e-6 * wander[:, 2]
+    positions = np.column_stack([slip, height]) + turns.apply((0.002, 0.001, 0.1034))
+    steps = (turns[1:] * turns[:-1].inv()).as_rotvec()
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return Course(positions, turns.as_quat(), turned, np.tile((0.0, 0.0, 12.0), (33, 1)), None)
+
+
+def test_the_deviation_of_the_advance_is_what_it_is_off_by() -> None:
+    found = [screw_of(leaning_screw(seed), pressed=True) for seed in range(60)]
+    off = np.array([(one.pitch_m - 0.0015) / one.pitch_sd_m for one in found if one is not None])
+    assert len(off) == 60
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
+    assert (np.abs(off) < 2.0).mean() > 0.9
+
+
+def test_errors_that_last_count_as_fewer() -> None:
+    assert repeats(np.array([1.0, -1.0, 1.0, -1.0])) == 1.0
+    noise = np.random.default_rng(1).normal(size=4001)
+    lasting = np.empty(4000)
+    lasting[0] = noise[0]
+    for i in range(1, 4000):
+        lasting[i] = 0.6 * lasting[i - 1] + noise[i]
+    assert repeats(lasting) == pytest.approx(1.6 / 0.4, rel=0.1)
 
 
 def test_without_torques_there_is_none_and_a_small_turn_has_no_axis() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import time
 import weakref
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -181,6 +183,36 @@ def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_nobod
         assert all(one == before for one in seen)
         assert messages(said) == messages(expected)
     assert isinstance(answer(sliced.command(STATION, opening, 4.0)), Ack)
+
+
+def test_no_piece_of_a_batch_in_which_everything_is_a_segment_is_a_large_part_of_it():
+    columns, rng = ("t", "px", "py", "pz"), np.random.default_rng(0)
+    t = 0.059 * np.arange(2 * 1000)
+    rows = np.column_stack([t, np.sin(t)[:, None] + 0.01 * rng.standard_normal((len(t), 3))])
+    opening = Open(
+        session=NAME,
+        columns=columns,
+        wrench_source="none",
+        preset="constant_velocity",
+        declared_units=("length",),
+    )
+    first, second = (
+        pack_samples(half, columns, session=NAME, epoch=0, seq=seq)
+        for seq, half in enumerate(np.array_split(rows, 2))
+    )
+    made, at = registry(0.0), list[float]()
+    made.command(STATION, opening, 0.0)
+    made.samples(STATION, first, 1.0)
+    gc.disable()  # what others have left behind is no part of it
+    try:
+        at.append(time.thread_time())
+        in_slices(made, lambda: made.samples(STATION, second, 2.0), lambda: at.append(time.thread_time()))
+        at.append(time.thread_time())
+    finally:
+        gc.enable()
+    assert len(standing(made).view.segments) > 1000
+    longest, whole = max(np.diff(at)), at[-1] - at[0]
+    assert longest < whole / 10, f"a piece takes {1e3 * longest:.0f} of {1e3 * whole:.0f} ms"
 
 
 def test_what_is_said_of_a_session_between_two_slices_is_not_taken_back():

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, baseline, wrench_capabilities
+from caesura_service.signals.tare import RestCriterion, tare_of
 from caesura_service.signals.wrench import HANDS_ON_ROBOT
 from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
 
@@ -45,6 +46,11 @@ def test_the_bias_at_rest_is_taken_off_everything() -> None:
     assert len(force) == 29
     assert_allclose(force[:19], 0.0, atol=0.15)
     assert_allclose(force[21:], [[0.0, 0.0, 8.0]] * 8, atol=0.15)
+
+
+def test_the_note_has_no_negative_zero() -> None:
+    at_rest = tare_of(np.full((3, 3), -0.001), np.zeros(3), RestCriterion(0.01, 1.0), np.full((3, 3), -0.004))
+    assert at_rest.note == "Tared at the start: (0.00, 0.00, 0.00) N and (0.00, 0.00, 0.00) Nm are taken off."
 
 
 def test_a_sensor_below_the_hand_is_tared_in_free_motion_too() -> None:

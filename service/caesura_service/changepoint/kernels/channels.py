@@ -148,8 +148,8 @@ def no_rise(here, c, joins):
     model, state = model_at(here), state_at(here)
     channel, living, evidence = model.channels[c], state.counters[0].living, state.channel[c]
     before, risen = state.sums[channel.field], state.sums[channel.field + 1]
-    now = force_of(state.now)
-    before[living - 1] = force_of(state.previous) if joins else now
+    now = force_of(state.now, channel.heaviest)
+    before[living - 1] = force_of(state.previous, channel.heaviest) if joins else now
     place = living - 1
     while place >= 0 and state.ages[place] - 1 <= channel.reach:
         risen[place] = max(risen[place], now - before[place])
@@ -159,9 +159,11 @@ def no_rise(here, c, joins):
 
 
 @compiled
-def force_of(seen):
-    """[N] size of an observation's force."""
-    return math.sqrt(seen[FORCE] ** 2 + seen[FORCE + 1] ** 2 + seen[FORCE + 2] ** 2)
+def force_of(seen, heaviest):
+    """[N] size of what the weight of a load up to the heaviest [N] leaves of an observation's force."""
+    z = seen[FORCE + 2]
+    z += min(max(-z, 0.0), heaviest)
+    return math.sqrt(seen[FORCE] ** 2 + seen[FORCE + 1] ** 2 + z**2)
 
 
 @compiled
@@ -213,7 +215,7 @@ def biased(here, c):
     """`Biased` and `Laden`. Fields: Σw² 3, Σwc 3, Σc², Σ log absence."""
     model, state = model_at(here), state_at(here)
     channel, work, sums, now = model.channels[c], state.work, state.sums, state.now
-    at, newborn, laden = channel.field, state.counters[0].living - 1, channel.model == LADEN
+    at, newborn = channel.field, state.counters[0].living - 1
     lanes, one, absence = whole(newborn + 1), (1.0 - channel.rho) * channel.white, channel.absence
     tell_length(here, c)
     beyond2 = 0.0
@@ -222,7 +224,7 @@ def biased(here, c):
         w = (z - channel.rho * state.previous[channel.signal + a]) * channel.white
         extend(sums[at + a], w * w, z * z, newborn)
         extend(sums[at + AXES + a], w * one, z, newborn)
-        if laden and a == AXES - 1:
+        if a == AXES - 1:
             z += min(max(-z, channel.lightest), channel.heaviest)
         beyond2 += z * z
     extend(sums[at + 6], one * one, 1.0, newborn)

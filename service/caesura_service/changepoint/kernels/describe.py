@@ -235,14 +235,15 @@ def _biased(model: Biased) -> Record:
         "origin": layout.ZERO,
         "bias2": model.bias**2,
         "absence": model.absence,
+        "lightest": model.least_kg * GRAVITY,
+        "heaviest": model.most_kg * GRAVITY,
         "unvalued": 1,
         "unwhitened": 1,
     }
 
 
 def _laden(model: Laden) -> Record:
-    weights = {"lightest": model.least_kg * GRAVITY, "heaviest": model.most_kg * GRAVITY}
-    return {**_biased(model), **weights, "model": layout.LADEN}
+    return {**_biased(model), "model": layout.LADEN}
 
 
 def _carried(model: Carried) -> Record:
@@ -334,7 +335,8 @@ def _resistance(model: Resistance) -> Record:
 
 
 def _no_rise(model: NoRise) -> Record:
-    return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach}
+    heaviest = model.most_kg * GRAVITY
+    return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach, "heaviest": heaviest}
 
 
 def _pivot(model: Pivot) -> Record:

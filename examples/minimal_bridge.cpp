@@ -81,7 +81,7 @@ class Bridge {
         session_.put(zenoh::KeyExpr(key("samples")), zenoh::Bytes(payload), std::move(options));
     }
 
-    /// Ask until somebody answers; the Ack's fields. A refusal is thrown.
+    /// Ask until a service answers; return the Ack's fields. A refusal is thrown.
     template <class Pack>
     Fields ask(Pack pack) {
         while (true) {

@@ -22,7 +22,7 @@ BATCH, RATE_HZ, RING = 20, 1000.0, 1500  # samples, 1/s, batches: 30 s
 
 
 def encoding(kind):
-    """What tells the type of a payload."""
+    """Return the encoding that names the type of a payload."""
     return f"application/msgpack;caesura.{kind}.v1"
 
 

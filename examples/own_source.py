@@ -1,7 +1,7 @@
-"""A bridge for a robot of one's own: a class that yields matrices of samples, and `run`.
+"""A bridge for your robot: a class that yields matrices of samples, and `run`.
 
 Here the robot is a sine; put the reading of yours into `chunks`. The bridge numbers the samples, keeps the
-last 30 s for whoever missed some, finds the service again when it was away, and closes the session.
+last 30 s for replay, finds the service again after an absence, and closes the session.
 """
 
 import sys

@@ -10,7 +10,7 @@ root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
 units=$root/etc/systemd/system
 mkdir -p "$units" "$root/opt/caesura/bin" "$root/etc/caesura" "$root/usr/lib/systemd/system"
-# The targets that ours name, as systemd has them.
+# The targets that Caesura's units name, as systemd has them.
 for directory in /usr/lib/systemd/system /lib/systemd/system; do
   [ ! -d "$directory" ] || cp -n "$directory"/*.target "$root/usr/lib/systemd/system/"
 done
@@ -21,7 +21,7 @@ install -m 644 deploy/systemd/caesura.service deploy/systemd/caesura-dashboard.s
 # A template is verified as one of its instances.
 install -m 644 "deploy/systemd/caesura-bridge@.service" "$units/caesura-bridge@cell-1.service"
 complaints=$(systemd-analyze verify --root="$root" --man=no "$units"/caesura*.service 2>&1) || true
-# Units of the system's own are not in the temporary root; only ours are judged.
+# Units of the system's own are not in the temporary root; only Caesura's are judged.
 if ours=$(grep -E 'caesura' <<<"$complaints"); then
   echo "$ours" >&2
   exit 1

@@ -4,7 +4,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 files=(deploy/Dockerfile deploy/compose.yaml deploy/kubernetes/router.yaml)
-# Images with a tag; ours have none, and stages of the Dockerfile neither.
+# Images with a tag; Caesura's have none, and stages of the Dockerfile neither.
 images=$(grep -hoE '(^FROM|image:) +[a-z0-9./_-]+:[A-Za-z0-9._-]+' "${files[@]}" | awk '{print $2}' | sort -u)
 for image in $images; do
   docker pull --quiet "$image" >/dev/null

@@ -1,4 +1,4 @@
-"""What connects to the segmenter: bridges, readers and the command line.
+"""Clients of the segmenter: bridges, readers and the command line.
 
 >>> from caesura_clients import connect
 >>> with connect() as caesura:  # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""The budgets of a station, as a person reads them."""
+"""The budgets of a station as text for an operator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a script or a dashboard holds: one connection, and everything that can be asked through it."""
+"""The Python API `Caesura`: one connection, with all queries, results and corrections."""
 
 from __future__ import annotations
 

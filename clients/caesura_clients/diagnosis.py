@@ -1,4 +1,4 @@
-"""Why does a router not let us in? Zenoh says no more than that it could not connect.
+"""Diagnoses why a router refuses a connection, because Zenoh states only that it could not connect.
 
 So the same is tried once more with plain sockets: is there anything, does it speak TLS, what does it say of
 our certificate, what do we say of its own. Asked once an attempt has failed; takes up to two seconds.

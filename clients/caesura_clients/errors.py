@@ -1,4 +1,4 @@
-"""What can go wrong for a client. A peer's refusal is a ProtocolError; these are everything else."""
+"""The errors of a client, except for a peer's refusal, which is a ProtocolError."""
 
 from __future__ import annotations
 

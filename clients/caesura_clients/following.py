@@ -1,4 +1,4 @@
-"""Following sessions: start from the snapshot, apply what is published, start again where something was lost.
+"""Follows sessions: start from the snapshot, apply updates, and start again after a loss.
 
 A lost last message shows no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked
 for: once where it is closed, else again and again, ever less often.

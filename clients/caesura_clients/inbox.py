@@ -1,4 +1,4 @@
-"""What arrives, and the one queue it arrives in.
+"""Received items, and the bounded queue that holds them.
 
 Rule 1: a callback that receives from the network only enqueues; work happens in the thread that calls `get`.
 A slow callback inside the network library delays every other subscriber of the process.

@@ -1,4 +1,4 @@
-"""The fake beside the transport: the same contract within one process, for tests and examples.
+"""A transport within one process, with the contract of the real one, for tests and examples.
 
 A MemoryNetwork is what a router is to Zenoh; each MemoryTransport is one session with it. `lose` makes the
 network drop what matches, as DROP does to a full queue, without an error for the sender.
@@ -30,7 +30,7 @@ def intersect(one: str, other: str) -> bool:
 
 
 class MemoryNetwork:
-    """Everything that is declared, by whom does not matter."""
+    """All declarations of all its transports."""
 
     def __init__(self) -> None:
         self.subscribers: list[tuple[str, Inbox]] = []

@@ -1,4 +1,4 @@
-"""What a transport must do, as the clients see it. `transport` does it with Zenoh, `memory` without."""
+"""The interface of a transport; `transport` implements it with Zenoh, `memory` without a network."""
 
 from __future__ import annotations
 

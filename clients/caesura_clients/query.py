@@ -1,4 +1,4 @@
-"""Asking the service. No answer means absent or forbidden; liveliness then says what there is instead."""
+"""Queries to the service. No answer means absent or forbidden; liveliness then shows which."""
 
 from __future__ import annotations
 

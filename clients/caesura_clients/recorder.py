@@ -1,4 +1,4 @@
-"""Storing a live session from the wire, in a client install: samples as they were sent, results at the end.
+"""Records a live session from the wire: samples as they were sent, and results at the end.
 
 `Recorder` is the fold: batches in, by their numbers, and which are missing. `record` is the session around
 it. What it missed it asks of the bridge's ring, as the service does; what the ring has lost, or the router's

@@ -1,4 +1,4 @@
-"""What is known of a session: from its snapshot on, by what is published.
+"""The state of a session, from its snapshot and the results published since.
 
 Results are published with DROP, so a reader must expect holes. Changepoints and segments come as `first` and
 a list that replaces everything from `first` on; a hole in their numbers is healed by the snapshot. Status,

@@ -1,4 +1,4 @@
-"""When to ask about what says nothing: after a while, and then less and less often.
+"""Decides when to query keys without messages: after a pause, then at increasing intervals.
 
 A key that is received again starts anew; a query without an answer is repeated after the first interval.
 """
@@ -48,7 +48,7 @@ class Silence(Generic[K]):
         self._waiting.pop(key, None)
 
     def due(self) -> list[K]:
-        """Whom to ask about now; looks no oftener than it matters."""
+        """Return the keys to query now; checks no oftener than needed."""
         now = self._clock()
         if now < self._look_at:
             return []

@@ -1,4 +1,4 @@
-"""How much a payload may hold, by type of message, checked before anything is made of it.
+"""Limits on the size and structure of a payload by message type, checked before it is unpacked.
 
 A byte can be an item of msgpack, and an item an object and a validation error: unchecked, a megabyte of them
 holds the interpreter for seconds and takes a gigabyte. So what a station can send has few items, and they are

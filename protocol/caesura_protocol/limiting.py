@@ -1,4 +1,4 @@
-"""Less force than was taught: where a cell or an operator limits it."""
+"""Force limits of a cell or an operator, applied to the forces of a program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that goes over the wire, as frozen models. Shape and unit stand at each field.
+"""All messages on the wire, as frozen models. Each field states its shape and unit.
 
 Samples travel as one binary matrix behind a small header: validating the header costs microseconds,
 validating a thousand floats one by one would cost milliseconds. Times are seconds on the session's own

@@ -1,4 +1,4 @@
-"""Results too long for one message go in pieces of their bytes, and are joined again by the reader.
+"""Division of results too long for one message into pieces of bytes, and their reassembly by the reader.
 
 Pieces may be lost, come twice, or among those of another message on the same key: a session has two owners
 for a moment. What is held of them has a bound for each key and one for all. What the service reads never goes

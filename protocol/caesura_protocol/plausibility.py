@@ -1,4 +1,4 @@
-"""Plausible units: are samples what a robot can report, in the units that they are said to have?
+"""Plausibility of units: whether samples in the declared units can come from a robot.
 
 One table of checks. Each measures one number of a recording, or of the first second of a stream, and
 compares it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing.

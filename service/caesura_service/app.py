@@ -1,4 +1,4 @@
-"""The service, put together: journal, registry, edge. Use it as a context manager, or run it until a signal.
+"""The service as a whole: journal, registry and edge, as a context manager or until a signal.
 
 >>> with Service(ServiceConfig(listen="tcp/127.0.0.1:0")) as service:  # doctest: +SKIP
 ...     print(service.endpoint)

@@ -1,4 +1,4 @@
-"""`python -m caesura_service.prepare`: compile, so that no session has to wait for it."""
+"""`python -m caesura_service.prepare`: compiles all kernels in advance."""
 
 from __future__ import annotations
 

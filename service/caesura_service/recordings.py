@@ -1,4 +1,4 @@
-"""A recording, segmented without a network: the same samples in the same batches as a bridge would send.
+"""Segments a recording without a network, in the same batches as a bridge would send.
 
 What comes out is, number for number, what a session over the wire would have said at its end.
 """

@@ -1,4 +1,4 @@
-"""What really happened, read from annotations: by eye for real recordings, from the state for simulated ones.
+"""Ground truth from annotations: by eye for real recordings, from the state for simulated ones.
 
 A recording `x.npz` has its truth beside it in `x.ann.json`. Points of level `major` must be found; `optional`
 ones count neither as a miss nor as a false alarm. Spans stand only where the class is clear.

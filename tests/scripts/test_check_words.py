@@ -62,7 +62,16 @@ def test_a_finding_has_the_line_of_its_word(words):
     ]
 
 
-@pytest.mark.parametrize("text", [LONG, f"- short\n- {LONG}\n", f"A paragraph.\n\n{LONG}\n", f"1. {LONG}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        LONG,
+        LONG.replace("word", "word;", 1),
+        f"- short\n- {LONG}\n",
+        f"A paragraph.\n\n{LONG}\n",
+        f"1. {LONG}",
+    ],
+)
 def test_a_sentence_of_31_words_is_found(words, text):
     assert rules(words.in_markdown("docs/a.md", text)) == ["long-sentence"]
 
@@ -72,6 +81,7 @@ def test_a_sentence_of_31_words_is_found(words, text):
     [
         " ".join(["word"] * 30) + ".",
         f"{LONG[:-1].replace('word word word', 'word word. word', 1)}.",
+        f"{LONG[:-1].replace('word word word', 'word word: word', 1)}.",
         f"    {LONG}\n".join(["Code:\n\n", "\n"]),
         f"```\n{LONG}\n```\n",
         f"| {LONG} |\n",

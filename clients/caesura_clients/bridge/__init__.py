@@ -1,4 +1,4 @@
-"""A bridge: takes samples from one robot, numbers them, and sees to it that none is lost."""
+"""The bridge of one robot: it numbers samples, publishes them, and replays lost ones."""
 
 from caesura_clients.bridge.bridge import Bridge, new_session_name
 from caesura_clients.bridge.settings import BridgeSettings

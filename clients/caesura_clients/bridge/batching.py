@@ -1,4 +1,4 @@
-"""Samples come as the robot delivers them and go as batches: 20 in one message cost the service a quarter.
+"""Collects samples into batches of 20 per message, which quarters the cost in the service.
 
 A batch ends early before a pause that is longer than one may last. Where most of it is pauses, the times are
 not in seconds: then it is left as it is, and the service says so.

@@ -1,4 +1,4 @@
-"""What a bridge asks of the service: to open a session, and to close it.
+"""The commands of a bridge to the service: open and close a session.
 
 Both are idempotent and may be asked again whenever an answer got lost. An Ack carries the batch that the
 service waits for, so asking again is also the way to learn how far it has come.

@@ -1,4 +1,4 @@
-"""Marks that a source yields, made beside the robot's loop: a mark asks the service, which the loop must not.
+"""Marks of a source, sent by a thread of their own so that the robot's loop never waits for the service.
 
 They wait in a queue of `CAPACITY`; a hand cannot fill it, and what is past it is counted as failed.
 """

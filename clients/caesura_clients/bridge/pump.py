@@ -1,4 +1,4 @@
-"""The thread between the ring and the network: puts what was numbered, late batches and heartbeats."""
+"""The thread between ring and network: puts numbered batches, late batches and heartbeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers a service that asks for batches again, in a thread of its own: a close may wait for just that."""
+"""Answers the service's requests for batches in a thread of its own, because a close may wait for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last batches that were sent, kept so that they can be asked for again.
+"""The ring of the last batches, kept for replay.
 
 The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, as long as that is
 no more than `max_samples`; and always the last `min_batches`, which is what may be under way to the service.
@@ -57,7 +57,7 @@ class ReplayRing:
         self._lock = threading.Lock()
 
     def append(self, entry: Entry) -> None:
-        """Keep a batch, whose number follows the last one's; evicts what is too old or too much."""
+        """Keep a batch, whose number follows that of the last; evicts what is too old or too much."""
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
                 raise ValueError(f"batch {entry.seq} after {self._entries[-1].seq}, expected the next")

@@ -1,4 +1,4 @@
-"""Sessions, segments and programs as a terminal shows them; what is provisional shows without colours too."""
+"""Sessions, segments and programs as text in a terminal, with a mark for provisional ones."""
 
 from __future__ import annotations
 

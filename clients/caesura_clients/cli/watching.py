@@ -1,4 +1,4 @@
-"""What `caesura watch` keeps in view: of every station one session, that which its program speaks of.
+"""The state behind `caesura watch`: for each station the session of its current program.
 
 Which one that is the service is asked when a session is met for the first time; a session that goes on beside
 it, of a bridge that was left behind, does not take turns with it. A terminal that is too short shows the

@@ -1,4 +1,4 @@
-"""What operators look at in a browser: `caesura dashboard`.
+"""The dashboard for operators, in a browser: `caesura dashboard`.
 
 Data flows one way. `gateway` follows the network in threads of its own and keeps the newest immutable state;
 `glance`, `drawing`, `apps` and `system` make of it what is shown, as pure functions; `pages` send that to the

@@ -1,4 +1,4 @@
-"""What the browser draws of a session, as rows of plain values, and only what it does not have yet.
+"""The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
 [px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint

@@ -1,4 +1,4 @@
-"""Corrections, from what a browser says to the service: the only way from the dashboard back.
+"""Corrections from the browser to the service: the only path by which the dashboard changes anything.
 
 Nothing that a browser sends is trusted: it has to be an `Edit` as the wire has it.
 """

@@ -1,4 +1,4 @@
-"""The network's side: three threads follow it, and what they find can be read at any time without waiting.
+"""The network side of the dashboard: three threads follow the service, and pages read their state unlocked.
 
   results   updates of every session, and what a station's program speaks of;
   arrivals  samples, thinned out into rings, and tokens of bridges and instances;

@@ -1,4 +1,4 @@
-"""A station at a glance: what it does, and whether what is shown is still true.
+"""The summary of a station: its state, and whether the displayed results are still current.
 
 Stale is what looks alive and is not: a demonstration that goes on, of which nothing came for STALE_S, or
 whose bridge is gone. It is said with its reason, because an operator teaches on otherwise.

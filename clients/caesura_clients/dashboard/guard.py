@@ -1,4 +1,4 @@
-"""Who may look at the dashboard, before anything else sees a request.
+"""Access control of the dashboard, applied before any other handler sees a request.
 
 Rule 1: pages of other sites must not reach it through an operator's browser. A request must name one of the
 dashboard's host names (or DNS could be bent to it), and a socket or a form has to come from its own pages.

@@ -1,4 +1,4 @@
-"""Position, speed and force against time, few enough to be drawn: the mean of each fortieth of a second.
+"""Position, speed and force for the plot, as means over cells of 1/25 s.
 
 A ring holds the newest SPAN_S of one session. Who draws asks for what came after the rows it has.
 """

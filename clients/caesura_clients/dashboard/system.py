@@ -1,4 +1,4 @@
-"""The system page: how the instances are, which one owns which station, and what was lost where."""
+"""The system page: the state of the instances, the owner of each station, and losses."""
 
 from __future__ import annotations
 

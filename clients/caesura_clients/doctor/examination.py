@@ -1,4 +1,4 @@
-"""The whole examination, in order: what is said first explains what comes after."""
+"""Runs all checks in order, so that earlier findings explain later ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is seen of a service in a few seconds: asked, listened to, and handed on without a judgement."""
+"""Facts about a service, collected by queries and subscriptions in a few seconds, without a judgement."""
 
 from __future__ import annotations
 

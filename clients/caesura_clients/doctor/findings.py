@@ -1,4 +1,4 @@
-"""What the doctor says: one line a check."""
+"""The findings of the doctor: one line for each check."""
 
 from __future__ import annotations
 

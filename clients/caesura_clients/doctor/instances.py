@@ -1,4 +1,4 @@
-"""The service: who is there, may I ask, do clocks and versions agree, are journal and queue well?"""
+"""Checks of the service: instances, permissions, clocks, versions, journal and queue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The samples themselves, live or of a recording: rate, regularity, what is missing, the force at rest."""
+"""Checks of samples, live or recorded: rate, regularity, missing signals, the force at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A station: is its bridge there, do its samples come, what was lost, what is its wrench worth?"""
+"""Checks of a station: its bridge, its samples, its losses, and its wrench source."""
 
 from __future__ import annotations
 

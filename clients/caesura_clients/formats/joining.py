@@ -1,4 +1,4 @@
-"""Signals that come in messages of their own, at times of their own, as rows of one matrix.
+"""Joins signals of different messages and times into rows of one matrix.
 
 A row is made for every value of the signal that leads (`pos`, or else `q`); each other signal stands in it
 with its newest value at or before that time, never with a later one: live there is none. Nothing is made up

@@ -1,4 +1,4 @@
-"""Our own MCAP files read back: the samples as they were sent, bit for bit. Needs the extra `mcap`.
+"""Reads Caesura's MCAP files: the samples as they were sent, bit for bit. Needs the extra `mcap`.
 
 JSON writes a float in the shortest form that reads as the same float, so nothing is lost on the way. Messages
 are taken in the order of the file, which is that of arrival; results and drawings are not read, for they

@@ -1,4 +1,4 @@
-"""Where the flange is, from what robots report: a pose of the end effector, and where that is on the flange.
+"""The flange's pose from a robot's report: the end effector's pose, and its transform on the flange.
 
 Quaternions are x y z w; a frame of the end effector that was never set (all zeros) is that of the flange.
 """

@@ -1,4 +1,4 @@
-"""What a ROS 2 message says in our names, units and signs.
+"""The content of ROS 2 messages in Caesura's names, units and signs.
 
 Signs. libfranka's O_F_ext_hat_K counts forces of the robot on the environment as positive (robot_state.h:
 "Forces applied by the robot to the environment are positive, while forces applied by the environment on the

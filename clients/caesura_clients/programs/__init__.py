@@ -1,1 +1,1 @@
-"""Task programs as files: our own JSON, a script for franky, a behaviour tree."""
+"""Task programs as files: Caesura's JSON, a script for franky, a behaviour tree."""

@@ -1,4 +1,4 @@
-"""A task program as a file of its own: what a robot needs to run it, and what an engineer needs to judge it.
+"""A task program as a file: what a robot needs to run it, and what an engineer needs to judge it.
 
 `version` is the format's; the program's own number is `revision`. Units stand in the file. Reading takes also
 what `caesura program --json` and `caesura segment --json` write.

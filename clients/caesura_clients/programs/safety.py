@@ -1,4 +1,4 @@
-"""Limits within which a program is run: check, simulation and exported script share them."""
+"""Safety limits of a program, shared by check, simulation and exported script."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`caesura check` and `caesura execute`: may a task program be run, and what happens when it is."""
+"""`caesura check` and `caesura execute`: checks a task program, and runs it on the simulated robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`caesura export`: a recording in another format; as MCAP with its segments and its program."""
+"""`caesura export`: a recording in another format, as MCAP with its segments and its program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`caesura report`: a recording in, a page to look at out, without a network."""
+"""`caesura report`: writes a report of a recording, without a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`caesura segment`: a recording in, segments out, without a network."""
+"""`caesura segment`: segments a recording, without a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled code: how it is compiled, where that is kept, whether it can be. It stands in rooms' `kernels`."""
+"""Compilation of the `kernels` of each room, its cache, and whether numba is available."""
 
 from __future__ import annotations
 

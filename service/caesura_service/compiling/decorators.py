@@ -1,4 +1,4 @@
-"""How every kernel is compiled, and where that is kept.
+"""The decorators that compile every kernel, and the place of their cache.
 
 Without the interpreter, without counting references, and dividing as C does: a branch at every division would
 keep loops from being done several numbers at a time. A product and a sum may be one instruction.

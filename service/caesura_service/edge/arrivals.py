@@ -140,7 +140,7 @@ def sources_of(station: str) -> tuple[str, str]:
 
 
 class Sender(NamedTuple):
-    """Whom something on a station's key counts for. All that name no station are one."""
+    """The source of a message on a station's key. All keys that name no station are one source."""
 
     source: str
     station: str | None

@@ -256,7 +256,7 @@ class WorkQueue(Generic[T]):
         return lane
 
     def _made_known(self, source: str) -> _Load:
-        """Of one of whom nothing waits; there are never more such than SOURCES."""
+        """Return the load of a source without waiting messages; there are at most SOURCES of them."""
         if len(self._of_source) >= SOURCES:
             self._of_source = {name: load for name, load in self._of_source.items() if load.items}
         load = self._of_source[source] = _Load(source, self.settings, self.settings.shares)

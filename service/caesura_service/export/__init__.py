@@ -1,1 +1,1 @@
-"""What was taught, for other people's tools."""
+"""Export of a session for other software."""

@@ -1,4 +1,4 @@
-"""A session with its samples, its results and when it was, from the journal that keeps it.
+"""A session with its samples, results and time of day, read from its journal.
 
 When it was. Samples carry the session's own clock, the journal the time of day at which each batch came. A
 batch cannot come before its last sample was taken, so the batch with the shortest travel time gives the

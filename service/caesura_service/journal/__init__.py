@@ -1,4 +1,4 @@
-"""What a session is made of, kept in order: replaying it rebuilds the session bit for bit."""
+"""The journal: the ordered records of a session, whose replay rebuilds it bit for bit."""
 
 from caesura_service.journal.edits import Edit, Resolution
 from caesura_service.journal.journal import (

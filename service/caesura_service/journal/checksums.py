@@ -1,4 +1,4 @@
-"""A checksum for every row, so that a flipped bit is found instead of read.
+"""A checksum of every row, which detects flipped bits.
 
 SQLite checks the structure of a file and not what is in it: a bit that flips in a payload comes back as
 another sample, or as another correction. A row without a checksum is one of a journal before version 4, and

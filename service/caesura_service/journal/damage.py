@@ -1,4 +1,4 @@
-"""A journal whose file is damaged is set aside, so that a service comes up again at night without its owner.
+"""Sets a damaged journal file aside, so that a service starts again without an operator.
 
 Nothing is deleted. Sessions that are whole, record by record, are taken over into the new file. Where only an
 index is damaged, SQLite makes it again from the records. What else can be read of a damaged file is for

@@ -1,4 +1,4 @@
-"""Sessions that are dropped: unknown at once, and their records deleted some at a time.
+"""Deletion of sessions: hidden at once, their records deleted in portions.
 
 An hour of a station is 180,000 records, and deleting them takes seconds. A commit waits for a write,
 and every station for the commit: so no write takes longer than a portion.

@@ -1,4 +1,4 @@
-"""An edit as it was carried out: the command, and what it came to.
+"""A recorded edit: the command and its resolved form.
 
 A replay needs the second half. What an edit points at (the changepoint nearest to 3.2 s) depends on what was
 shown when it was made. What it came to (no segment starts at observations 20 to 31) does not. So a replay

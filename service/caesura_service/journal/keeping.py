@@ -1,4 +1,4 @@
-"""How long sessions stay in a journal: until they are too old or too much, closed ones first.
+"""Retention: which closed sessions are deleted, by age, size and number.
 
 Stations share its size fairly. Past it, the station that takes most loses its oldest closed session, so one
 that takes no more than its part loses nothing to another; and the open sessions of one station, which are

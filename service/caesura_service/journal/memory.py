@@ -1,4 +1,4 @@
-"""A journal that lives as long as the process."""
+"""A journal in memory, which ends with the process."""
 
 from __future__ import annotations
 

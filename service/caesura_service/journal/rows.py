@@ -1,4 +1,4 @@
-"""Records and outcomes as rows of a journal's file, and back; a row that is damaged is named, never read."""
+"""Records and outcomes as rows of a journal file; reading reports a damaged row by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a journal's file looks like inside, and how to open one.
+"""The schema of a journal file, and how a file is opened.
 
 One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
 Payloads are the codec's own bytes. `application_id` marks a journal among databases, `user_version`

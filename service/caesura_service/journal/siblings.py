@@ -1,4 +1,4 @@
-"""The journals beside one's own: what other instances wrote into the same directory, as it is on disk.
+"""The journals of other instances in the same directory, read as they are on disk.
 
 They are read while their owners run, hang or are dead, and nothing is written to them. One that is damaged,
 locked or of another version counts as not there, with one line in the log. Only instances on one machine may
@@ -50,7 +50,7 @@ class PeerCopy(NamedTuple):
 
 
 class Siblings:
-    """Every journal in the directory of `own` but that one; without a file of one's own there are none."""
+    """Every journal in the directory of `own` except that one; none if `own` is None."""
 
     def __init__(self, own: Path | None) -> None:
         self._own = own

@@ -1,4 +1,4 @@
-"""What SQLite leaves out of a damaged write-ahead log, without a word.
+"""Counts the frames that SQLite silently drops from a damaged write-ahead log.
 
 SQLite reads a log up to the first frame whose checksum is wrong, and takes that for the end. So a flipped bit
 hides every later commit. The frames behind it are still in the file, with the log's salts.

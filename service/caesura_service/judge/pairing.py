@@ -1,4 +1,4 @@
-"""Who goes with whom, at the greatest gain of all together."""
+"""The pairs of rows and columns with the greatest total gain."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What an operator sees of a running service: numbers for Prometheus, health, and logs."""
+"""Monitoring of a running service: Prometheus metrics, health, and logs."""

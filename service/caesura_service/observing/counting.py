@@ -1,4 +1,4 @@
-"""What has been done for each station since this process started, in numbers that only grow.
+"""Counters of each station since the start of the process.
 
 The registry's thread counts, any thread reads: each number is replaced by a greater one, fifty times a second
 for each station, so that nothing else is. A station that is no longer here is dropped with its numbers, so

@@ -1,4 +1,4 @@
-"""How log lines look: for people, or one JSON object a line for whatever collects them.
+"""The format of log lines: text for people, or one JSON object a line for a log collector.
 
 A line of JSON has `time` (UTC), `level`, `logger`, `instance` and `message`; `station` and `session` where it
 speaks of one; `exception` where there was one.

@@ -1,4 +1,4 @@
-"""How often one thing may be said: once in an interval, with the number of times that it was kept back."""
+"""A throttle for log lines: one in an interval, with the number of suppressed ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is served over HTTP: /metrics for Prometheus, /healthz and /readyz for a supervisor.
+"""The HTTP server: /metrics for Prometheus, /healthz and /readyz for a supervisor.
 
 It only reads: names of stations and how much of what, never samples, results or commands, and nothing that
 a request says reaches anything but a table of paths. So it needs no credentials and may listen on any

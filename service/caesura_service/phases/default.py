@@ -1,4 +1,4 @@
-"""The parameters of `default`: what phases are made of, read off demonstrations.
+"""The parameters of the phase model `default`, estimated from demonstrations.
 
 Durations, and how often a phase ends or is interrupted, were counted on the segments that are found in the
 development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded. A

@@ -1,4 +1,4 @@
-"""Phases as a hidden Markov model over segments: what a phase of each kind is made of.
+"""Phases as a hidden Markov model over segments: kinds, durations and transitions.
 
 A demonstration is a sequence of phases, a phase a sequence of segments. Most segments of a phase are in its
 contact state; a run of others inside it is an interruption: the tool lifts off between two strokes. Each

@@ -1,4 +1,4 @@
-"""Phases of a demonstration that goes on: what is decided is kept, the rest is grouped anew at every look.
+"""Tracks the phases of a live demonstration: final ones are stored, the others regrouped at each update.
 
 What settles is taken one segment at a time, so the phases do not depend on when they are read. After each
 settled segment, states with a probability below `posterior.ALIVE` are dropped. A phase is final once all

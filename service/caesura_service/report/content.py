@@ -1,4 +1,4 @@
-"""Everything that a report shows, as arrays and strings; nothing here draws.
+"""The data of a report, as arrays and strings, without drawing.
 
 Times are the recording's own [s]. An observation that starts a segment and the boundary that this makes
 may lie one sample apart (see `Preset.continuous`); what is drawn over time uses the boundary.

@@ -1,4 +1,4 @@
-"""A recording taken through conditioning and filter one observation at a time, and all of it kept.
+"""Runs a recording through conditioning and filter, one observation at a time, and stores every state.
 
 A session keeps what it needs to go on; a report shows what was known when. The steps are those of the
 session's pipeline, in the same order on the same samples, so that both arrive at the same numbers.

@@ -1,4 +1,4 @@
-"""The robot: Panda kinematics and dynamics behind one typed facade."""
+"""The robot: kinematics and dynamics of the Panda behind one typed interface."""
 
 from caesura_service.robot.kinematics import (
     JOINTS,

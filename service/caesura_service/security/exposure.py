@@ -1,7 +1,7 @@
 """Which peers could connect to an endpoint, checked before the service listens on it.
 
 An endpoint that other machines reach must demand credentials: a certificate (TLS or QUIC with `enable_mtls`
-and an authority of one's own; without one, Zenoh takes every public authority's word) or a password from a
+and an authority of its own; without one, Zenoh takes every public authority's word) or a password from a
 dictionary. A password does not cross the wire (Zenoh answers a challenge with it), but on a link that is not
 encrypted everything after it does, and the link may be taken over: allowed, with a warning.
 """

@@ -1,4 +1,4 @@
-"""Every role, and what it may do. Access rules and their documentation are made from this table alone.
+"""The table of roles and their rights, from which access rules and their documentation are made.
 
 What a role is not given here it does not have. A role is held under a name: `bridge.cell-1` may
 be station cell-1 and no other, `service.caesura-1` the instance caesura-1 and no other.

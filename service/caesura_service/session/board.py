@@ -1,4 +1,4 @@
-"""What other threads see of the sessions of this instance."""
+"""An immutable index of the sessions of this instance, for other threads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from caesura_service.session.standing import Standing
 
 @dataclass(frozen=True)
 class Board:
-    """The sessions as they were when one last came or went; each one's standing is always current."""
+    """The sessions as they were when one last came or went; each standing is always current."""
 
     sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
 

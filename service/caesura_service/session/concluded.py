@@ -1,4 +1,4 @@
-"""A closed session as the journal has kept it: everything that can be asked of it, and no mathematics."""
+"""A closed session restored from its stored outcome: it answers queries and has no pipeline."""
 
 from __future__ import annotations
 

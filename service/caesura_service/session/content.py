@@ -1,4 +1,4 @@
-"""What a batch must be to be processed: the declared columns, finite numbers, sane times and values."""
+"""Validation of a batch: declared columns, finite numbers, plausible times and values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people have corrected, as plain values: resolved to what the filter and the program heed.
+"""The corrections of a session, resolved to constraints of the filter and the program.
 
 Rules
 - A correction is resolved once, against what is shown when it is made, to observations and times. Those never

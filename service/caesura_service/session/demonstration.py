@@ -1,4 +1,4 @@
-"""What has been taught so far: the pipeline, where it stands, and what there is to say about it.
+"""The pipeline of a session with its state, and the messages that it publishes.
 
 An error in the pipeline ends the demonstration with the reason in its status and its program; nothing
 is raised. Samples arrive here in order and once; ordering is the session's business.

@@ -1,4 +1,4 @@
-"""A demonstration divided: the filter, and what is shown of its segmentation.
+"""The segmenter of a session: the filter, and the segments and changepoints that it shows.
 
 What has settled is kept, what stays as it was shown is not made again.
 """

@@ -1,4 +1,4 @@
-"""The task program of a demonstration that goes on: what lies before a quiet place is built once.
+"""Incremental construction of the task program: apps before a quiet place are built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and

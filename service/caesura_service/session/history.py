@@ -1,4 +1,4 @@
-"""What a session's observations were, kept compactly: one row of numbers each, the old ones in a file."""
+"""The observations of a session, stored compactly as rows of numbers, old ones in a file."""
 
 from __future__ import annotations
 

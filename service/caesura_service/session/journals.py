@@ -1,4 +1,4 @@
-"""The own journal and those beside it as one: which copy of a session is furthest along."""
+"""The own journal and those of other instances, to find the copy of a session that is furthest along."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Copies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """The furthest of all; one's own where it has the same batches and edits."""
+        """Return the copy that is furthest along; the local one if it has the same batches and edits."""
         return max(self._all, key=lambda copy: (copy.closed, copy.last_seq, copy.edits))
 
     @property

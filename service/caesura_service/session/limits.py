@@ -1,4 +1,4 @@
-"""Every bound that a session or the registry keeps, by name."""
+"""All limits of sessions and of the registry, by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Batches in order, and what to do about the ones that are missing.
+"""The reorder buffer of batches, and the schedule of requests for missing ones.
 
 Two rules. A batch leaves `take` exactly once and in sequence. While one is missing, at most one question
 is out, and it is repeated at a named interval, never in a loop: an answer that brought something is

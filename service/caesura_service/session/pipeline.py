@@ -1,4 +1,4 @@
-"""The mathematics behind a session: sample → observation → evidence → posterior → segment → app."""
+"""The pipeline of a session: sample → observation → evidence → posterior → segment → app."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a session puts into the journal, and how it ended there; nothing while it is restored from it."""
+"""Writes a session's records and outcome to the journal; writes nothing during a replay."""
 
 from __future__ import annotations
 

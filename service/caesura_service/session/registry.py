@@ -9,7 +9,7 @@ for so long.
 Stations may be shared with other instances: what is not served here is another's, and a bridge whose station
 is just being taken has to ask again.
 
-Other threads read the `board`, which is replaced when a session comes or goes and holds each one's immutable
+Other threads read the `board`, which is replaced when a session comes or goes and holds its immutable
 standing.
 """
 

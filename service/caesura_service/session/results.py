@@ -1,4 +1,4 @@
-"""From one view to the next: what changed, as messages. Only changes are published."""
+"""Publishes the changes from one view to the next, as messages."""
 
 from __future__ import annotations
 

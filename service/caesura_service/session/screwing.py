@@ -1,4 +1,4 @@
-"""A turn read from its observations: its axis, a point of it, how far it leads along it, and the torque held.
+"""The screw motion of a turn, from its observations: axis, a point of it, advance, and torque held.
 
 Nothing here changes where a segment begins or ends. In base coordinates the pose of a turn about an axis is
 
@@ -39,7 +39,7 @@ LEAST_LOOKS = 5  # poses, below which there are fewer equations than make an err
 NOISE_M = 1e-4  # by which a pose leaves a turn, beside which the prior scales count
 LEVER_M = 0.12  # prior scale of the lever along the axis: the length of a tool
 COMPLIANCE_M_PER_N = 1e-4  # prior scale of the compliance of what is pressed: a soft hand on a stiff screw
-SLIP_M_PER_RAD = 1e-3  # prior scale of the slip, which a small turn cannot tell from a lever
+SLIP_M_PER_RAD = 1e-3  # prior scale of the slip, which a small turn does not separate from a lever
 MOST_CORRELATED = 0.95
 PRESSED_SHARE = 0.5  # of the force of a tenth of the time, from which on a turn in contact is pressed
 HELD_SHARE = 0.7  # of the torque of a tenth of the time, from which on a torque is held

@@ -1,4 +1,4 @@
-"""What nothing can change any more of a demonstration, as it is shown: kept, not gathered at every look.
+"""The final segments and changepoints of a session, stored so that a view does not rebuild them.
 
 What the program still looks back at is kept as it is, what lies before that in a fifth of the memory.
 """

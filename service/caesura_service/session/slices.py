@@ -1,4 +1,4 @@
-"""Long work in slices, between which other work has its turn.
+"""Divides long work into slices, between which other stations have their turn.
 
 What takes long (an hour that is filtered anew, a batch of a minute) calls `give_way` as it goes. Nothing
 between there and where the work was begun has to know of it, for the work runs on a stack of its own, a

@@ -1,4 +1,4 @@
-"""Bytes that only grow: the last ones in memory, what came before them in a file, in blocks of equal size.
+"""Append-only bytes: the last block in memory, earlier ones in a file, in blocks of equal size.
 
 One file a process, without a name, so that it is gone with the process however that ends. A block's room is
 used again once no object refers to it. What cannot be written stays in memory, and is retried a block later.

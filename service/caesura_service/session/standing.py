@@ -1,4 +1,4 @@
-"""Where a session stands: immutable, replaced at every change, so that any thread may read it unlocked.
+"""The published state of a session: immutable, so that any thread reads it without a lock.
 
 The messages of a snapshot are made from it at a query, not at every batch.
 """

@@ -1,4 +1,4 @@
-"""What a session may do next, as a table. A move that is not in it raises and changes nothing.
+"""The lifecycle of a session as a table of moves. An illegal move raises and changes nothing.
 
 A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
 has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.

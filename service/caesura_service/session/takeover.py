@@ -95,7 +95,7 @@ class Takeover:
         return gone
 
     def _ended(self, copies: Copies, owner: Owner) -> Session | None:
-        """From how it ended, where the best copy says so; a copy of one's own that does not is of no use."""
+        """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
         if outcome is None or outcome.snapshot.status.revision != copies.best.edits:

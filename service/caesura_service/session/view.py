@@ -1,4 +1,4 @@
-"""The seam between a session and the mathematics behind it.
+"""The interface between a session and its pipeline.
 
 A pipeline takes samples in order and can say at any time what it makes of them. Signals, changepoints
 and the program lie behind it; ordering, numbering and the wire lie before it.

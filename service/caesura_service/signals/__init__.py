@@ -1,4 +1,4 @@
-"""Signals: from what a robot reports to what the segmentation sees. Pure: NumPy and SciPy only."""
+"""Signal conditioning: from a robot's samples to observations. Pure: NumPy and SciPy only."""
 
 from caesura_service.signals.conditioning import Conditioned, Conditioner, ConditioningParameters
 from caesura_service.signals.gripper import GripperEvent, GripperParameters

@@ -1,4 +1,4 @@
-"""Which arithmetic conditioning is done with: the compiled one where there is one, else the reference."""
+"""Selects the arithmetic of conditioning: compiled if numba is available, else the reference."""
 
 from __future__ import annotations
 

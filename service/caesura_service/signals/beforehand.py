@@ -1,4 +1,4 @@
-"""Compiling before there is a session that would have to wait for it."""
+"""Compiles the kernels of conditioning before the first session."""
 
 from __future__ import annotations
 

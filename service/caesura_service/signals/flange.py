@@ -1,4 +1,4 @@
-"""From grid rows to the flange: where it is, how it is turned, and the force on it, all in the base frame.
+"""Flange pose and force in the base frame, from grid rows.
 
 The robot's functions are called here and nowhere else: on grid rows, so at grid_hz and not at the rate of
 the samples, many rows at a time.

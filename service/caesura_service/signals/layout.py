@@ -1,4 +1,4 @@
-"""What the columns of a sample matrix mean, and the check that every push passes before it changes anything.
+"""The meaning of the columns of a sample matrix, and the validation of every push.
 
 Only the columns that the conditioning uses are taken on, in the order of `SIGNALS`; positions are scaled
 to metres on the way. A sample that cannot be right is refused whole, with its value and what was expected.

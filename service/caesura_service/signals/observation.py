@@ -1,4 +1,4 @@
-"""What the segmentation sees: conditioned position and force on the segmentation grid."""
+"""An observation: conditioned position and force on the segmentation grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a wrench supports, by where it is measured and by whether a hand is on the robot.
+"""Which models a wrench supports, by where it is measured and by whether a hand is on the robot.
 
 A sensor below the guiding hand measures the environment alone. A sensor above it measures the hand as well.
 An estimate from joint torques holds the hand's force, where there is one, and the error of the robot's

@@ -1,4 +1,4 @@
-"""Where samples come from: one file per robot or file format, all of them a Source.
+"""Sources of samples: one file for each robot or file format, each with the interface `Source`.
 
 A new robot is one module with a class that meets `Source`, and one line in `table.py` beside it.
 """

@@ -1,4 +1,4 @@
-"""Plays a recording as if the robot were there: at its speed, at a multiple of it, or without waiting."""
+"""Plays a recording as a live source: at its speed, at a multiple of it, or without waiting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that are made ahead of time, played as if a robot sent them."""
+"""Plays samples that exist in advance at the pace of a robot."""
 
 from __future__ import annotations
 

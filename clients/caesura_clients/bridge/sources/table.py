@@ -1,4 +1,4 @@
-"""The sources that the command line offers, by name. What one needs is imported when it is asked for."""
+"""The sources of the command line, by name. A source's dependency is imported at its first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every page has: theme, name, navigation, and what is wrong with the network."""
+"""The common parts of every page: theme, name, navigation, and network trouble."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`/sessions` and `/system`: tables, once a second."""
+"""The pages `/sessions` and `/system`: tables, updated once a second."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`/station/{station}` shows what is taught now, `/sessions/{station}/{session}` what was."""
+"""The pages of a session: `/station/{station}` live, `/sessions/{station}/{session}` from the history."""
 
 from __future__ import annotations
 

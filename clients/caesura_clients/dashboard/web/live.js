@@ -1,4 +1,4 @@
-// What every component of ours has in common: it takes payloads, says that it saw them, and what it is ready for.
+// The common part of every component: it receives payloads, acknowledges them, and states what it is ready for.
 export const live = {
   props: { initial: Object },
   emits: ["ready", "seen"],

@@ -92,7 +92,7 @@ export default {
       this.forgetWhatIsGone();
       this.redraw();
     },
-    letTheLastGoOn() { // its end is told once a second only
+    letTheLastGoOn() { // its end is published once a second only
       for (const name of ["segments", "phases"]) {
         const last = this[name][this[name].length - 1];
         if (!last || this.closed || last[1] >= this.t) continue;

@@ -1,4 +1,4 @@
-"""Online against offline: what the filter believed at every moment, and how late it knew. Fig. 4.18, 4.19."""
+"""Compares the online posterior at every moment with the offline one, and its delay. Fig. 4.18, 4.19."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How every page looks: paper, ink, the colours of kinds and axes, and what recurs.
+"""The common style of all pages: paper, ink, colours of kinds and axes.
 
 No colour carries a meaning alone: kinds also have their names, and axes their dashes.
 """

@@ -198,7 +198,7 @@ def _without_code(text: str) -> str:
 def _sentences(text: str) -> Iterator[tuple[int, str]]:
     """Yield (line, sentence) of the prose: paragraphs and items of lists, each divided at its stops."""
     prose = re.sub(r"`[^`]*`", _one_word, text)
-    prose = re.sub(r"^(?:\||#).*$", "", prose, flags=re.MULTILINE)
+    prose = re.sub(r"^(?:[ \t]*\||#).*$", "", prose, flags=re.MULTILINE)
     prose = re.sub(
         r"^\s*(?:[-*]|\d+\.) ", lambda item: "\n" * item.group().count("\n") + "\0", prose, flags=re.M
     )

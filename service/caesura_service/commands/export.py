@@ -54,7 +54,7 @@ def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
     with needing("mcap", "writing .mcap"):
         written = import_module("caesura_service.export.mcap_file")
     view = segmented(recording, preset)
-    taught = import_module("caesura_service.export.taught").Taught(
+    taught = import_module("caesura_service.export.taught").SessionExport(
         station=STATION,
         opening=opening_of(recording, preset),
         recording=recording,

@@ -109,6 +109,10 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, force, holding(observation), rotation, torsion)
 
 
+# A load is then found by its weight alone, against a bias of free space with a scale of 2.3 N (docs/judge.md).
+NO_GRIPPER = "No gripper state: a load below about 0.75 kg is not found, and is shown as free space."
+
+
 class _Looked(NamedTuple):
     """When segments and program were last made: after how many observations, and all that had happened."""
 
@@ -382,8 +386,10 @@ class SegmentationPipeline:
         )
 
     def _notes(self) -> tuple[str, ...]:
-        """The wrench source in use, the gaps, and corrections that may not be what they were."""
+        """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
         notes = [self._source.note]
+        if self._source.transport_models and "gripper" not in self._opening.columns:
+            notes.append(NO_GRIPPER)
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

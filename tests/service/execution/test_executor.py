@@ -204,6 +204,21 @@ def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> 
     assert positions[0] == pytest.approx(start, abs=1e-4)
 
 
+def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
+    arm = Arm(robot, World(PRESSING.scenario, 0.25))
+    acting = Acting(arm, DEFAULT)
+    crept = tuple(np.add(arm.felt.position, (0.004, 0.0, 0.0)).tolist())
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=crept, orientation=DOWN), tn=3.0, length_m=0.04, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    following = app("cartesian_motion", 2.0, 3.0, (-0.02, -0.57, 0.33), path=path)
+    acting.pause(0.4, following)  # too fast for a rest
+    assert acting.setpoint.position != pytest.approx(crept, abs=1e-3)
+    acting.pause(1.0, following)
+    assert acting.setpoint.position == pytest.approx(crept, abs=1e-6)
+
+
 def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:
     """A tenth of a stroke was off by 3.9 N or more; a pause on it had 10 N, and lasted 0.15 s longer."""
     touch, stroke = (0.40, -0.16, 0.150), (0.47, 0.04, 0.150)

@@ -20,7 +20,7 @@ from caesura_protocol.rotations import matrix_of, turning_of
 from caesura_protocol.turning import tight_nm
 from caesura_service.execution.arm import Arm, ArmMeasurement, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
-from caesura_service.execution.motion import course, press_direction
+from caesura_service.execution.motion import ASTRAY_M, course, press_direction
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
@@ -39,6 +39,7 @@ SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
 SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
 LEAVING_APPS = ("cartesian_motion", "move_to_contact", "transport", "hold")
+CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
@@ -72,7 +73,19 @@ class Acting:
             self.tick(self.setpoint.still)
 
     def pause(self, seconds: float, following: App | None) -> None:
-        """Stay between two apps; the time in which a contact is let go is part of it."""
+        """Stay between two apps; the time in which a contact is let go is part of it.
+
+        Where a hand crept in a rest to the start of the next path, the setpoint does.
+        """
+        path = None if following is None else following.path
+        if self.along is None and path is not None and seconds > 0.0:
+            start, here = np.array(path.start.position), self.setpoint.position
+            way = float(np.linalg.norm(start - here))
+            if way <= ASTRAY_M and way <= CREEP_M_PER_S * seconds:
+                creep = Curve.through([0.0, seconds], [here, start])
+                for k in range(1, round(seconds / DT) + 1):
+                    self.tick(self._on(creep, k * DT))
+                return
         leaves = self.along is not None and following is not None and following.kind in LEAVING_APPS
         self.stay(max(seconds - LET_GO_S, 0.0) if leaves else seconds)
 

@@ -6,6 +6,7 @@ stops the robot, and the run says which app it was and why.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -20,12 +21,13 @@ from caesura_clients.bridge.teacher.scenarios import Scenario
 from caesura_clients.bridge.teacher.sensor import Sensors
 from caesura_clients.programs.safety import DEFAULT, Safety
 from caesura_clients.recording import Recording
-from caesura_protocol.messages import App, WrenchSource
+from caesura_protocol.messages import App, Vector, WrenchSource
 from caesura_service.execution.acts import Acting
 from caesura_service.execution.arm import Arm
 from caesura_service.execution.checks import Taught, check
 from caesura_service.execution.findings import RefusedError
 from caesura_service.execution.guard import Stopped
+from caesura_service.execution.motion import ASTRAY_M
 from caesura_service.execution.world import World
 from caesura_service.robot import Robot, load_panda
 
@@ -76,9 +78,9 @@ def execute(
 def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robot | None = None) -> Done:
     """Run apps that a check has passed; the same arguments give the same bytes."""
     robot = robot or load_panda()
-    acting = Acting(
-        Arm(robot, World(place.scenario, place.person.load_kg), friction=place.person.joint_friction), safety
-    )
+    world = World(place.scenario, place.person.load_kg)
+    world.start = _start(apps, world.start)
+    acting = Acting(Arm(robot, world, friction=place.person.joint_friction), safety)
     stopped, at = None, None
     spans: list[tuple[float, float]] = []
     try:
@@ -96,6 +98,13 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         acting.brake(BRAKE_S)
     trace = acting.arm.trace()
     return Done(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
+
+
+def _start(apps: Sequence[App], home: Vector) -> Vector:
+    """Where a robot waits [m] that has gone to the start of the first path; home, where that is elsewhere."""
+    path = apps[0].path if apps else None
+    near = path is not None and math.dist(path.start.position, home) <= ASTRAY_M
+    return path.start.position if path is not None and near else home
 
 
 def _pause(app: App, following: App | None, safety: Safety) -> float:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from statistics import median
 from typing import Literal
 
@@ -117,7 +118,7 @@ def kept_steps(
         if not step.lasts(least_s):
             continue
         last = kept[-1] if kept else None
-        if not _lets_go(before, last, step, moment_at):
+        if not _lets_go(before, kept, step, moment_at):
             read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
             read = _as_touching(last, read, grips, moment_at)
             contact = _contact_before(behind, beside, last)
@@ -296,11 +297,11 @@ def _leaving(step: ProgramSegment) -> ProgramSegment:
 
 
 def _lets_go(
-    before: ProgramSegment | None, last: ProgramSegment | None, step: ProgramSegment, moment_at: MomentAt
+    before: ProgramSegment | None, kept: Sequence[ProgramSegment], step: ProgramSegment, moment_at: MomentAt
 ) -> bool:
     """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off.
 
-    What goes on without that force is a movement.
+    What goes on without that force is a movement, once it is out of what was pressed in.
     """
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
@@ -308,8 +309,11 @@ def _lets_go(
     moved = length(np.subtract(segment.position_end, segment.position_start))
     if moved >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
         return False
-    base, normal = (last.base, _direction(last.force)) if last is not None and last.touches else (None, None)
-    if base is None or normal is None:
+    contact = list(takewhile(lambda one: one.touches, reversed(kept)))
+    if not contact:
+        return True
+    base, normal = contact[0].base, _direction(contact[0].force)
+    if np.subtract(segment.position_end, contact[-1].segment.position_start) @ normal <= 0.0:
         return True
     times = observed(segment.t0, segment.tn)
     presses = [t for t in times if _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N]

@@ -109,7 +109,7 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, force, holding(observation), rotation, torsion)
 
 
-# A load is then found by its weight alone, against a bias of free space with a scale of 2.3 N (docs/judge.md).
+# Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
 NO_GRIPPER = "No gripper state: a load below about 0.75 kg is not found, and is shown as free space."
 
 

@@ -25,7 +25,7 @@ from caesura_service.execution.world import World
 from caesura_service.judge.mutations import violations
 from caesura_service.recordings import segment_recording
 from caesura_service.robot import Robot, load_panda
-from harness.programs import app, pick_and_place, press
+from harness.programs import DOWN, app, pick_and_place, press
 
 FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
 PRESSING, PICKING = (Place(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
@@ -190,6 +190,33 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
     if said:
         assert done.stopped is not None
         assert said in done.stopped
+
+
+def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> None:
+    """A hand had drifted by 5.6 mm before it moved, and the run was off its path by as much."""
+    start = tuple(np.add(PRESSING.scenario.start, (0.004, 0.003, 0.0)).tolist())
+    path = AppPath(
+        start=ViaPoint(t=0.0, position=start, orientation=DOWN), tn=0.5, length_m=0.04, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    done = run((app("cartesian_motion", 0.0, 0.5, (-0.02, -0.57, 0.33), path=path),), PRESSING, robot=robot)
+    positions, _ = robot.flange_poses(done.trace.q[:2])
+    assert positions[0] == pytest.approx(start, abs=1e-4)
+
+
+def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
+    arm = Arm(robot, World(PRESSING.scenario, 0.25))
+    acting = Acting(arm, DEFAULT)
+    crept = tuple(np.add(arm.felt.position, (0.004, 0.0, 0.0)).tolist())
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=crept, orientation=DOWN), tn=3.0, length_m=0.04, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    following = app("cartesian_motion", 2.0, 3.0, (-0.02, -0.57, 0.33), path=path)
+    acting.pause(0.4, following)  # too fast for a rest
+    assert acting.setpoint.position != pytest.approx(crept, abs=1e-3)
+    acting.pause(1.0, following)
+    assert acting.setpoint.position == pytest.approx(crept, abs=1e-6)
 
 
 def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:

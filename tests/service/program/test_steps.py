@@ -167,11 +167,25 @@ def test_a_way_in_the_air_after_a_contact_is_a_movement(pressed_until: float, be
 
     made = program(
         segment("motion", 0.0, 2.0),
-        segment("contact", 2.0, 3.0, **held(10.0)),
+        segment("contact", 2.0, 3.0, **held(10.0), position_start=(0.0, 0.0, 0.300)),
         segment("motion", 3.0, 3.9, **off, **fading),
         at=lifted,
     )
     assert kinds(made) == ["move_to_contact", "apply_force", *becomes]
+
+
+def test_what_springs_back_after_a_press_takes_the_hand_along() -> None:
+    """A pump came up by 16 mm of 25, and the next movement led through it: the check refused that."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(10.0), position_start=(0.0, 0.0, 0.325)),
+        segment(
+            "motion", 3.0, 3.4, position_start=(0.0, 0.0, 0.3), position_end=(0.0, 0.0, 0.316),
+            force_start=(0.0, 0.0, 13.0), force_end=(0.0, 0.0, 3.0),
+        ),
+        at=lambda t: replace(drifted(t, pushed_n=10.0 if 2.0 < t < 3.1 else 0.0), position=(0.0, 0.0, 0.3)),
+    )  # fmt: skip
+    assert kinds(made) == ["move_to_contact", "apply_force"]
 
 
 @pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])

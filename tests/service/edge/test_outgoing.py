@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from caesura_service.edge.arrivals import Arrival, Ended
+from caesura_service.edge.arrivals import Arrival, ReplayFinished
 from caesura_service.edge.budgets import Budgets
 from caesura_service.edge.inbox import Inbox, QueueSettings
 from caesura_service.edge.lanes import Lanes
@@ -46,7 +46,7 @@ def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[
         for number in range(ASKED):
             outgoing.ask(AskReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []
-        while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), Ended):
+        while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), ReplayFinished):
             ended.append(arrival.asked.ask.station)
             outgoing.ended()
     assert sorted(ended) == sorted(f"cell-{number}" for number in range(ASKED))

@@ -10,7 +10,7 @@ import zenoh
 
 from caesura_service.edge.arrivals import Arrival, ReplayFinished
 from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.inbox import Inbox, QueueSettings
+from caesura_service.edge.inbox import QueueSettings, WorkQueue
 from caesura_service.edge.lanes import Lanes
 from caesura_service.edge.outgoing import QUESTIONS, Outgoing
 from caesura_service.edge.rates import RateSettings
@@ -40,7 +40,7 @@ def closed() -> zenoh.Session:
 
 @pytest.mark.parametrize("network", [Broken, closed])
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
-    inbox: Inbox[Arrival] = Inbox(QueueSettings())
+    inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
     with Lanes() as lanes:
         outgoing = Outgoing(network(), inbox, Budgets(RateSettings()), lanes)
         for number in range(ASKED):

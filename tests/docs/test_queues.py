@@ -18,7 +18,7 @@ TABLE = [line for line in (ROOT / "docs" / "queues.md").read_text().splitlines()
 BOUND = re.compile(r"`([a-z0-9_/]+):([A-Za-z_./0-9]+)` = ([0-9.]+)(?: (MiB|GB))?")
 PLACE = re.compile(r"\(?`([a-z0-9_]+(?:/[a-z0-9_]+)*)`")
 UNITS = {None: 1, "MiB": 1 << 20, "GB": 10**9}
-QUEUE = re.compile(r"\b(?:deque|Inbox|SimpleQueue|Queue|LifoQueue|FifoChannel|RingChannel)\(")
+QUEUE = re.compile(r"\b(?:deque|Inbox|WorkQueue|SimpleQueue|Queue|LifoQueue|FifoChannel|RingChannel)\(")
 PACKAGES = {"service": "caesura_service", "clients": "caesura_clients", "protocol": "caesura_protocol"}
 
 

@@ -52,10 +52,9 @@ def alive(caesura: Caesura) -> list[str]:
 
 def gone(pid: int) -> bool:
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+    except (FileNotFoundError, ProcessLookupError):  # before it is opened, or before it is read
         return True
-    return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
 
 
 def test_it_says_where_it_is_starts_again_what_dies_or_hangs_and_leaves_cleanly_with_all(supervised):

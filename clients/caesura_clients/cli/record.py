@@ -94,7 +94,7 @@ def _write_mcap(out: Path, station: str, found: Recorded) -> None:
     mcap = import_module("caesura_clients.formats.mcap_write")
     recording, snapshot, recorder = found.recording, found.snapshot, found.recorder
     first = -float(recording.t.min())  # not before 1970
-    told = mcap.Demonstration(
+    content = mcap.McapContent(
         station=station,
         session=recorder.session,
         preset="" if snapshot is None else snapshot.status.preset,
@@ -106,8 +106,8 @@ def _write_mcap(out: Path, station: str, found: Recorded) -> None:
         complete=found.closed,
     )
     if snapshot is not None:
-        told = replace(
-            told,
+        content = replace(
+            content,
             segments=snapshot.segments.segments,
             changepoints=snapshot.changepoints.changepoints,
             gaps=snapshot.status.gaps,
@@ -115,4 +115,4 @@ def _write_mcap(out: Path, station: str, found: Recorded) -> None:
             notes=snapshot.program.notes,
             wrench_note=snapshot.status.wrench.note,
         )
-    mcap.write_mcap(out, told)
+    mcap.write_mcap(out, content)

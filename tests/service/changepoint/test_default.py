@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.recording import load_recording
-from caesura_service.changepoint.default import DEFAULT, WITHOUT
+from caesura_service.changepoint.default import DEFAULT, WITHOUT, default_channels
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
@@ -93,3 +93,11 @@ def test_a_preset_that_is_none_is_refused_with_those_there_are() -> None:
     with pytest.raises(KeyError, match=r"constant_velocity.*second_order_2"):
         preset_named("without")
     assert not set(WITHOUT) & set(PRESETS)
+
+
+def test_a_gripper_that_holds_something_has_a_load_99_times_of_100_whatever_the_prior_of_loads():
+    weights = {kind.name: kind.weight for kind in DEFAULT.kinds if kind.motion == "motion"}
+    channels = default_channels(1.0)
+    odds = weights["transport"] * channels["holding"].probability
+    odds /= weights["motion"] * channels["empty"].probability
+    assert odds == pytest.approx(0.99 / 0.01)

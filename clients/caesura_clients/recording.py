@@ -36,7 +36,7 @@ import numpy as np
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.formats.content import Array, RawRecording
 from caesura_clients.programs.safety import UNSET, CellSettings
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,

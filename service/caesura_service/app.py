@@ -15,10 +15,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from types import FrameType, TracebackType
 from typing import Self
 
+from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.edge import Edge, NetworkError
@@ -64,7 +64,7 @@ class Service:
             self.registry,
             owner,
             self.config.network,
-            version=_version(),
+            version=installed_version(),
             queue=self.config.queue,
             rates=self.config.rates,
             clock=steady_clock(),
@@ -183,10 +183,3 @@ def _wait_for_stdin(over: threading.Event) -> None:
 def _journal_on_disk(config: ServiceConfig) -> SqliteJournal | None:
     path = config.journal_path
     return None if path is None else SqliteJournal(path, config.journal_settings)
-
-
-def _version() -> str:
-    try:
-        return version("caesura")
-    except PackageNotFoundError:
-        return "0+unknown"

@@ -39,6 +39,20 @@ def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
     assert "Move To Contact" in done.output
 
 
+@pytest.mark.parametrize(
+    ("preset", "without", "is_said"),
+    [("default", "gripper", True), ("default", "nothing", False), ("constant_velocity", "gripper", False)],
+)
+def test_without_a_gripper_state_it_says_which_loads_are_not_found(
+    tmp_path: Path, preset: str, without: str, is_said: bool
+):
+    with np.load(DATA / "pick_and_place.npz") as taught:
+        np.savez(tmp_path / "a.npz", **{name: taught[name] for name in taught.files if name != without})
+    done = caesura("segment", tmp_path / "a.npz", "--preset", preset)
+    assert done.exit_code == 0, done.output
+    assert ("No gripper state: a light load" in done.output) == is_said
+
+
 def test_a_threshold_divides_as_in_the_thesis(tmp_path: Path):
     found = []
     for options in ([], ["--threshold", 0.2]):

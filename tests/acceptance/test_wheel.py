@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_protocol.extras import DISTRIBUTION
+from caesura_protocol.distribution import DISTRIBUTION, installed_version
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"scipy", "pinocchio", "numba"}
@@ -65,7 +65,8 @@ def test_a_client_imports_nothing_heavy(installed: Path, tmp_path: Path):
 
 def test_no_hint_names_a_distribution_that_is_another_projects(installed: Path):
     (metadata,) = installed.glob("*.dist-info/METADATA")
-    assert f"Name: {DISTRIBUTION}" in metadata.read_text().splitlines()
+    lines = metadata.read_text().splitlines()
+    assert {f"Name: {DISTRIBUTION}", f"Version: {installed_version()}"} <= set(lines)
     sources = [*ROOT.glob("README.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("deploy/**/*.*")]
     for folder in ("protocol", "service", "clients"):
         sources += (ROOT / folder).rglob("*.py")

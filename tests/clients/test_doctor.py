@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
-from caesura_clients.doctor.examination import examine_network, examine_recording, judge, our_version
+from caesura_clients.doctor.examination import examine_network, examine_recording, judge
 from caesura_clients.doctor.facts import Facts, ReceivedStatus, Reported, gather
 from caesura_clients.doctor.findings import CheckResult, Grade
 from caesura_clients.doctor.reach import no_session
@@ -29,6 +29,7 @@ from caesura_clients.errors import NotLetIn, Unreachable
 from caesura_clients.memory import MemoryNetwork
 from caesura_clients.recording import Recording
 from caesura_protocol.codec import Encoded, encode
+from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key
 from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
@@ -66,7 +67,7 @@ def test_a_time_that_lies_far_off_costs_no_memory():
 def service(**changes: object) -> Reported:
     held = example(ServiceStatus).budgets[0]
     none = held.model_copy(update={"commands": held.commands.model_copy(update={"refused": 0})})
-    well = {"version": our_version(), "time": NOW + 0.001, "overloaded": False, "budgets": (none,)}
+    well = {"version": installed_version(), "time": NOW + 0.001, "overloaded": False, "budgets": (none,)}
     status = example(ServiceStatus).model_copy(update={**well, **changes})
     return Reported(status, NOW, NOW + 0.002)
 
@@ -322,7 +323,9 @@ def test_an_empty_network_has_no_service():
 def test_a_station_that_nobody_knows_is_named():
     memory = MemoryNetwork()
     with Answering(memory.transport()) as service:
-        reported = example(ServiceStatus).model_copy(update={"instance": "fake-1", "version": our_version()})
+        reported = example(ServiceStatus).model_copy(
+            update={"instance": "fake-1", "version": installed_version()}
+        )
         service.answers[service_key("fake-1", "status")] = encode(reported)
         found = list(examine_network(memory.transport(), "cell-9", seconds=0.05))
     assert [(one.station, one.grade) for one in found if one.check == "bridge"] == [("cell-9", "bad")]

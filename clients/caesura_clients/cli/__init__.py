@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {

@@ -20,7 +20,7 @@ from caesura_clients.cli.show import (
     sessions_view,
 )
 from caesura_clients.errors import Absent
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.network import Transport
 from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport, endpoint_of
+from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import WRENCH_SOURCES
 
 CONNECT_S = 3.0
@@ -61,7 +61,7 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
 
 def judge(facts: Facts, station: str = "*") -> Iterator[CheckResult]:
     """Every check on what was seen."""
-    yield from instances.check_services(facts, our_version())
+    yield from instances.check_services(facts, installed_version())
     for check in instances.CHECKS:
         yield from check(facts)
     for reported in facts.reported:
@@ -112,11 +112,3 @@ def _wrench(recording: Recording) -> Iterator[CheckResult]:
         if source == ESTIMATE:
             remedy = "where no hand is on the robot, state --hand-on-robot no; else there are only moves"
         yield warn("wrench", f"source {source}, hand on the robot: {hand}; contact and load are off", remedy)
-
-
-def our_version() -> str:
-    """Of this installation."""
-    try:
-        return version("caesura")
-    except PackageNotFoundError:
-        return "0+unknown"

@@ -11,7 +11,6 @@ import heapq
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from operator import itemgetter
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -30,6 +29,7 @@ from caesura_clients.formats.channels import (
     schema_of,
 )
 from caesura_clients.recording import Recording
+from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import App, Changepoint, Gap, Message, Phase, Segment
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ def every(times: Array, step_s: float) -> list[int]:
 
 def _write(stream: IO[bytes], told: McapContent) -> int:
     writer = Writer(stream)
-    writer.start(profile="", library=f"caesura {_version()}")
+    writer.start(profile="", library=f"caesura {installed_version()}")
     channels = {topic: _channel(writer, topic) for topic in CHANNELS}
     writer.add_metadata(METADATA, _metadata(told))
     count = 0
@@ -245,10 +245,3 @@ def _nanoseconds(t: float, began_s: float) -> int:
 def _stamp(t: float, began_s: float) -> dict[str, int]:
     sec, nsec = divmod(_nanoseconds(t, began_s), NS)
     return {"sec": sec, "nsec": nsec}
-
-
-def _version() -> str:
-    try:
-        return version("caesura")
-    except PackageNotFoundError:
-        return "0+unknown"

@@ -15,8 +15,8 @@ from rich.progress import MofNCompleteColumn, Progress
 
 from caesura_clients.cli.options import reported
 from caesura_clients.recording import RecordingError
+from caesura_protocol.distribution import installing
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.extras import installing
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 from caesura_service.judge import calibration, diagram
 from caesura_service.judge import evidence as libraries

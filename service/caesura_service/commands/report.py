@@ -13,8 +13,8 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_clients.errors import BadSource, CaesuraError
 from caesura_clients.programs.safety import CellSettings
 from caesura_clients.recording import Recording, load_recording
+from caesura_protocol.distribution import installing
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.extras import installing
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.report.content import ReportData, gather

@@ -20,7 +20,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_service.commands.options import Mapping, PresetName, RecordingFile
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.recordings import as_json, segment_recording
-from caesura_service.session.view import View
+from caesura_service.session.view import NO_GRIPPER, View
 
 SHOWN_GAPS = 5
 
@@ -95,6 +95,8 @@ def _shown(recording: Recording, preset: str, view: View) -> Group:
 
 def _warnings(recording: Recording, view: View) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
+    if NO_GRIPPER in view.notes:
+        yield NO_GRIPPER
     if ignored := ignored_line(recording):
         yield ignored
     if view.repeats:

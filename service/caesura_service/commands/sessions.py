@@ -15,7 +15,7 @@ from caesura_clients.cli.options import Station, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.errors import Absent, CaesuraError
 from caesura_clients.recording import Recording
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
     Copy,

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from caesura_clients.recording import Recording
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 from caesura_protocol.messages import Segment
 from caesura_service.judge.baselines import Baseline, nothing, thresholds, zero_velocity
 from caesura_service.judge.bocpd import gaussian_log, student_speed

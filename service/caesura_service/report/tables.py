@@ -11,7 +11,7 @@ from caesura_protocol.limiting import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.turning import screw_in_words
-from caesura_service.session.view import View
+from caesura_service.session.view import NO_GRIPPER, View
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,8 @@ def notes(view: View) -> tuple[str, ...]:
         for index, one in enumerate(view.segments)
         if one.screw is not None
     )
-    return (view.wrench.note, *gaps, *turns)
+    light = (NO_GRIPPER,) if NO_GRIPPER in view.notes else ()
+    return (view.wrench.note, *light, *gaps, *turns)
 
 
 def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ from caesura_service.session.history import History, force_scale, holding
 from caesura_service.session.kept import Kept, MessageSequence
 from caesura_service.session.settled import SegmentEntry
 from caesura_service.session.slices import give_way
-from caesura_service.session.view import Pipeline, View
+from caesura_service.session.view import NO_GRIPPER, Pipeline, View
 from caesura_service.signals import (
     Conditioned,
     Conditioner,
@@ -107,10 +107,6 @@ def observed(observation: Observation) -> Observed:
     rotation = UNTURNED if observation.rotation is None else observation.rotation
     torsion = torsion_of(observation.force_base, observation.torque_base)
     return Observed(observation.position_base, force, holding(observation), rotation, torsion)
-
-
-# Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
-NO_GRIPPER = "No gripper state: a load below about 0.75 kg is not found, and is shown as free space."
 
 
 class _Looked(NamedTuple):
@@ -388,7 +384,8 @@ class SegmentationPipeline:
     def _notes(self) -> tuple[str, ...]:
         """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
         notes = [self._source.note]
-        if self._source.transport_models and "gripper" not in self._opening.columns:
+        weighs = any("holding" in kind.channels for kind in self._preset.kinds)
+        if weighs and self._source.transport_models and "gripper" not in self._opening.columns:
             notes.append(NO_GRIPPER)
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))

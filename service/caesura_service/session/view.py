@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
 from caesura_service.session.corrections import Change, Correction
 
+# Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
+NO_GRIPPER = (
+    "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "
+    "Send the column gripper where the robot has one."
+)
+
 
 class View(NamedTuple):
     """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""

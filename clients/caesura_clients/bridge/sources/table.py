@@ -12,7 +12,7 @@ from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.errors import BadSource
 from caesura_clients.recording import declared_units, load_recording, needing
 from caesura_clients.transport import endpoint_of
-from caesura_protocol.extras import installing
+from caesura_protocol.distribution import installing
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
 from caesura_protocol.plausibility import WIRE_UNIT
 

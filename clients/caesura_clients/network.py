@@ -66,4 +66,4 @@ class Transport(Protocol):
         """Be seen on the key."""
 
     def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Presence for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that is there, comes or goes."""

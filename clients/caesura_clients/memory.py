@@ -124,7 +124,7 @@ class MemoryTransport:
 
     @contextmanager
     def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Presence for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that is there, comes or goes."""
         with self._declared(self._network.watchers, key, inbox):
             for token in self.alive(key):
                 inbox.offer(TokenChange(token, alive=True))

@@ -21,9 +21,13 @@ class QueryReplies(NamedTuple):
     refusals: tuple[ProtocolError, ...]
 
 
-def unanswered() -> ProtocolError:
+class IncompleteAnswerError(ProtocolError):
+    """The answer to a query, or a part of it, did not arrive: the same query may succeed at once."""
+
+
+def unanswered() -> IncompleteAnswerError:
     """Return the refusal of a query that a queryable received and did not answer in time."""
-    return ProtocolError("overloaded", "no answer within the time of the query: ask again")
+    return IncompleteAnswerError("overloaded", "no answer within the time of the query: ask again")
 
 
 class Transport(Protocol):
@@ -62,4 +66,4 @@ class Transport(Protocol):
         """Be seen on the key."""
 
     def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Presence for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that is there, comes or goes."""

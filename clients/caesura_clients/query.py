@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from caesura_clients.errors import Absent, Unreachable
-from caesura_clients.network import QueryReplies, Transport
+from caesura_clients.network import IncompleteAnswerError, QueryReplies, Transport
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
@@ -136,15 +136,13 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
 
 
 def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
-    """The answers to a query. Asks again, ASKED times in all, where the refusal is `overloaded`: pieces of a
-    long answer were lost, or it took longer than the query lasts.
+    """The answers to a query. Asks again, ASKED times in all, where pieces of a long answer were lost, or it
+    took longer than the query lasts. What the service itself refuses as `overloaded` is not asked again: that
+    would add to its load.
     """
     for _ in range(ASKED - 1):
-        try:
+        with suppress(IncompleteAnswerError):
             return decoded(transport.query(key), model, complete=complete)
-        except ProtocolError as error:
-            if error.code != "overloaded":
-                raise
     return decoded(transport.query(key), model, complete=complete)
 
 
@@ -159,7 +157,7 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     if answers.refusals and (complete or not whole):
         raise answers.refusals[0]
     if joining.unfinished and (complete or not whole):
-        raise ProtocolError("overloaded", "pieces of the answer were lost on the way: ask again")
+        raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
     found, spoilt = [], None
     for reply in whole:
         try:

@@ -164,7 +164,7 @@ class ZenohTransport:
 
     @contextmanager
     def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Presence for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that is there, comes or goes."""
         with _translated(self.endpoint):
             handler = direct(lambda sample: inbox.offer(_presence(sample)))
             declared = self._session.liveliness().declare_subscriber(key, handler, history=True)

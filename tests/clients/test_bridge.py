@@ -283,6 +283,30 @@ def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_s
         assert service.refusals
 
 
+class Overloaded(Unanswering):
+    """The same, and the first close after that refusal finds no room in the service."""
+
+    turned_away = False
+
+    def _command(self, question):
+        is_close = isinstance(decode(*question.content, Control).command, Close)
+        if is_close and self.refusals and not self.turned_away:
+            self.turned_away = True
+            question.refuse(encode_error(ProtocolError("overloaded", "64 commands are waiting: try again")))
+        else:
+            super()._command(question)
+
+
+def test_a_bridge_whose_close_was_carried_out_asks_again_where_the_service_is_overloaded(memory):
+    settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
+    with Overloaded(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(100))
+        assert bridge.finish().state == "closed"
+        assert service.turned_away
+
+
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
     settings = BridgeSettings(window_batches=16, tick_s=0.005, ring_span_s=0.1, stall_s=0.05)
     source = file_source(2000)

@@ -138,6 +138,14 @@ def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses
     assert lossy.asked == losses + 1
 
 
+def test_what_the_service_refuses_as_overloaded_is_not_asked_again_at_once():
+    refusal = ProtocolError("overloaded", "station cell-1 has used its questions of this second", limit=20)
+    lossy = Lossy(pieces_of(long_snapshot()), QueryReplies((), (refusal,)), ASKED)
+    with pytest.raises(ProtocolError, match="has used its questions"):
+        snapshots(lossy, "cell-1", "s1")
+    assert lossy.asked == 1
+
+
 def test_an_answer_that_always_loses_a_piece_is_an_error():
     parts = pieces_of(long_snapshot())
     lossy = Lossy(parts, QueryReplies(tuple(parts[1:]), ()), ASKED)

@@ -234,13 +234,14 @@ class Bridge:
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
-            if failure is not None:
+            if failure is not None and (ack is not None or refusal is not None):
                 raise failure
             if self._clock() >= deadline:
-                raise refusal or self._unacknowledged()
+                raise refusal or failure or self._unacknowledged()
             if told and self.acknowledged <= before:
                 self._sender.resend(self.acknowledged, self.settings.window_batches)
-            self._over.wait(self.settings.retry_s)
+            if self._over.wait(self.settings.retry_s):
+                time.sleep(self.settings.retry_s)  # the keeper has failed: `_over` waits no longer
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
         """Ask once, and open the session again at a service that has lost it or lacks batches.

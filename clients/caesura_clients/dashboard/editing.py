@@ -32,7 +32,7 @@ def corrector(transport: Transport) -> Corrector:
 
 
 def correct(ask: Corrector, station: str, request: Request) -> str:
-    """Carry out what a browser asks for; what was done, in words. Raises Refused."""
+    """Carry out what a browser asks for; what was done, in words. Raises EditRefused."""
     edit = parse(request)
     try:
         ask(station, edit)
@@ -44,7 +44,7 @@ def correct(ask: Corrector, station: str, request: Request) -> str:
 
 
 def parse(request: Request) -> Edit:
-    """What a browser sent, checked: {do, t, …, session, revision, author}. Raises Refused."""
+    """What a browser sent, checked: {do, t, …, session, revision, author}. Raises EditRefused."""
     common = {name: request.get(name) for name in ("session", "revision", "author")}
     own = {name: value for name, value in request.items() if name not in common}
     try:

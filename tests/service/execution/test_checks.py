@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.programs.safety import Safety
-from caesura_protocol.messages import App, Gap
+from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
 from caesura_service.execution.checks import Taught, check
 from caesura_service.execution.findings import CheckReport
 from caesura_service.execution.limits import Cell
@@ -49,6 +49,20 @@ def test_a_program_that_can_be_run_passes_without_a_word(apps: Apps, scenario: s
     assert check(apps, robot=robot).findings == ()  # nor where nobody knows what stands there
 
 
+def standing_still() -> AppPath:
+    """A path whose two points have the same time."""
+    start = ViaPoint(t=10.1, position=(-0.02, -0.562, 0.3), orientation=None)
+    return AppPath(
+        start=start,
+        tn=10.1,
+        length_m=0.0,
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+
+
 def without(index: int) -> Callable[[Apps], Apps]:
     return lambda apps: (*apps[:index], *apps[index + 1 :])
 
@@ -74,6 +88,10 @@ def without(index: int) -> Callable[[Apps], Apps]:
         (lambda a: changed(a, 5, tn=100.0), r"app 5 .*duration 89.9 s, expected 0.1 to 60 s"),
         (lambda a: changed(a, 5, confidence=1.5), r"app 5 .*confidence 1.5"),
         (lambda a: changed(a, 1, t0=0.0), r"app 1 .*begins at 0.00 s, before the app before it"),
+        (
+            lambda a: changed(a, 5, path=standing_still()),
+            r"app 5 .*point at 10.1 s, expected after .* at 10.1 s",
+        ),
         (without(4), r"app 1 \(grasp\): grasps what is never released"),
         (lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]), "held already"),
     ],

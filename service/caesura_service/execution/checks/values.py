@@ -50,7 +50,7 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
     found: list[Finding] = []
     for index, app in enumerate(apps):
         wrong = list(_not_numbers(index, app))
-        found += wrong or [*_missing(index, app), *_beyond(index, app, safety)]
+        found += wrong or [*_missing(index, app), *_beyond(index, app, safety), *_still(index, app)]
     for index, (before, app) in enumerate(pairwise(apps), start=1):
         if app.t0 < before.t0:
             reason = f"begins at {app.t0:.2f} s, before the app before it at {before.t0:.2f} s"
@@ -80,6 +80,17 @@ def _missing(index: int, app: App) -> Iterator[Finding]:
     for name in NEEDS[app.kind]:
         if getattr(app, name) is None:
             yield Finding("error", index, app.kind, f"has no {name}")
+
+
+def _still(index: int, app: App) -> Iterator[Finding]:
+    """Points of its path between which no time passes: there is no speed between these."""
+    if app.path is None:
+        return
+    times = [app.path.start.t, *(point.t for point in app.path.via), app.path.tn]
+    for before, t in pairwise(times):
+        if not before < t < np.inf:
+            reason = f"its path has a point at {t:g} s, expected after the point before it at {before:g} s"
+            yield Finding("error", index, app.kind, reason, t, before)
 
 
 def _beyond(index: int, app: App, safety: Safety) -> Iterator[Finding]:

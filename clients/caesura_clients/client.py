@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -11,7 +12,7 @@ from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
 from caesura_clients.following import follow
-from caesura_clients.network import Transport
+from caesura_clients.network import ENDPOINT_VARIABLE, Transport
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
 from caesura_clients.transport import ZenohTransport
@@ -156,8 +157,9 @@ def connect(
     ...     for update in caesura.results("cell-1"):
     ...         print(update.segments)
 
-    endpoint: None, as the config_file says, or DEFAULT_ENDPOINT; config_file: zenoh json5 with the router,
-    and certificates or a password; timeout_s: None tries for ever.
+    endpoint: None, as CAESURA_CONNECT in the environment or the config_file says, or DEFAULT_ENDPOINT;
+    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: None tries for ever.
     Raises Unreachable, or CaesuraError where the endpoint or the file makes no sense.
     """
+    endpoint = endpoint or os.environ.get(ENDPOINT_VARIABLE)
     return Caesura(ZenohTransport(endpoint, config_file=config_file, timeout_s=timeout_s))

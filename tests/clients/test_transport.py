@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from caesura_clients import attendance, memory, recording, transport
+from caesura_clients import attendance, connect, memory, recording, transport
 from caesura_clients.errors import CaesuraError, Unreachable
 from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.memory import intersect
@@ -190,6 +190,13 @@ def test_connecting_waits_for_a_router_that_comes_later():
     with network:
         thread.join(30.0)
         assert opened[0].alive("a/*") == ()
+
+
+def test_connecting_without_an_endpoint_takes_that_of_the_environment(monkeypatch):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    monkeypatch.setenv("CAESURA_CONNECT", endpoint)
+    with pytest.raises(Unreachable, match=endpoint):
+        connect(timeout_s=0.2)
 
 
 def test_connecting_in_vain_says_where():

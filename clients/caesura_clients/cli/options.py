@@ -14,7 +14,7 @@ import typer
 
 from caesura_clients.client import Caesura, connect
 from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
-from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_clients.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 from caesura_clients.programs.document import ProgramFile
 from caesura_clients.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.errors import ProtocolError
@@ -26,7 +26,7 @@ Connect = Annotated[
     str | None,
     typer.Option(
         "--connect",
-        envvar="CAESURA_CONNECT",
+        envvar=ENDPOINT_VARIABLE,
         metavar="ENDPOINT",
         help=f"The service or its router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}.",
     ),

@@ -20,7 +20,6 @@ from caesura_protocol.messages import WRENCH_SOURCES
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
-ESTIMATE = "joint_torque_estimate"
 ASSUMED = (
     "assumed: the recording does not state its wrench source; contact and load are off. "
     "State it with --wrench-source"
@@ -105,10 +104,11 @@ def _wrench(recording: Recording) -> Iterator[CheckResult]:
     source, hand = recording.wrench_source, recording.hand_on_robot
     if source is None:
         yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
-    elif source == "flange_sensor" or (source, hand) == (ESTIMATE, "no"):
+    elif source == "flange_sensor" or (source, hand) == (stations.ESTIMATE, "no"):
         yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
     else:
-        remedy = "with a sensor below the hand, state --wrench-source flange_sensor"
-        if source == ESTIMATE:
-            remedy = "where no hand is on the robot, state --hand-on-robot no; else there are only moves"
-        yield warn("wrench", f"source {source}, hand on the robot: {hand}; contact and load are off", remedy)
+        yield warn(
+            "wrench",
+            f"source {source}, hand on the robot: {hand}; contact and load are off",
+            stations.wrench_remedy(source),
+        )

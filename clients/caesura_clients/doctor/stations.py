@@ -22,6 +22,7 @@ from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, SampleBatch, SessionStatus
 
+ESTIMATE = "joint_torque_estimate"
 FEWEST_SAMPLES = 100  # that say something of a rate
 STILL_S = 1.0  # how long no sample may come while a session is open
 
@@ -212,6 +213,13 @@ def _refusals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
         yield warn("refused", f"{said}{last}", remedy, station=station.name)
 
 
+def wrench_remedy(source: str) -> str:
+    """What turns contact and load on, for a wrench source that has them off."""
+    if source == ESTIMATE:
+        return "where no hand is on the robot, state --hand-on-robot no; else there are only moves"
+    return "with a sensor below the hand, state --wrench-source flange_sensor; else there are only moves"
+
+
 def _wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     wrench = status.wrench
     can = [
@@ -221,7 +229,7 @@ def _wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     ]
     said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
     if not can:
-        remedy = "with a sensor below the hand, say --wrench-source flange_sensor; else there are only moves"
+        remedy = wrench_remedy(wrench.source)
         if not wrench.stated:
             remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
         yield warn("wrench", said, remedy, station=station.name)

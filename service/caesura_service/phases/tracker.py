@@ -63,18 +63,13 @@ class PhaseTracker:
         """How many segments have been taken as settled: the next look begins with this one."""
         return self._settled
 
-    def look(
-        self, segments: Sequence[Segment], settled_count: int, *, finished: bool
-    ) -> tuple[list[Phase], list[Phase]]:
-        """Group the segments from number `settled` on with those before them.
+    def look(self, segments: Sequence[Segment], *, finished: bool) -> tuple[list[Phase], list[Phase]]:
+        """Group the segments from number `settled` on, which may still change, with those before them.
 
-        settled_count: how many of all segments nothing can change any more. finished: the demonstration is
-        over. Returns the phases that have been decided since the last look, and those after them.
+        finished: the demonstration is over. Returns the phases that have been decided since the last look,
+        and those after them.
         """
-        fresh = settled_count - self._settled
-        for segment in segments[:fresh]:
-            self.settle(segment)
-        looked = self._follow(segments[fresh:], finished=finished)
+        looked = self._follow(segments, finished=finished)
         newly, self._decided = self._decided, []
         shown = [*self._kept, *looked]
         if not shown:

@@ -126,6 +126,9 @@ class SegmentationPipeline:
         self._opening = opening
         self._preset = preset
         self._source = layout.source
+        weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
+        without = weighs and "gripper" not in opening.columns
+        self._standing_notes = (layout.source.note, *([NO_GRIPPER] if without else []))
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._heeded = Heeded()
@@ -321,7 +324,7 @@ class SegmentationPipeline:
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """The phases so far; parts: those that have not settled."""
         segments = [part.segment for part in parts]
-        decided, rest = self._phases.look(segments, self._phases.settled, finished=self._finished)
+        decided, rest = self._phases.look(segments, finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
         return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 
@@ -383,10 +386,7 @@ class SegmentationPipeline:
 
     def _notes(self) -> tuple[str, ...]:
         """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
-        notes = [self._source.note]
-        weighs = any("holding" in kind.channels for kind in self._preset.kinds)
-        if weighs and self._source.transport_models and "gripper" not in self._opening.columns:
-            notes.append(NO_GRIPPER)
+        notes = [*self._standing_notes]
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

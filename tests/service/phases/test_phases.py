@@ -48,8 +48,15 @@ def wiping() -> list[Segment]:
 
 
 def grouped(segments: list[Segment], *, finished: bool = True, chain: Chain = CHAIN) -> list[Phase]:
-    decided, rest = PhaseTracker(chain).look(segments, 0, finished=finished)
+    decided, rest = PhaseTracker(chain).look(segments, finished=finished)
     return [*decided, *rest]
+
+
+def look(tracker: PhaseTracker, segments: list[Segment], settled: int) -> tuple[list[Phase], list[Phase]]:
+    """What the tracker says of all segments so far, of which so many have settled."""
+    for segment in segments[tracker.settled : settled]:
+        tracker.settle(segment)
+    return tracker.look(segments[settled:], finished=False)
 
 
 def shown(phases: list[Phase]) -> list[tuple[str, int, int, int]]:
@@ -210,7 +217,7 @@ def test_final_phases_stay_and_looks_do_not_matter() -> None:
     final: list[Phase] = []
     for count in range(1, len(segments) + 1):
         settled = max(count - 2, looked.settled)
-        newly, rest = looked.look(segments[looked.settled : count], settled, finished=False)
+        newly, rest = look(looked, segments[:count], settled)
         assert all(one.certainty == "final" for one in newly)
         assert all(one.certainty == "provisional" for one in rest)
         final += newly
@@ -219,17 +226,17 @@ def test_final_phases_stay_and_looks_do_not_matter() -> None:
         assert phases[-1].last_segment == count - 1
         assert all(a.last_segment + 1 == b.first_segment for a, b in pairwise(phases))
     settled = len(segments) - 2
-    decided, rest = once.look(segments, settled, finished=False)
+    decided, rest = look(once, segments, settled)
     assert decided == final
     assert len(final) >= 12, "most phases are decided long before the end"
-    assert looked.look(segments[settled:], settled, finished=False)[1] == rest
+    assert look(looked, segments, settled)[1] == rest
 
 
 def test_what_is_kept_does_not_grow() -> None:
     segments = session(60)
     tracker = PhaseTracker(CHAIN)
     for count in range(1, len(segments) + 1):
-        tracker.look(segments[tracker.settled : count], count - 1, finished=False)
+        look(tracker, segments[:count], count - 1)
         assert len(tracker._kept) <= 16
 
 
@@ -238,7 +245,7 @@ def test_one_long_phase_is_kept_as_briefly() -> None:
     segments = demonstration(("free", 1.5, LEFT), *strokes)
     tracker = PhaseTracker(CHAIN)
     for count in range(1, len(segments) + 1):
-        _, rest = tracker.look(segments[tracker.settled : count], count - 1, finished=False)
+        _, rest = look(tracker, segments[:count], count - 1)
         assert len(tracker._kept) <= 16
     assert shown(rest)[-1] == ("contact", 1, 300, 1)
 

@@ -273,14 +273,19 @@ class Unanswering(FakeService):
             super()._command(question)
 
 
-def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_same(memory):
+def closed_without_an_answer(memory, kind):
+    """The service, after a bridge has closed at it whose keeper was refused on the way."""
     settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
-    with Unanswering(memory.transport()) as service, ExitStack() as stack:
+    with kind(memory.transport()) as service, ExitStack() as stack:
         bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
         bridge.wait_open(30.0)
         bridge.send(samples(100))
         assert bridge.finish().state == "closed"
-        assert service.refusals
+    return service
+
+
+def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_same(memory):
+    assert closed_without_an_answer(memory, Unanswering).refusals
 
 
 class Overloaded(Unanswering):
@@ -298,13 +303,7 @@ class Overloaded(Unanswering):
 
 
 def test_a_bridge_whose_close_was_carried_out_asks_again_where_the_service_is_overloaded(memory):
-    settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
-    with Overloaded(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(100))
-        assert bridge.finish().state == "closed"
-        assert service.turned_away
+    assert closed_without_an_answer(memory, Overloaded).turned_away
 
 
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):

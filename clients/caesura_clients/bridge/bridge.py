@@ -230,7 +230,7 @@ class Bridge:
             # The keeper may have been refused: by a session of another bridge, or by our own that is closed
             # already, where the answer to an earlier close was lost. The next answer says which.
             failure, before = self._failure or self._pump.failure, self.acknowledged
-            ack, refusal, told = self._try_to_close(close)
+            ack, refusal, is_open = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
@@ -238,7 +238,7 @@ class Bridge:
                 raise failure
             if self._clock() >= deadline:
                 raise refusal or failure or self._unacknowledged()
-            if told and self.acknowledged <= before:
+            if is_open and self.acknowledged <= before:
                 self._sender.resend(self.acknowledged, self.settings.window_batches)
             if self._over.wait(self.settings.retry_s):
                 time.sleep(self.settings.retry_s)  # the keeper has failed: `_over` waits no longer
@@ -253,10 +253,10 @@ class Bridge:
         except ProtocolError as refusal:
             if refusal.code not in LOST:
                 raise
-            told = False
+            is_open = False
             with suppress(ProtocolError):  # the first refusal says more
-                told = self._ask_to_open()
-            return None, refusal, told
+                is_open = self._ask_to_open()
+            return None, refusal, is_open
         if ack is not None:
             self.acknowledged = ack.next_seq
         return ack, None, False

@@ -44,6 +44,7 @@ AppKind = Literal[
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
 WRENCH_SOURCES: tuple[WrenchSource, ...] = get_args(WrenchSource)
+ESTIMATE: WrenchSource = "joint_torque_estimate"  # of a robot without a sensor
 HANDS_ON_ROBOT: tuple[HandOnRobot, ...] = get_args(HandOnRobot)
 
 # The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.

@@ -16,7 +16,7 @@ from caesura_clients.network import Transport
 from caesura_clients.recording import Recording
 from caesura_clients.transport import ZenohTransport, endpoint_of
 from caesura_protocol.distribution import installed_version
-from caesura_protocol.messages import WRENCH_SOURCES
+from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
@@ -104,7 +104,7 @@ def _wrench(recording: Recording) -> Iterator[CheckResult]:
     source, hand = recording.wrench_source, recording.hand_on_robot
     if source is None:
         yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
-    elif source == "flange_sensor" or (source, hand) == (stations.ESTIMATE, "no"):
+    elif source == "flange_sensor" or (source, hand) == (ESTIMATE, "no"):
         yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
     else:
         yield warn(

@@ -20,9 +20,8 @@ from caesura_clients.doctor.signal import (
 )
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, SampleBatch, SessionStatus
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
 
-ESTIMATE = "joint_torque_estimate"
 FEWEST_SAMPLES = 100  # that say something of a rate
 STILL_S = 1.0  # how long no sample may come while a session is open
 

@@ -82,22 +82,26 @@ class McapMessage(NamedTuple):
     fields: dict[str, Any]
 
 
-def write_mcap(path: Path, told: McapContent) -> int:
+def write_mcap(path: Path, content: McapContent) -> int:
     """Write the file, all of it or none; returns the number of messages. Raises OSError."""
     unfinished = path.with_name(path.name + ".part")
     try:
         with unfinished.open("wb") as stream:
-            count = _write(stream, told)
+            count = _write(stream, content)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
     return count
 
 
-def entries(told: McapContent) -> Iterator[McapMessage]:
+def entries(content: McapContent) -> Iterator[McapMessage]:
     """Every message in order of time."""
-    streams = [_samples(told, "/state", RobotState), _samples(told, "/wrench", Wrench), *_drawn(told)]
-    return heapq.merge(*streams, _results(told), key=itemgetter(0))
+    streams = [
+        _samples(content, "/state", RobotState),
+        _samples(content, "/wrench", Wrench),
+        *_drawn(content),
+    ]
+    return heapq.merge(*streams, _results(content), key=itemgetter(0))
 
 
 def poses_of(recording: Recording) -> Poses:
@@ -122,14 +126,14 @@ def every(times: Array, step_s: float) -> list[int]:
     return kept
 
 
-def _write(stream: IO[bytes], told: McapContent) -> int:
+def _write(stream: IO[bytes], content: McapContent) -> int:
     writer = Writer(stream)
     writer.start(profile="", library=f"caesura {installed_version()}")
     channels = {topic: _channel(writer, topic) for topic in CHANNELS}
-    writer.add_metadata(METADATA, _metadata(told))
+    writer.add_metadata(METADATA, _metadata(content))
     count = 0
-    for entry in entries(told):
-        when = _nanoseconds(entry.t, told.began_s)
+    for entry in entries(content):
+        when = _nanoseconds(entry.t, content.began_s)
         data = json.dumps(entry.fields, separators=(",", ":"), allow_nan=False).encode()
         writer.add_message(channels[entry.topic], when, data, publish_time=when, sequence=count)
         count += 1
@@ -143,35 +147,35 @@ def _channel(writer: Writer, topic: str) -> int:
     return writer.register_channel(topic=topic, message_encoding="json", schema_id=registered)
 
 
-def _metadata(told: McapContent) -> dict[str, str]:
-    recording = told.recording
+def _metadata(content: McapContent) -> dict[str, str]:
+    recording = content.recording
     return {
-        "station": told.station,
-        "session": told.session,
-        "preset": told.preset,
-        "complete": json.dumps(told.complete),
-        "wrench_note": told.wrench_note,
+        "station": content.station,
+        "session": content.session,
+        "preset": content.preset,
+        "complete": json.dumps(content.complete),
+        "wrench_note": content.wrench_note,
         **recording.stated_options,
-        "columns": " ".join(told.columns),
+        "columns": " ".join(content.columns),
         "units": "/state and /wrench as sent: pos in length_unit, q rad, force N in force_frame, torque and "
         "tau Nm; everything else: s, m, N, kg in the base frame",
         "clock": "log time is began_s + t; t is the session's own clock",
-        "began_s": repr(told.began_s),
-        **told.more,
+        "began_s": repr(content.began_s),
+        **content.more,
     }
 
 
 # --- messages -------------------------------------------------------------------------------------------
 
 
-def _samples(told: McapContent, topic: str, model: type[Message]) -> Iterator[McapMessage]:
+def _samples(content: McapContent, topic: str, model: type[Message]) -> Iterator[McapMessage]:
     """What of a model's fields the session has, sample by sample, in order of arrival."""
-    signals = {name: told.recording.signals.get(name) for name in model.model_fields}
+    signals = {name: content.recording.signals.get(name) for name in model.model_fields}
     columns = {name: _values(values) for name, values in signals.items() if values is not None}
     if not columns:
         return
-    times = np.maximum.accumulate(told.recording.t)  # in the order of the merge; `t` is as it came
-    rows = zip(times.tolist(), told.recording.t.tolist(), *columns.values(), strict=True)
+    times = np.maximum.accumulate(content.recording.t)  # in the order of the merge; `t` is as it came
+    rows = zip(times.tolist(), content.recording.t.tolist(), *columns.values(), strict=True)
     for when, t, *row in rows:
         yield McapMessage(when, topic, {"t": t, **dict(zip(columns, row, strict=True))})
 
@@ -181,16 +185,16 @@ def _values(signal: Array) -> list[Any]:
     return (signal[:, 0] if signal.shape[1] == 1 else signal).tolist()  # type: ignore[no-any-return]
 
 
-def _results(told: McapContent) -> list[McapMessage]:
-    end = float(told.recording.t.max())
+def _results(content: McapContent) -> list[McapMessage]:
+    end = float(content.recording.t.max())
     program = TaskProgram(
-        complete=told.complete, apps=told.apps, notes=told.notes, force_limit_n=told.force_limit_n
+        complete=content.complete, apps=content.apps, notes=content.notes, force_limit_n=content.force_limit_n
     )
     said: Iterable[tuple[float, str, Message]] = (
-        *((one.t0, "/segments", one) for one in told.segments),
-        *((one.t0, "/phases", one) for one in told.phases),
-        *((one.t, "/changepoints", one) for one in told.changepoints),
-        *((one.t0, "/gaps", one) for one in told.gaps),
+        *((one.t0, "/segments", one) for one in content.segments),
+        *((one.t0, "/phases", one) for one in content.phases),
+        *((one.t, "/changepoints", one) for one in content.changepoints),
+        *((one.t0, "/gaps", one) for one in content.gaps),
         (end, "/program", program),
     )
     made = [
@@ -200,18 +204,18 @@ def _results(told: McapContent) -> list[McapMessage]:
     return sorted(made, key=itemgetter(0))
 
 
-def _drawn(told: McapContent) -> tuple[list[McapMessage], list[McapMessage]]:
+def _drawn(content: McapContent) -> tuple[list[McapMessage], list[McapMessage]]:
     """The flange's frame as it goes, and its whole path."""
-    times, positions, orientations = told.poses
+    times, positions, orientations = content.poses
     if not times.size:
         return [], []
     poses = [(_xyz(p), _xyzw(o)) for p, o in zip(positions.tolist(), orientations.tolist(), strict=True)]
     frames = [
-        McapMessage(t, "/tf", _transform(_stamp(t, told.began_s), *pose))
+        McapMessage(t, "/tf", _transform(_stamp(t, content.began_s), *pose))
         for t, pose in zip(times.tolist(), poses, strict=True)
     ]
     points = [{"position": p, "orientation": o} for p, o in (poses[i] for i in every(times, PATH_S))]
-    stamp = _stamp(float(times[0]), told.began_s)
+    stamp = _stamp(float(times[0]), content.began_s)
     path = McapMessage(float(times[0]), "/path", {"timestamp": stamp, "frame_id": BASE, "poses": points})
     return frames, [path]
 

@@ -15,6 +15,7 @@ from caesura_clients.formats.mapping import Mapped
 from caesura_clients.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_clients.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_clients.recording import RecordingError
+from caesura_protocol.messages import ESTIMATE
 
 _RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
 
@@ -96,7 +97,7 @@ def _options(
 
 def _source_of(topic: Topic) -> str:
     if topic.type == FRANKA_STATE:
-        return "joint_torque_estimate"
+        return ESTIMATE
     raise RecordingError(
         f"{topic.name}: where is this wrench measured? Say wrench_source in a mapping or --wrench-source: "
         "flange_sensor, flange_sensor_with_hand or joint_torque_estimate"

@@ -26,15 +26,15 @@ from caesura_service.signals.flange import columns_of, flange_rows
 
 def write_mcap(path: Path, taught: SessionExport) -> int:
     """Write the file, all of it or none; returns the number of messages. Raises OSError."""
-    return write(path, told_of(taught))
+    return write(path, content_of(taught))
 
 
 def entries(taught: SessionExport) -> list[McapMessage]:
     """Every message in order of time."""
-    return list(entries_of(told_of(taught)))
+    return list(entries_of(content_of(taught)))
 
 
-def told_of(taught: SessionExport) -> McapContent:
+def content_of(taught: SessionExport) -> McapContent:
     """Return the content of a session's MCAP file."""
     opening, view = taught.opening, taught.view
     return McapContent(

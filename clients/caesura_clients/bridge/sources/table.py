@@ -13,11 +13,10 @@ from caesura_clients.errors import BadSource
 from caesura_clients.recording import declared_units, load_recording, needing
 from caesura_clients.transport import endpoint_of
 from caesura_protocol.distribution import installing
-from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
+from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
 from caesura_protocol.plausibility import WIRE_UNIT
 
 DEFAULT_SCENARIO = "pick_and_place"
-ESTIMATE: WrenchSource = "joint_torque_estimate"  # the wrench of a Franka arm without a sensor
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Write the JSON Schema of a task program's file beside its model.
 
-python scripts/write_program_schema.py           # writes clients/caesura_clients/programs/schema
+python scripts/write_program_schema.py           # writes protocol/caesura_protocol/programs/schema
 python scripts/write_program_schema.py --check   # exits 1 where the file differs from the model
 """
 
@@ -11,10 +11,10 @@ import json
 import sys
 from pathlib import Path
 
-from caesura_clients.programs.document import VERSION, ProgramFile
+from caesura_protocol.programs.document import VERSION, ProgramFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-PROGRAMS = Path(__file__).resolve().parents[1] / "clients" / "caesura_clients" / "programs"
+PROGRAMS = Path(__file__).resolve().parents[1] / "protocol" / "caesura_protocol" / "programs"
 FILE = PROGRAMS / "schema" / f"program.v{VERSION}.json"
 
 

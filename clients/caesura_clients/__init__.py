@@ -7,7 +7,7 @@
 """
 
 from caesura_clients.client import Caesura, connect
-from caesura_clients.errors import Absent, BadSource, CaesuraError, Unreachable
 from caesura_clients.results import Update
+from caesura_protocol.errors import Absent, BadSource, CaesuraError, Unreachable
 
 __all__ = ["Absent", "BadSource", "Caesura", "CaesuraError", "Unreachable", "Update", "connect"]

@@ -12,10 +12,8 @@ from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
 from caesura_clients.following import follow
-from caesura_clients.network import ENDPOINT_VARIABLE, Transport
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -32,6 +30,8 @@ from caesura_protocol.messages import (
     Snapshot,
     Undo,
 )
+from caesura_protocol.transport.network import ENDPOINT_VARIABLE, Transport
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 
 class Caesura:

@@ -10,12 +10,11 @@ from __future__ import annotations
 import time
 
 from caesura_clients import query
-from caesura_clients.errors import Unreachable
-from caesura_clients.network import Transport
 from caesura_protocol.codec import decode, encode
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Action, Control, Edit, Insert
+from caesura_protocol.transport.network import Transport
 
 EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in half of that, on a busy machine
 PATIENCE_S = 60.0  # a minute of a session is rebuilt from the journal in one or two

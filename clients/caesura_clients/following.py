@@ -15,18 +15,17 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
-from caesura_clients.attendance import Attendance, Change
-from caesura_clients.errors import Unreachable
-from caesura_clients.inbox import Delivery, Inbox, TokenChange
-from caesura_clients.network import Transport
 from caesura_clients.query import services, snapshots
+from caesura_clients.refresh_backoff import Silence
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
-from caesura_clients.silence import Silence
+from caesura_clients.service_liveliness import Attendance, Change
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ProtocolError, Unreachable
+from caesura_protocol.fragments import Joining
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import MAX_WHOLE_BYTES, Snapshot
-from caesura_protocol.pieces import Joining
+from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.network import Transport
 
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
 SNAPSHOT_ATTEMPTS = 3

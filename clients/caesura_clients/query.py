@@ -7,13 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-from caesura_clients.errors import Absent, Unreachable
-from caesura_clients.network import IncompleteAnswerError, QueryReplies, Transport
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import Absent, ProtocolError, Unreachable
+from caesura_protocol.fragments import Joining
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import MAX_WHOLE_BYTES, Message, Program, ServiceStatus, Snapshot
-from caesura_protocol.pieces import Joining
+from caesura_protocol.transport.network import IncompleteAnswerError, QueryReplies, Transport
 
 M = TypeVar("M", bound=Message)
 

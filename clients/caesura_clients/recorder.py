@@ -17,12 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_clients import query
-from caesura_clients.errors import Absent, CaesuraError, Unreachable
-from caesura_clients.inbox import Delivery, Inbox, Item
-from caesura_clients.network import Transport
-from caesura_clients.recording import Recording
 from caesura_protocol.codec import decode, unpack_samples
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import Absent, CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -32,6 +28,9 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.inbox import Delivery, Inbox, Item
+from caesura_protocol.transport.network import Transport
 
 ASK_EVERY_S = 0.5  # for what is missing
 AT_ONCE = 200  # batches in one question

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 
+from caesura_protocol.errors import BadSource
+
 DISTRIBUTION = "caesura-teaching"  # the package index has another project under `caesura`
+PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_lab")
 
 
 def installing(extra: str) -> str:
@@ -22,3 +27,14 @@ def installed_version() -> str:
         return version(DISTRIBUTION)
     except PackageNotFoundError:
         return "0+unknown"
+
+
+@contextmanager
+def needing(extra: str, what: object) -> Iterator[None]:
+    """Import what an extra brings. Raises BadSource, which names the extra, where it is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in PACKAGES:
+            raise
+        raise BadSource(f"{what} needs {error.name}: {installing(extra)}") from error

@@ -21,13 +21,13 @@ from typing import Self
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
-from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
-from caesura_service.observing.health import alive, web_of
-from caesura_service.observing.metrics import MetricsSource
-from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session.ports import Owner, PipelineFactory
-from caesura_service.session.spool import SPOOL
+from caesura_service.monitoring.health import alive, web_of
+from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.metrics import MetricsSource
+from caesura_service.publishing.events import Owner, PipelineFactory
+from caesura_service.segmentation.overflow_file import SPOOL
+from caesura_service.server import Edge, NetworkError
 
 logger = logging.getLogger(__name__)
 
@@ -131,7 +131,7 @@ def run_service(
 def segmenting_pipeline() -> PipelineFactory:
     """The real mathematics, compiled. Imported here: a service with another one does not wait for it."""
     from caesura_service.prepare import prepare  # noqa: PLC0415
-    from caesura_service.session.pipeline import make_pipeline  # noqa: PLC0415
+    from caesura_service.segmentation.pipeline import make_pipeline  # noqa: PLC0415
 
     prepare()
     return make_pipeline

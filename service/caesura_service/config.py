@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from caesura_protocol.keys import check_name
-from caesura_service.edge.inbox import QueueSettings
-from caesura_service.edge.network import NetworkSettings
-from caesura_service.edge.rates import RateSettings
 from caesura_service.journal import JournalSettings
-from caesura_service.session.limits import Limits
+from caesura_service.server.network import NetworkSettings
+from caesura_service.server.rates import RateSettings
+from caesura_service.server.work_queue import QueueSettings
+from caesura_service.sessions.limits import Limits
 
 DEFAULT_INSTANCE = "caesura-1"
 DEFAULT_PRESET = "default"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 
-from caesura_service.changepoint import filters
-from caesura_service.signals import beforehand
+from caesura_service.changepoint import filter_choice
+from caesura_service.signals import warm_up
 
 
 def prepare() -> None:
     """Compile what is not compiled yet, where there is something to compile with."""
-    filters.prepare()
-    beforehand.prepare()
+    filter_choice.prepare()
+    warm_up.prepare()
 
 
 if __name__ == "__main__":

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.recording import Recording
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Close, Open, SampleBatch, Snapshot
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import MemoryJournal
-from caesura_service.recordings import BATCH_SAMPLES, opening_of
+from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of
 from harness.demonstrations import guided
 from harness.peer import Peer
 

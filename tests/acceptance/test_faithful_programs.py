@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
-from caesura_clients.cli.show import apps_table
-from caesura_clients.programs.document import ProgramFile, read_document
-from caesura_clients.recording import Recording
+from caesura_clients.cli.result_tables import apps_table
 from caesura_protocol.messages import MAX_VIA_POINTS, App, Gap
 from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.document import ProgramFile, read_document
+from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
 

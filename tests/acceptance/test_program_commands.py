@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
-from caesura_clients.programs.groups import Group
-from caesura_clients.recording import load_recording
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.programs.groups import Group
 from harness.programs import as_file, press
 
 

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
-from caesura_clients.recording import load_recording
-from caesura_service.recordings import segment_recording
+from caesura_protocol.formats.read import load_recording
+from caesura_service.offline_segmentation import segment_recording
 from clients.examples import LiveSource, samples
 from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, start, teaching
 

@@ -10,11 +10,11 @@ import pytest
 
 from caesura_clients import connect
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.recording import load_recording
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Segment
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.recordings import segment_recording
+from caesura_service.offline_segmentation import segment_recording
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared" / "data" / "real"

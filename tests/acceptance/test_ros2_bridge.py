@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from caesura_clients import Caesura, connect
-from caesura_service.recordings import segment_recording
+from caesura_service.offline_segmentation import segment_recording
 from clients.conftest import RouterNetwork
 from clients.test_ros2_source import LAYOUTS, publisher
 from harness import ros

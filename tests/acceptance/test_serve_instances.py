@@ -13,7 +13,7 @@ import pytest
 
 from caesura_clients import Caesura, connect
 from caesura_clients.query import services
-from caesura_service.commands.instances import credentials_of, names_of
+from caesura_service.commands.supervisor import credentials_of, names_of
 from harness.processes import DEADLINE_S, eventually
 
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]

@@ -10,12 +10,12 @@ from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
-from caesura_clients.recording import load_recording
 from caesura_protocol.codec import pack_samples
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close
 from caesura_service.config import ServiceConfig, journal_path
 from caesura_service.journal import Record, SqliteJournal
-from caesura_service.recordings import BATCH_SAMPLES, opening_of, segment_recording
+from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
 from harness.demonstrations import guided
 
 
@@ -75,7 +75,7 @@ def test_a_session_is_exported_as_mcap_while_the_service_runs(directory):
 
 
 def test_mcap_without_its_extra_is_one_line_that_names_it(directory, monkeypatch):
-    monkeypatch.setattr("caesura_service.commands.sessions.find_spec", lambda name: None)
+    monkeypatch.setattr("caesura_lab.commands.sessions.find_spec", lambda name: None)
     done = caesura("export", "s2", "-o", directory / "s2.mcap", "--journal", directory)
     assert (done.exit_code, done.stdout) == (1, "")
     assert done.stderr == "error: writing .mcap needs pip install '.[mcap]' in a clone of Caesura\n"

@@ -9,9 +9,9 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Changepoints, Close, Open, Posterior, Program, SampleBatch, Segments
 from caesura_service.app import segmenting_pipeline
 from caesura_service.journal import MemoryJournal
-from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Output
-from caesura_service.session.registry import Registry
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Output
+from caesura_service.sessions.limits import Limits
 from harness.demonstrations import guided
 from harness.sessions import OWNER, published, unowned
 

@@ -13,8 +13,8 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.cli import build
-from caesura_clients.formats.mcap_write import McapContent, write_mcap
-from caesura_service.recordings import segment_recording
+from caesura_protocol.formats.mcap_write import McapContent, write_mcap
+from caesura_service.offline_segmentation import segment_recording
 from harness import ros
 from harness.processes import QUICK, RECORDING, SESSION, serving
 

@@ -12,20 +12,20 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.pacing import PacedSource
-from caesura_clients.bridge.teacher.scenarios import SCENARIOS
 from caesura_clients.cli import build
-from caesura_clients.errors import BadSource
-from caesura_clients.recording import load_recording
-from caesura_clients.transport import ZenohTransport
+from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.codec import pack_samples
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close, Quantity
 from caesura_protocol.plausibility import FirstSecond, implausible
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.recordings import opening_of
-from clients.teacher.nominal import nominal_once
+from caesura_service.offline_segmentation import opening_of
 from harness.demonstrations import guided
 from harness.peer import Peer
+from lab.teacher.nominal import nominal_once
 
 DATA = Path(__file__).parents[2] / "data"
 LOCAL = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0")

@@ -15,21 +15,21 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.table import SourceOptions, open_source
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.cli import build
-from caesura_clients.errors import BadSource, CaesuraError
-from caesura_clients.formats.write import WRITERS
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
-from caesura_clients.recording import Recording, RecordingError, load_recording
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import decode, encoding_of, pack_samples
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.formats.write import WRITERS
 from caesura_protocol.messages import Open, SampleBatch, Snapshot, WrenchReport
+from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Record
-from caesura_service.recordings import opening_of, recording_of, segment_recording
+from caesura_service.offline_segmentation import opening_of, recording_of, segment_recording
 from harness.demonstrations import guided
 from harness.peer import Peer
 

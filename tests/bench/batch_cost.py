@@ -22,23 +22,24 @@ from machine import options, tell
 from service_load import prepared
 
 from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.fragments import in_pieces
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Message
-from caesura_protocol.pieces import in_pieces
 from caesura_service.app import segmenting_pipeline
-from caesura_service.changepoint.compiled import CompiledFilter
-from caesura_service.edge import worker
-from caesura_service.edge.arrivals import Content
-from caesura_service.edge.outgoing import key_of
+from caesura_service.changepoint.compiled_filter import CompiledFilter
 from caesura_service.journal import SqliteJournal
-from caesura_service.observing.chronicle import Chronicle
-from caesura_service.observing.counting import Counting
-from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session import intake, results
-from caesura_service.session.division import Division
-from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import SegmentationPipeline
-from caesura_service.session.ports import Owner, Publish
+from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.session_event_logger import Chronicle
+from caesura_service.monitoring.station_counters import Counting
+from caesura_service.publishing import messages
+from caesura_service.publishing.events import Owner, Publish
+from caesura_service.segmentation.pipeline import SegmentationPipeline
+from caesura_service.segmentation.segmenter import Division
+from caesura_service.server import worker
+from caesura_service.server.inbound import Content
+from caesura_service.server.result_publisher import key_of
+from caesura_service.sessions import batch_receiver
+from caesura_service.sessions.limits import Limits
 from caesura_service.signals import Conditioner
 
 WARM_UP = 100  # batches of each station
@@ -47,13 +48,13 @@ BATCH_S, BATCHES_PER_S = 0.02, 50
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "reading the message": ((worker, "_batch"),),
-    "checking its samples": ((intake, "samples_of"),),
+    "checking its samples": ((batch_receiver, "samples_of"),),
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledFilter, "step"),),
     "segments and changepoints": ((Division, "look"), (Division, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
-    "what has changed, as messages": ((results, "with_view"), (results, "with_program")),
+    "what has changed, as messages": ((messages, "with_view"), (messages, "with_program")),
     "counting and logging": ((Counting, "take"), (Counting, "hear"), (Chronicle, "take")),
 }
 REST = "order, standing, all else"

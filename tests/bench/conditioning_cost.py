@@ -23,7 +23,7 @@ import numpy as np
 from machine import machine, options, tell
 from numpy.typing import NDArray
 
-from caesura_clients.recording import load_recording
+from caesura_protocol.formats.read import load_recording
 from caesura_service.robot import Robot, load_panda
 from caesura_service.signals import Conditioner, Layout, conditioning
 from caesura_service.signals.filtering import SavitzkyGolay

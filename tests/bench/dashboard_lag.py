@@ -22,7 +22,7 @@ from playwright.sync_api import Browser, Page
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from caesura_clients.dashboard.glance import reached
+from caesura_clients.dashboard.station_summary import reached
 from dashboard.browser import Visitor, chromium
 from dashboard.stage import Stage, staged
 from dashboard.subscriber import Subscriber

@@ -22,19 +22,19 @@ from typing import Any
 from machine import options, tell
 from service_load import BATCH_S, OBSERVED_S, SESSION, prepared
 
-from caesura_clients.inbox import Inbox
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.keys import session_key, station_key
 from caesura_protocol.messages import Changepoints, Heartbeat, Posterior, SampleBatch, Segments
+from caesura_protocol.transport.inbox import Inbox
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import SWITCH_INTERVAL_S
-from caesura_service.edge import Edge, NetworkSettings
-from caesura_service.edge.inbox import QueueSettings
-from caesura_service.edge.network import join
 from caesura_service.journal import MemoryJournal
-from caesura_service.session.fake_pipeline import make_fake_pipeline
-from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Output, Owner, Publish, ReplayEnded
-from caesura_service.session.registry import Registry
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server import Edge, NetworkSettings
+from caesura_service.server.network import join
+from caesura_service.server.work_queue import QueueSettings
+from caesura_service.sessions.limits import Limits
 
 OWNER = Owner("bench", 1)
 WARM_UP_S = 2.0

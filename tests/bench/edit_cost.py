@@ -26,10 +26,10 @@ from rich.table import Table
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Action, Close, Edit, Insert, Open, Undo
 from caesura_service.journal import SqliteJournal
-from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
-from caesura_service.session.ports import Answer, Output, Owner
-from caesura_service.session.registry import Registry
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Answer, Output, Owner
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.sessions.limits import Limits
 
 
 def main() -> None:

@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
 from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.filters import filter_for
+from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.hazard import Refractory
-from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.preset import SEGMENTATION_HZ
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profiled import Profiled
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.segmentation.pipeline import make_pipeline
 
 Array = NDArray[np.float64]
 Work = TypeVar("Work")

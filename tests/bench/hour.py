@@ -32,13 +32,13 @@ from rich.console import Console
 from rich.table import Table
 
 from caesura_protocol.codec import pack_samples
+from caesura_protocol.fragments import in_pieces
 from caesura_protocol.messages import Open
-from caesura_protocol.pieces import in_pieces
 from caesura_service.journal import SqliteJournal
-from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
-from caesura_service.session.ports import Owner, Publish
-from caesura_service.session.registry import Registry
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Owner, Publish
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.sessions.limits import Limits
 
 RATE_HZ = 200.0
 BATCH = 20

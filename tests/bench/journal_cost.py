@@ -20,15 +20,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from caesura_clients.recording import Recording, load_recording
 from caesura_protocol.codec import pack_samples
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.recording import Recording
 from caesura_service.journal import Journal, JournalSettings, MemoryJournal, Record, SqliteJournal
-from caesura_service.recordings import BATCH_SAMPLES, opening_of
-from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
-from caesura_service.session.ports import Owner
-from caesura_service.session.session import Session
+from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of
+from caesura_service.publishing.events import Owner
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.session import Session
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
 BATCHES_PER_S = 50.0

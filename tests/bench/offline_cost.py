@@ -19,9 +19,9 @@ from machine import options, tell
 from numpy.typing import NDArray
 from step_cost import demonstration
 
-from caesura_service.changepoint.compiled import CompiledFilter, compile_now
+from caesura_service.changepoint.compiled_filter import CompiledFilter, compile_now
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.offline import segment_offline
+from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 
 LENGTHS_S = (15, 600)

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from caesura_clients.recording import load_recording
+from caesura_protocol.formats.read import load_recording
+from caesura_service.offline_segmentation import views
 from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths, reduced
-from caesura_service.recordings import views
-from caesura_service.session.pipeline import SegmentationPipeline
+from caesura_service.segmentation.pipeline import SegmentationPipeline
 
 DATA = Path(__file__).parents[2] / "data"
 RECORDINGS = ("pick_and_place", "dispenser", "wiping", "parkour", "three_point")

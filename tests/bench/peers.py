@@ -20,12 +20,12 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledFilter
+from caesura_service.changepoint.constant_models import Biased
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.levels import Biased
 from caesura_service.changepoint.models import Noise, Observed
 from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
 
 Array = NDArray[np.float64]
 

@@ -28,8 +28,8 @@ from rich.table import Table
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Close, Insert, Open
 from caesura_service.journal import Record, SqliteJournal
-from caesura_service.session.registry import Registry
-from caesura_service.session.standing import Standing, program_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.session_state import Standing, program_of
 
 OPENS = 21
 

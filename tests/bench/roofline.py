@@ -15,8 +15,8 @@ from machine import seconds
 from numba import njit
 
 from caesura_service.changepoint.kernels.describe import fields_of
-from caesura_service.changepoint.lattice import Lattice
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.segment_model_set import Lattice
 
 ELEMENTARY = 25
 

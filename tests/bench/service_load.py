@@ -27,15 +27,14 @@ import numpy as np
 import zenoh
 from machine import machine, options, pace_ms, tell
 
-from caesura_clients.errors import CaesuraError
-from caesura_clients.inbox import Delivery, Inbox, TokenChange
 from caesura_clients.query import snapshot
-from caesura_clients.recording import load_recording
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import Encoded, decode, encode, pack_samples
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.keys import parse_replay_parameters, parse_station_key, session_key, station_key
 from caesura_protocol.messages import Ack, Control, Open, Posterior
+from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from harness.peer import Peer

@@ -42,7 +42,7 @@ _SERVICE = """
 import sys, threading
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.session.fake_pipeline import make_fake_pipeline
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 config = ServiceConfig(instance="bench", listen=sys.argv[1], preset="fake")
 with Service(config, pipeline_factory=make_fake_pipeline):
     print("ready", flush=True)
@@ -50,7 +50,7 @@ with Service(config, pipeline_factory=make_fake_pipeline):
 """
 _DASHBOARD = """
 import json, sys, threading, zenoh
-from caesura_service.edge.network import SETTINGS
+from caesura_service.server.network import SETTINGS
 config = zenoh.Config()
 for key, value in {**SETTINGS, "mode": "client", "connect/endpoints": [sys.argv[1]]}.items():
     config.insert_json5(key, json.dumps(value))

@@ -18,11 +18,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from caesura_clients.bridge.sources.franka import FrankaSource, state_of
-from caesura_clients.errors import BadSource
-from caesura_clients.formats.joining import Joiner
-from caesura_clients.formats.ros_messages import TopicRule, stamp_of
-from caesura_clients.formats.ros_plan import Topic, TopicSelection
-from caesura_clients.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.ros_messages import TopicRule, stamp_of
+from caesura_protocol.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder
+from caesura_protocol.formats.signal_aligner import Joiner
+from caesura_protocol.formats.topic_selection import Topic, TopicSelection
 from clients.fake_franka import Script, fake_libfranka, state
 from harness import ros
 from harness.demonstrations import guided

@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.recording import Recording
+from caesura_protocol.recording import Recording
 from harness.processes import QUICK, RECORDING, SESSION, Router, Service, running
 
 STATION, PATIENCE_S = "cell-1", 600.0

@@ -21,12 +21,12 @@ import roofline
 import thesis_update
 from machine import machine, options, seconds, tell
 
-from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledFilter
 from caesura_service.changepoint.filter import Filter
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.online import OnlineFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.run_length_filter import OnlineFilter
 
 HYPOTHESES = (10, 50, 100)
 WARM_UP, STRETCH, STRETCHES = 160, 100, 5

@@ -23,12 +23,12 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from caesura_clients.inbox import Delivery, Inbox
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import decode
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Posterior, Snapshot
-from caesura_service.session.sharing import share_of
+from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from caesura_service.ownership.station_assignment import share_of
 from faults.suite.stations import Found, Station, asked, reached, station_name, teaching
 from harness.processes import DEADLINE_S, Router, Service, eventually, running
 

@@ -16,14 +16,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from prometheus_client import generate_latest
 
 from caesura_protocol.messages import JournalReport, ServiceStatus
-from caesura_service.edge.budgets import Budgets
-from caesura_service.edge.rates import RateSettings
 from caesura_service.journal import MemoryJournal
-from caesura_service.observing.metrics import MetricsSource, metrics_of
-from caesura_service.observing.watched import WatchedRegistry
-from caesura_service.session.fake_pipeline import make_fake_pipeline
-from caesura_service.session.limits import Limits
-from caesura_service.session.registry import Registry
+from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.metrics import MetricsSource, metrics_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server.budgets import Budgets
+from caesura_service.server.rates import RateSettings
+from caesura_service.sessions.limits import Limits
 from harness.sessions import OWNER, batches, opening
 
 STATIONS, BATCHES, ROUNDS = 32, 50, 5

@@ -6,12 +6,12 @@ import threading
 from contextlib import ExitStack
 from typing import Self
 
-from caesura_clients.inbox import Delivery, Inbox, Question, TokenChange
-from caesura_clients.memory import intersect
-from caesura_clients.network import Transport
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot
+from caesura_protocol.transport.inbox import Delivery, Inbox, Question, TokenChange
+from caesura_protocol.transport.memory import intersect
+from caesura_protocol.transport.network import Transport
 from clients.fake_service import eventually
 
 TICK_S = 0.02

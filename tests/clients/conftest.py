@@ -8,9 +8,9 @@ from contextlib import ExitStack
 import pytest
 import zenoh
 
-from caesura_clients.memory import MemoryNetwork
-from caesura_clients.network import Transport
-from caesura_clients.transport import SETTINGS, ZenohTransport
+from caesura_protocol.transport.memory import MemoryNetwork
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 
 
 def free_port() -> int:

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from caesura_clients.recording import Recording
 from caesura_clients.results import Update
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Changepoint, Message, Segment, Segments, Snapshot
+from caesura_protocol.recording import Recording
 
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"
 M = TypeVar("M", bound=Message)

@@ -10,9 +10,8 @@ import pytest
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
-from caesura_clients.errors import BadSource, CaesuraError, Unreachable
 from caesura_protocol.codec import decode, encode_error, unpack_samples
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
 from caesura_protocol.messages import Close, Control, Open
 from clients.examples import LiveSource, recording, samples

@@ -8,16 +8,16 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_clients.attendance import attending
 from caesura_clients.cli import build
 from caesura_clients.cli.commands import _teller, register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.sessions import stand_in
-from caesura_clients.recording import RecordingError
+from caesura_clients.service_liveliness import attending
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Phase, Program, Refusal, Snapshot
+from caesura_protocol.recording import RecordingError
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import example, recording, snapshot

@@ -20,19 +20,18 @@ from typer.testing import CliRunner
 from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
-from caesura_clients.doctor.examination import examine_network, examine_recording, judge
-from caesura_clients.doctor.facts import Facts, ReceivedStatus, Reported, gather
 from caesura_clients.doctor.findings import CheckResult, Grade
+from caesura_clients.doctor.probes import Facts, ReceivedStatus, Reported, gather
 from caesura_clients.doctor.reach import no_session
+from caesura_clients.doctor.run_checks import examine_network, examine_recording, judge
 from caesura_clients.doctor.signal import cells_at_rest
-from caesura_clients.errors import NotLetIn, Unreachable
-from caesura_clients.memory import MemoryNetwork
-from caesura_clients.recording import Recording
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.distribution import installed_version
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import NotLetIn, ProtocolError, Unreachable
 from caesura_protocol.keys import service_key
 from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.memory import MemoryNetwork
 from clients.answering import Answering
 from clients.conftest import free_port
 from clients.examples import LiveSource, example, recording, samples, snapshot
@@ -354,7 +353,7 @@ def served() -> Iterator[str]:
     pytest.importorskip("caesura_service.app")
     from caesura_service.app import Service  # noqa: PLC0415
     from caesura_service.config import ServiceConfig  # noqa: PLC0415
-    from caesura_service.session.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
+    from caesura_service.segmentation.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
 
     config = ServiceConfig(instance="west", listen="tcp/127.0.0.1:0", preset="fake")
     with Service(config, pipeline_factory=make_fake_pipeline) as service:

@@ -19,11 +19,11 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import parse
-from caesura_clients.cli.marking import marking
-from caesura_clients.errors import Absent, CaesuraError, Unreachable
-from caesura_clients.recording import Recording, load_recording
-from caesura_protocol.errors import ProtocolError
+from caesura_clients.cli.pedal import marking
+from caesura_protocol.errors import Absent, CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Edit, Insert, LimitForce, Move, NamePhase, Undo
+from caesura_protocol.recording import Recording
 from clients.conftest import free_port
 from clients.examples import LiveSource
 from clients.fake_service import eventually

@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
-from caesura_clients.errors import BadSource
-from caesura_clients.recording import load_recording
+from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.read import load_recording
 from clients.examples import recording
 
 PACKAGES_OF = {"mcap": "mcap", "ros2": "rosbags", "franky": "franky", "panda": "panda_py"}
@@ -25,7 +25,7 @@ def without(monkeypatch):
         ours = [
             name
             for name in sys.modules
-            if name.startswith(("caesura_clients.formats.", "caesura_clients.bridge.sources.ros2"))
+            if name.startswith(("caesura_protocol.formats.", "caesura_clients.bridge.sources.ros2"))
         ]
         for name in (*gone, *ours):
             monkeypatch.delitem(sys.modules, name)
@@ -56,7 +56,7 @@ def test_the_table_imports_nothing_of_the_extras(tmp_path):
     recording(30).save(file)
     script = (
         "import sys; from pathlib import Path\n"
-        "from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source\n"
+        "from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source\n"
         f"open_source('file', SourceOptions(file=Path({str(file)!r})))\n"
         "from caesura_clients.cli import build; build(())\n"
         f"heavy = {{*{list(PACKAGES_OF.values())!r}, 'pinocchio', 'scipy', 'numba', 'matplotlib'}}\n"

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.franka import FrankaSource
-from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import BadSource
-from caesura_clients.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
 from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
 from clients.fake_service import FakeService, eventually
 from clients.test_bridge import QUICK

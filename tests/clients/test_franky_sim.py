@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import BadSource
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
+from caesura_protocol.errors import BadSource
 from caesura_service.robot import load_panda
 
 pytest.importorskip("franky", reason="franky-control is not installed")

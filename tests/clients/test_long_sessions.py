@@ -11,21 +11,21 @@ import pytest
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import BridgeSettings
-from caesura_clients.inbox import Delivery
-from caesura_clients.network import QueryReplies, unanswered
 from caesura_clients.query import ASKED, decoded, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.fragments import in_pieces
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
-from caesura_protocol.pieces import in_pieces
+from caesura_protocol.transport.inbox import Delivery
+from caesura_protocol.transport.network import QueryReplies, unanswered
 from clients.examples import LiveSource, example, until_complete
 
 pytest.importorskip("caesura_service.app")
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.session.fake_pipeline import STRIDE, make_fake_pipeline
+from caesura_service.segmentation.fake_pipeline import STRIDE, make_fake_pipeline
 
 LONG, VERY_LONG = 2000, 5600  # segments: over 1 MiB with all that is told of them; with their program alone
 BATCH = 1000

@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-from caesura_clients.bridge import marks
-from caesura_clients.bridge.marks import CAPACITY, Marks
-from caesura_clients.errors import CaesuraError
+from caesura_clients.bridge import marker_queue
+from caesura_clients.bridge.marker_queue import CAPACITY, Marks
+from caesura_protocol.errors import CaesuraError
 
 
 def test_marks_are_made_in_order_and_those_that_wait_in_the_end_too():
@@ -21,7 +21,7 @@ def test_marks_are_made_in_order_and_those_that_wait_in_the_end_too():
 
 @pytest.mark.parametrize("count", [3, CAPACITY + 1])
 def test_marks_that_nobody_takes_do_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch, count: int):
-    monkeypatch.setattr(marks, "LAST_S", 0.05)
+    monkeypatch.setattr(marker_queue, "LAST_S", 0.05)
     asked, answered = threading.Event(), threading.Event()
 
     def make(t: float) -> None:

@@ -3,10 +3,9 @@
 import pytest
 
 from caesura_clients.client import Caesura
-from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.query import current_sessions
 from caesura_protocol.codec import encode, encode_error
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import Absent, ProtocolError, Unreachable
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Program, ServiceStatus
 from clients.answering import Answering

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_clients.bridge import Bridge, BridgeSettings
-from caesura_clients.errors import CaesuraError
 from caesura_clients.recorder import ATTEMPTS, Recorder, record
 from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import ReplayRange, session_key, station_key
 from caesura_protocol.messages import SampleBatch
 from clients.answering import Answering

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from caesura_clients.errors import CaesuraError
-from caesura_clients.recording import Recording, RecordingError, did_you_mean, load_recording
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording, RecordingError, did_you_mean
 from clients.examples import recording
 
 

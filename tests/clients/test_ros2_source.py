@@ -15,14 +15,14 @@ import zenoh
 
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.bridge.sources.ros2 import Ros2Source, parse_key
-from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import BadSource
-from caesura_clients.formats.mapping import Mapped
-from caesura_clients.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
-from caesura_clients.recording import Recording
-from caesura_clients.transport import SETTINGS, ZenohTransport
-from caesura_service.recordings import segment_recording
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
+from caesura_service.offline_segmentation import segment_recording
 from clients.fake_service import FakeService
 from clients.test_bridge import QUICK
 from harness import ros

@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caesura_clients.bridge.batching import Batcher
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST, parse_pace
-from caesura_clients.bridge.sources.table import SourceOptions, open_source
-from caesura_clients.errors import BadSource, CaesuraError
-from caesura_clients.recording import Recording
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
+from caesura_protocol.batching import Batcher
+from caesura_protocol.errors import BadSource, CaesuraError
+from caesura_protocol.recording import Recording
 from clients.examples import recording
 
 

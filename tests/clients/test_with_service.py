@@ -19,8 +19,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
-from caesura_clients.errors import Absent
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import Absent, ProtocolError
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually

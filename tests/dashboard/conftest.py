@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from caesura_clients.memory import MemoryNetwork
 from caesura_clients.results import SessionReader, Update
+from caesura_protocol.transport.memory import MemoryNetwork
 from clients.examples import snapshot
 
 Make = Callable[..., Update]

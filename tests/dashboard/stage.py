@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from caesura_clients import Caesura
-from caesura_clients.recording import Recording
-from caesura_clients.transport import ZenohTransport
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
 from harness.demonstrations import RATE_HZ, guided
 from harness.forked import Forked

@@ -15,7 +15,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
-from caesura_service.truth import read_annotation
+from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
 from dashboard.browser import CHROMIUM, PATIENCE_MS, Theme, Visitor, chromium
 from dashboard.stage import CAESURA

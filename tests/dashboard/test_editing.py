@@ -6,8 +6,7 @@ import pytest
 
 from caesura_clients import editing
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, said
-from caesura_clients.errors import CaesuraError
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack
 
 ASKED = {"session": "s1", "revision": 3, "author": "Ann"}

@@ -11,8 +11,8 @@ from caesura_clients import editing
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector
-from caesura_clients.dashboard.gateway import Gateway
-from caesura_clients.transport import ZenohTransport
+from caesura_clients.dashboard.network_follower import Gateway
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from harness.demonstrations import guided

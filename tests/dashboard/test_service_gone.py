@@ -6,9 +6,9 @@ from contextlib import closing
 
 import pytest
 
-from caesura_clients.dashboard.gateway import Gateway
-from caesura_clients.dashboard.glance import Glance, glances
-from caesura_clients.transport import ZenohTransport
+from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.dashboard.station_summary import Glance, glances
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from dashboard.stage import Bridges
 from harness.demonstrations import taught
 from harness.processes import eventually, serving

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.glance import DashboardState
 from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import rates, system
 from caesura_protocol.messages import JournalReport, ServiceStatus
 from clients.examples import example

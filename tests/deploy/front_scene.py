@@ -10,12 +10,12 @@ import sys
 import time
 from pathlib import Path
 
-from caesura_clients.errors import CaesuraError
-from caesura_clients.transport import ZenohTransport
+from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import service_key
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.session.fake_pipeline import make_fake_pipeline
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from harness.processes import eventually
 from harness.silent import HangUps, Silent, client_hello
 

@@ -15,7 +15,7 @@ import typer
 
 from caesura_clients.cli import build
 from caesura_clients.dashboard.command import PASSWORD_LENGTH
-from caesura_service.observing.web import parse_address
+from caesura_service.monitoring.http_server import parse_address
 
 yaml = pytest.importorskip("yaml")
 

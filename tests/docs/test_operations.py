@@ -15,7 +15,7 @@ yaml = pytest.importorskip("yaml")
 PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text()
 METRICS = set(
     re.findall(r"^\| `(caesura_\w+)`", PAGE, re.MULTILINE)
-)  # tests/service/observing holds the table
+)  # tests/service/monitoring holds the table
 
 
 def test_alerts_and_advice_name_metrics_that_exist():

@@ -19,7 +19,7 @@ BOUND = re.compile(r"`([a-z0-9_/]+):([A-Za-z_./0-9]+)` = ([0-9.]+)(?: (MiB|GB))?
 PLACE = re.compile(r"\(?`([a-z0-9_]+(?:/[a-z0-9_]+)*)`")
 UNITS = {None: 1, "MiB": 1 << 20, "GB": 10**9}
 QUEUE = re.compile(r"\b(?:deque|Inbox|WorkQueue|SimpleQueue|Queue|LifoQueue|FifoChannel|RingChannel)\(")
-PACKAGES = {"service": "caesura_service", "clients": "caesura_clients", "protocol": "caesura_protocol"}
+PACKAGES = {name: f"caesura_{name}" for name in ("protocol", "service", "clients", "lab")}
 
 
 def bounds() -> list[tuple[str, str, float]]:
@@ -65,7 +65,7 @@ def test_every_queue_of_the_code_is_in_the_table():
         for path in (ROOT / folder / package).rglob("*.py")
         if any(QUEUE.search(line) for line in path.read_text().splitlines())
     }
-    assert {"edge/edge", "edge/answers", "bridge/ring", "following"} <= made
+    assert {"server/zenoh_server", "server/query_server", "bridge/ring", "following"} <= made
     assert made - named == set()
 
 

@@ -8,12 +8,12 @@ from typing import get_args
 
 import pytest
 
-from caesura_clients.bridge.sources.table import SOURCES
-from caesura_clients.formats.foreign_csv import UNITS, rules_of
-from caesura_clients.formats.mapping import Mapped, load_mapping
-from caesura_clients.formats.ros_messages import topic_rules
-from caesura_clients.formats.ros_types import FRANKA_HASH, READ
+from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_protocol.errors import ERROR_CODES
+from caesura_protocol.formats.column_mapping import Mapped, load_mapping
+from caesura_protocol.formats.foreign_csv import UNITS, rules_of
+from caesura_protocol.formats.ros_messages import topic_rules
+from caesura_protocol.formats.ros_types import FRANKA_HASH, READ
 from caesura_protocol.keys import ServicePart, SessionPart, StationPart
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.segmentation.pipeline import make_pipeline
 from harness.hostile import Hostile, Target, read_everything
 
 ATTACKS = 25

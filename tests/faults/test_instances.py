@@ -17,10 +17,10 @@ from caesura_clients import Caesura, connect, editing
 from caesura_clients.query import services
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Ack, Insert, Relabel, SessionStatus, Snapshot, Undo
-from caesura_service.recordings import batches, opening_of, segment_recording
-from caesura_service.session.pipeline import make_pipeline
-from caesura_service.session.sharing import share_of
-from caesura_service.session.view import View
+from caesura_service.offline_segmentation import batches, opening_of, segment_recording
+from caesura_service.ownership.station_assignment import share_of
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.segmentation.view import View
 from harness.peer import Peer
 from harness.processes import (
     DEADLINE_S,

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from caesura_clients import connect
-from caesura_service.recordings import segment_recording
-from caesura_service.session.view import View
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.segmentation.view import View
 from harness.processes import (
     DEADLINE_S,
     RECORDING,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.recording import Recording
+from caesura_protocol.recording import Recording
 
 RATE_HZ = 200.0
 Stroke = tuple[float, tuple[float, float, float], float]

@@ -215,7 +215,7 @@ def import_everything() -> None:
     """What a service, a bridge and a router need, with the kernels."""
     from caesura_clients.cli import build  # noqa: PLC0415
     from caesura_service.prepare import prepare  # noqa: PLC0415
-    from caesura_service.session import pipeline  # noqa: F401, PLC0415
+    from caesura_service.segmentation import pipeline  # noqa: F401, PLC0415
 
     build()
     prepare()

@@ -25,9 +25,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, parse_replay_parameters, parse_station_key, replay_parameters
 from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBatch
 from caesura_service.journal import MemoryJournal
-from caesura_service.session.fake_pipeline import make_fake_pipeline
-from caesura_service.session.limits import Limits
-from caesura_service.session.ports import (
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import (
     Answer,
     AskReplay,
     Failed,
@@ -37,7 +36,8 @@ from caesura_service.session.ports import (
     Publish,
     ReplayEnded,
 )
-from caesura_service.session.registry import Registry
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.sessions.limits import Limits
 
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"
 GOLDEN = [(path.read_bytes(), path.stem.partition(".")[0]) for path in sorted(VECTORS.glob("*.msgpack"))]

@@ -29,7 +29,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_service.edge.network import SETTINGS
+from caesura_service.server.network import SETTINGS
 
 DEADLINE_S = 30.0
 M = TypeVar("M", bound=Message)

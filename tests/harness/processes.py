@@ -19,11 +19,10 @@ from typing import Any, TypeVar
 from caesura_clients import Caesura
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.errors import CaesuraError
-from caesura_clients.recording import Recording
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Segment, Snapshot
-from caesura_service.session.view import View
+from caesura_protocol.recording import Recording
+from caesura_service.segmentation.view import View
 from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.forked import CAN_FORK, Forked
@@ -38,7 +37,7 @@ SESSION = "s1"
 
 _ROUTER = """
 import json, sys, threading, zenoh
-from caesura_service.edge.network import SETTINGS
+from caesura_service.server.network import SETTINGS
 config = zenoh.Config()
 for key, value in {**SETTINGS, "mode": "router", "listen/endpoints": [sys.argv[1]]}.items():
     config.insert_json5(key, json.dumps(value))

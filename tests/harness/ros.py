@@ -10,8 +10,8 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from caesura_clients.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH, typestore
-from caesura_clients.recording import Recording
+from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH, typestore
+from caesura_protocol.recording import Recording
 
 STORE = typestore()
 BEGAN_NS = 1_773_480_413_250_000_000

@@ -13,12 +13,12 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Heartbeat, Open, SampleBatch
 from caesura_service.journal import Journal, MemoryJournal
-from caesura_service.session.fake_pipeline import make_fake_pipeline
-from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Answer, AskReplay, Output, Owner, Publish, ReplayEnded
-from caesura_service.session.registry import Registry
-from caesura_service.session.session import Session
-from caesura_service.session.standing import Standing
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Answer, AskReplay, Output, Owner, Publish, ReplayEnded
+from caesura_service.publishing.session_state import Standing
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.session import Session
 
 STATION = "cell-1"
 NAME = "s1"

@@ -25,7 +25,7 @@ from rich.table import Table
 from mutations.table import MUTATIONS, Mutation
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("service", "protocol", "clients")
+SOURCES = ("service", "protocol", "clients", "lab")
 COPIED = (*SOURCES, "tests", "data", "scripts", "pyproject.toml")
 PASSED, FAILED = 0, 1  # pytest's exit codes
 DEADLINE_S = 120.0  # of the tests of one mutation

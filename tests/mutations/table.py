@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-SESSION = "service/caesura_service/session"
+SESSIONS = "service/caesura_service/sessions"
+SEGMENTATION = "service/caesura_service/segmentation"
 JOURNAL = "service/caesura_service/journal"
-EDGE = "service/caesura_service/edge"
+SERVER = "service/caesura_service/server"
 
 
 class Mutation(NamedTuple):
@@ -23,31 +24,31 @@ class Mutation(NamedTuple):
 MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a batch is not journalled",
-        f"{SESSION}/intake.py",
+        f"{SESSIONS}/batch_receiver.py",
         "        self._records.append(batch, now)\n        samples, said = self._content(batch)\n",
         "        samples, said = self._content(batch)\n",
-        ("tests/service/session/test_disturbances.py::test_a_rebuilt_session_goes_on_like_the_original",),
+        ("tests/service/sessions/test_disturbances.py::test_a_rebuilt_session_goes_on_like_the_original",),
         row="histories",
     ),
     Mutation(
         "a batch that came early is not journalled",
-        f"{SESSION}/intake.py",
+        f"{SESSIONS}/batch_receiver.py",
         "        self._records.append(batch, now)\n        return [*self._hold(batch)",
         "        return [*self._hold(batch)",
         (
-            "tests/service/session/test_disturbances.py::test_a_session_rebuilt_from_its_journal_equals_the_original",
+            "tests/service/sessions/test_disturbances.py::test_a_session_rebuilt_from_its_journal_equals_the_original",
         ),
     ),
     Mutation(
         "acknowledged before written",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         '        """What is acknowledged is safe. Raises JournalError."""\n        self._records.commit()\n',
         '        """What is acknowledged is safe. Raises JournalError."""\n',
         ("tests/service/journal/test_sqlite.py::test_an_acknowledgement_is_given_for_what_is_safe",),
     ),
     Mutation(
         "an edit is processed before it is written",
-        f"{SESSION}/records.py",
+        f"{SESSIONS}/session_journal.py",
         "now=not is_batch)",
         "now=False)",
         ("tests/service/journal/test_journal.py::test_what_nobody_could_send_again_is_written_at_once",),
@@ -61,55 +62,55 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "an older bridge epoch is accepted",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "        if epoch < current:\n",
         "        if epoch < current < 0:\n",
-        ("tests/service/session/test_session.py::test_an_older_epoch_is_a_conflict",),
+        ("tests/service/sessions/test_session.py::test_an_older_epoch_is_a_conflict",),
     ),
     Mutation(
         "a gap is not declared",
-        f"{SESSION}/intake.py",
+        f"{SESSIONS}/batch_receiver.py",
         "return [*self._demonstration.gap(given_up), *self._drain()]",
         "return self._drain()",
         (
-            "tests/service/session/test_session.py::"
+            "tests/service/sessions/test_session.py::"
             "test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on",
         ),
     ),
     Mutation(
         "a gap has no place among the samples",
-        f"{SESSION}/demonstration.py",
+        f"{SESSIONS}/pipeline_host.py",
         "            self._pipeline.declare_gap()\n",
         "",
         (
-            "tests/service/session/test_session.py::"
+            "tests/service/sessions/test_session.py::"
             "test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on",
         ),
     ),
     Mutation(
         "a replay is asked for twice",
-        f"{SESSION}/ordering.py",
+        f"{SESSIONS}/reorder_buffer.py",
         "        self._not_before = now + self._limits.replay_patience_s\n",
         "",
-        ("tests/service/session/test_session.py::test_a_hole_is_asked_for_once_and_filled_in_order",),
+        ("tests/service/sessions/test_session.py::test_a_hole_is_asked_for_once_and_filled_in_order",),
     ),
     Mutation(
         "a replayed batch is applied twice",
-        f"{SESSION}/intake.py",
+        f"{SESSIONS}/batch_receiver.py",
         "            samples = self._ordering.take()\n            self._note_hole()\n",
         "            samples = self._ordering.take()\n            self._note_hole()\n"
         "            said += self._process(samples)\n",
         (
-            "tests/service/session/test_disturbances.py::"
+            "tests/service/sessions/test_disturbances.py::"
             "test_duplication_reordering_and_loss_with_replay_change_no_result",
         ),
     ),
     Mutation(
         "a batch that comes twice is applied twice",
-        f"{SESSION}/ordering.py",
+        f"{SESSIONS}/reorder_buffer.py",
         "        return seq < self.next_seq or seq in self._held\n",
         "        self.next_seq = min(self.next_seq, seq)\n        return False\n",
-        ("tests/service/session/test_session.py::test_a_batch_that_comes_twice_is_counted_and_ignored",),
+        ("tests/service/sessions/test_session.py::test_a_batch_that_comes_twice_is_counted_and_ignored",),
     ),
     Mutation(
         "a checksum is ignored",
@@ -117,80 +118,82 @@ MUTATIONS: tuple[Mutation, ...] = (
         "return crc is None or crc == checksum(*values)",
         "return True",
         (
-            "tests/service/journal/test_damage.py::"
+            "tests/service/journal/test_integrity.py::"
             "test_a_damaged_record_costs_its_session_alone_whose_name_is_free_then",
         ),
     ),
     Mutation(
         "the budget of a station is ignored",
-        f"{EDGE}/rates.py",
+        f"{SERVER}/rates.py",
         "return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0",
         "return False",
         (
-            "tests/service/edge/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
+            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
         ),
     ),
     Mutation(
         "what a station used is not charged",
-        f"{EDGE}/worker.py",
+        f"{SERVER}/worker.py",
         "            self._budgets.spend(lane, took_s)\n",
         "",
         (
-            "tests/service/edge/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
+            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
         ),
     ),
     Mutation(
         "an edit that is sent again is applied twice",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "        if edit.revision != self.revision:\n",
         "        if edit.revision > self.revision:\n",
         (
-            "tests/service/session/test_editing.py::test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is",
+            "tests/service/segmentation/test_editing.py::test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is",
         ),
     ),
     Mutation(
         "an edit is applied twice at a takeover",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "            case AppliedEdit() as edit if edit.revision == self.revision:\n",
         "            case AppliedEdit() as edit:\n",
-        ("tests/service/session/test_editing.py::test_whoever_looks_again_and_again_has_each_edit_once",),
+        (
+            "tests/service/segmentation/test_editing.py::test_whoever_looks_again_and_again_has_each_edit_once",
+        ),
     ),
     Mutation(
         "a session is closed before its last batch",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "        if close.last_seq > reached:\n            return self._not_yet(close, now)\n",
         "",
         (
-            "tests/service/session/test_session.py::"
+            "tests/service/sessions/test_session.py::"
             "test_closing_before_everything_is_there_asks_for_the_rest_and_is_no_refusal",
         ),
     ),
     Mutation(
         "an edit is not journalled",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "        self._records.append(self._applied(edit, corrections), now)\n",
         "        self._applied(edit, corrections)\n",
         (
-            "tests/service/session/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+            "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
         row="histories",
     ),
     Mutation(
         "an edit is lost at a restart",
-        f"{SESSION}/session.py",
+        f"{SESSIONS}/session.py",
         "    self._demonstration.repeat(edit, record.at)\n                    case Open()",
         "    pass\n                    case Open()",
         (
-            "tests/service/session/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+            "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
         row="histories",
     ),
     Mutation(
         "an undo takes no revision",
-        f"{SESSION}/corrections.py",
+        f"{SEGMENTATION}/corrections.py",
         "        return Corrections(active, undone, self.revision + 1)\n",
         "        return Corrections(active, undone, self.revision + (not isinstance(action, Undo)))\n",
-        ("tests/service/session/test_editing.py::test_undo_and_redo_are_edits_too",),
+        ("tests/service/segmentation/test_editing.py::test_undo_and_redo_are_edits_too",),
         row="histories",
     ),
 )

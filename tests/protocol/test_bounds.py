@@ -33,7 +33,7 @@ from caesura_protocol.messages import (
     StationBudgets,
     WrenchReport,
 )
-from caesura_service.session.standing import Tally
+from caesura_service.publishing.session_state import Tally
 from harness.heavy import BOUNDED, FILLINGS, HEAD, NESTS, array_of, cost_of, heavy_messages, nest_of, read
 
 MOST_BYTES = 1_000_000

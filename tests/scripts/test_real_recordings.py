@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_clients.recording import load_recording
-from caesura_service.truth import read_annotation
+from caesura_lab.annotations import read_annotation
+from caesura_protocol.formats.read import load_recording
 
 ANNOTATIONS = Path(__file__).resolve().parents[2] / "data" / "real"
 

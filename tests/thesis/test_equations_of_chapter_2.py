@@ -10,15 +10,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from caesura_service.changepoint.constant_models import Constant
 from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric, Uniform
-from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.levels import Constant
 from caesura_service.changepoint.models import Noise, Observed
-from caesura_service.changepoint.offline import segment_offline
-from caesura_service.changepoint.online import OnlineFilter
+from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
 from caesura_service.robot import Robot, load_panda
 from service.changepoint.brute_force import BruteForce, segmentations
 

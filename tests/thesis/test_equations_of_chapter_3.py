@@ -14,24 +14,24 @@ import pytest
 from scipy import integrate, stats
 from scipy.special import gammaln
 
-from caesura_clients.bridge.teacher.guiding import Guiding
-from caesura_clients.bridge.teacher.person import THESIS
-from caesura_clients.bridge.teacher.plan import make_plan
-from caesura_clients.bridge.teacher.scenarios import Scenario, Step
-from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
+from caesura_lab.teacher.guided_arm import Guiding
+from caesura_lab.teacher.person import THESIS
+from caesura_lab.teacher.plan import make_plan
+from caesura_lab.teacher.scenarios import Scenario, Step
+from caesura_service.changepoint.constant_models import GRAVITY, Constant
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactShare
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.levels import GRAVITY, Constant
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profile_model import Profiled
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
-from caesura_service.changepoint.trend import ConstantVelocity
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole
 from service.changepoint.quadrature import constant_velocity
-from service.program.test_apps import program, segment
+from service.program.test_builder import program, segment
 
 STEP_S = 0.1
 NU0, SIGMA2, KAPPA0, LINE_STEP_S = 3.0, 0.5, 1.0, 0.5

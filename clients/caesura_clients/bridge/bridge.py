@@ -29,24 +29,23 @@ from datetime import datetime
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.bridge.control import ControlLine
-from caesura_clients.bridge.marks import Marks
-from caesura_clients.bridge.pump import Pump
+from caesura_clients.bridge.control_client import ControlLine
+from caesura_clients.bridge.marker_queue import Marks
 from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
+from caesura_clients.bridge.send_thread import Pump
 from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
-from caesura_clients.errors import BadSource, CaesuraError, Unreachable
-from caesura_clients.inbox import Inbox
-from caesura_clients.network import Transport
-from caesura_clients.programs.safety import UNSET, CellSettings
-from caesura_clients.recording import OPTIONS, contradiction, is_option, unit_remedy
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
 from caesura_protocol.plausibility import FirstSecond
+from caesura_protocol.programs.safety import UNSET, CellSettings
+from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
+from caesura_protocol.transport.inbox import Inbox
+from caesura_protocol.transport.network import Transport
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.

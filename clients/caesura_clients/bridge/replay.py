@@ -8,12 +8,11 @@ from types import TracebackType
 from typing import Self
 
 from caesura_clients.bridge.ring import ReplayRing
-from caesura_clients.errors import CaesuraError
-from caesura_clients.inbox import Delivery, Inbox, Question, TokenChange
-from caesura_clients.network import Transport
 from caesura_protocol.codec import encode_error
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, station_key
+from caesura_protocol.transport.inbox import Delivery, Inbox, Question, TokenChange
+from caesura_protocol.transport.network import Transport
 
 QUESTIONS = 64  # that may wait; more are refused as overloaded
 TICK_S = 0.1

@@ -13,12 +13,12 @@ import threading
 import time
 from collections.abc import Callable
 
-from caesura_clients.bridge.batching import Batcher, Matrix
 from caesura_clients.bridge.ring import Entry, ReplayRing
-from caesura_clients.network import Transport
+from caesura_protocol.batching import Batcher, Matrix
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Heartbeat, Open
+from caesura_protocol.transport.network import Transport
 
 _AT_ONCE = 64  # batches taken from the ring in one go
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from caesura_clients.programs.safety import UNSET, CellSettings
+from caesura_protocol.programs.safety import UNSET, CellSettings
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import PACKAGES, installing
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
@@ -19,7 +19,6 @@ COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
     "teacher": ("teach",),
     "dashboard": ("dashboard",),
 }
-OWN_PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients")
 
 
 def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
@@ -54,7 +53,7 @@ def _add(app: typer.Typer, entry_point: EntryPoint) -> None:
     try:
         register = entry_point.load()
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] in OWN_PACKAGES:
+        if error.name is None or error.name.partition(".")[0] in PACKAGES:
             raise
         return  # an extra that is not installed
     register(app)

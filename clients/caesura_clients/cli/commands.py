@@ -12,14 +12,12 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from caesura_clients.attendance import Change, attending
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
-from caesura_clients.bridge.sources.table import SOURCES, SourceOptions, open_source
+from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
 from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
-from caesura_clients.cli.marking import marking
 from caesura_clients.cli.options import (
     Config,
     Connect,
@@ -31,18 +29,19 @@ from caesura_clients.cli.options import (
     named,
     reported,
 )
+from caesura_clients.cli.pedal import marking
 from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
+from caesura_clients.cli.result_tables import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.sessions import sessions
-from caesura_clients.cli.show import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.watching import SAID_OF_SERVICE, LiveView
 from caesura_clients.client import Caesura
-from caesura_clients.errors import Absent, Unreachable
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
-from caesura_clients.transport import endpoint_of
-from caesura_protocol.errors import ProtocolError
+from caesura_clients.service_liveliness import Change, attending
+from caesura_protocol.errors import Absent, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 DEFAULT_STATION = "cell-1"
 MAX_EPOCH = (1 << 53) - 1

@@ -21,9 +21,9 @@ from caesura_clients.cli.options import (
     reported,
 )
 from caesura_clients.doctor import CheckResult, examine, examine_recording
-from caesura_clients.doctor.examination import LISTEN_S
 from caesura_clients.doctor.findings import MARKS
-from caesura_clients.recording import load_recording
+from caesura_clients.doctor.run_checks import LISTEN_S
+from caesura_protocol.formats.read import load_recording
 
 STYLES = {"ok": typer.colors.GREEN, "warn": typer.colors.YELLOW, "bad": typer.colors.RED}
 WIDTH = 12  # of a check's name

@@ -13,14 +13,13 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import typer
 
 from caesura_clients.client import Caesura, connect
-from caesura_clients.errors import Absent, CaesuraError, NotLetIn, Unreachable
-from caesura_clients.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
-from caesura_clients.programs.document import ProgramFile
-from caesura_clients.programs.safety import UNSET, CellSettings, Safety, read_safety
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import Absent, CaesuraError, NotLetIn, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
+from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
     str | None,

@@ -22,18 +22,18 @@ from caesura_clients.cli.options import (
     reported,
     safety_of,
 )
-from caesura_clients.cli.show import apps_table, program_view
-from caesura_clients.errors import CaesuraError
-from caesura_clients.programs.document import (
+from caesura_clients.cli.result_tables import apps_table, program_view
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import Phase
+from caesura_protocol.programs.document import (
     BadProgramError,
     ProgramFile,
     document,
     in_cell,
     read_document,
 )
-from caesura_clients.programs.formats import WRITERS
-from caesura_clients.programs.groups import renamed
-from caesura_protocol.messages import Phase
+from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.groups import renamed
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 

@@ -14,11 +14,11 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
-from caesura_clients.errors import CaesuraError
-from caesura_clients.formats.write import WRITERS, check_writable
 from caesura_clients.recorder import Recorded, Recorder, record
-from caesura_clients.recording import needing
-from caesura_clients.transport import endpoint_of
+from caesura_protocol.distribution import needing
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 
 def record_session(
@@ -39,7 +39,7 @@ def record_session(
         check_writable(out, ".mcap")
         if out.suffix == ".mcap":
             with needing("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
-                import_module("caesura_clients.formats.mcap_write")
+                import_module("caesura_protocol.formats.mcap_write")
         with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
             where = endpoint_of(endpoint, config)
             typer.echo(f"waiting for {station}/{session or '…'} at {where}; Ctrl-C ends it", err=True)
@@ -91,7 +91,7 @@ def _write(out: Path, station: str, found: Recorded) -> None:
 
 
 def _write_mcap(out: Path, station: str, found: Recorded) -> None:
-    mcap = import_module("caesura_clients.formats.mcap_write")
+    mcap = import_module("caesura_protocol.formats.mcap_write")
     recording, snapshot, recorder = found.recording, found.snapshot, found.recorder
     first = -float(recording.t.min())  # not before 1970
     content = mcap.McapContent(

@@ -12,15 +12,15 @@ import typer
 from rich.console import Console, Group
 
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
-from caesura_clients.cli.show import (
+from caesura_clients.cli.result_tables import (
     outcome_line,
     phases_table,
     program_view,
     segments_view,
     sessions_view,
 )
-from caesura_clients.errors import Absent
 from caesura_protocol.distribution import installing
+from caesura_protocol.errors import Absent
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterable, Mapping
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from caesura_clients.attendance import Change
-from caesura_clients.cli.show import segments_view
+from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.following import Event, ServiceIs, SessionRemoved
 from caesura_clients.results import Update
+from caesura_clients.service_liveliness import Change
 
 LEAST_ROWS = 1
 SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}

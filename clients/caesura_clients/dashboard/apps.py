@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from caesura_clients.programs.path_drawing import path_svg
-from caesura_protocol.limiting import force_in_words, is_limited
+from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, AppKind, Program, Vector
 from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
+from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.turning import screw_in_words
 
 NEWEST = 100  # apps that are drawn

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import Config, Connect, connected, reported
-from caesura_clients.errors import CaesuraError
+from caesura_protocol.errors import CaesuraError
 
 DEFAULT_PORT = 8080
 PASSWORD_LENGTH = 8  # at least
@@ -42,7 +42,7 @@ def dashboard(
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
-    from caesura_clients.dashboard.gateway import Gateway  # noqa: PLC0415
+    from caesura_clients.dashboard.network_follower import Gateway  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
 

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from caesura_clients.dashboard.glance import reached
 from caesura_clients.dashboard.signals import SCALE, Rows, drawn
+from caesura_clients.dashboard.station_summary import reached
 from caesura_clients.results import Update
 from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment, Vector
 

@@ -11,10 +11,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.editing import is_stale, send
-from caesura_clients.errors import CaesuraError
-from caesura_clients.network import Transport
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Action, Edit, LimitForce
+from caesura_protocol.transport.network import Transport
 
 Request = Mapping[str, Any]
 Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises ProtocolError or CaesuraError

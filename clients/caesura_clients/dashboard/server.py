@@ -11,13 +11,12 @@ from urllib.parse import urlsplit
 from fastapi import HTTPException
 from nicegui import app, background_tasks, ui
 
+from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.elements import WEB
-from caesura_clients.dashboard.guard import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.pages import lists, overview
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
-from caesura_clients.errors import CaesuraError
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import check_name
 
 LOOK_S = 0.02  # between two looks whether the socket is bound

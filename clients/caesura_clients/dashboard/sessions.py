@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from caesura_clients.dashboard.glance import DashboardState, gaps, reached
+from caesura_clients.dashboard.station_summary import DashboardState, gaps, reached
 from caesura_clients.results import Update
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from caesura_protocol.messages import JournalReport, ServiceStatus
 
 if TYPE_CHECKING:
-    from caesura_clients.dashboard.glance import DashboardState
+    from caesura_clients.dashboard.station_summary import DashboardState
 
 Table = list[dict[str, Any]]
 

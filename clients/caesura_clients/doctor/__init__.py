@@ -4,7 +4,7 @@
 they brought and is pure: `instances` the service, `stations` each station, `signal` the samples themselves.
 """
 
-from caesura_clients.doctor.examination import examine, examine_recording
 from caesura_clients.doctor.findings import CheckResult, Grade
+from caesura_clients.doctor.run_checks import examine, examine_recording
 
 __all__ = ["CheckResult", "Grade", "examine", "examine_recording"]

@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 
 from caesura_clients.budgets import budgets_in_words, held_back
-from caesura_clients.doctor.facts import Facts, Reported
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.probes import Facts, Reported
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import ServiceStatus, SessionStatus
 

@@ -6,8 +6,8 @@ import socket
 import time
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok
-from caesura_clients.errors import CaesuraError, NotLetIn
-from caesura_clients.network import DEFAULT_ENDPOINT
+from caesura_protocol.errors import CaesuraError, NotLetIn
+from caesura_protocol.transport.network import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
-from caesura_clients.recording import unit_remedy
 from caesura_protocol.messages import Quantity, WrenchSource
 from caesura_protocol.plausibility import UNITS, implausible
+from caesura_protocol.recording import unit_remedy
 
 Array = NDArray[np.float64]
 

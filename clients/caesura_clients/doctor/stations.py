@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_clients.doctor.facts import Facts, ReceivedStatus
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.probes import Facts, ReceivedStatus
 from caesura_clients.doctor.signal import (
     CheckedSamples,
     check_bias,

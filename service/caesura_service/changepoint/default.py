@@ -17,22 +17,22 @@ from functools import partial
 
 import numpy as np
 
-from caesura_service.changepoint.corner import CornerStart
-from caesura_service.changepoint.friction import Friction
-from caesura_service.changepoint.guided import GuidedMotion
-from caesura_service.changepoint.lattice import Kind
-from caesura_service.changepoint.levels import Biased, Constant, Held, Laden
+from caesura_service.changepoint.constant_models import Biased, Constant, Held, Laden
+from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.guided_motion import GuidedMotion
+from caesura_service.changepoint.held_torque import Resistance
 from caesura_service.changepoint.models import ChannelModel, Noise
-from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.preset import STEP_S, Preset
-from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profile_model import Profiled, Target
 from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
-from caesura_service.changepoint.resistance import Resistance
-from caesura_service.changepoint.rise import NoRise
+from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.segment_model_set import Kind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
-from caesura_service.changepoint.walk import Walk
+from caesura_service.changepoint.turn_in_place import Pivot
+from caesura_service.changepoint.turn_rate import Pace
 
 
 def correlation(time_s: float) -> float:

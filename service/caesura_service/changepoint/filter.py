@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.best_path_window import Ended, Starts
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.window import Ended, Starts
+from caesura_service.changepoint.segment_model_set import Lattice
 
 Array = NDArray[np.float64]
 

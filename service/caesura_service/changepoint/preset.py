@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.filters import filter_for
+from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
-from caesura_service.changepoint.lattice import Kind, Lattice
+from caesura_service.changepoint.held_torque import Resistance
 from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.pivot import Pivot
-from caesura_service.changepoint.resistance import Resistance
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.turn_in_place import Pivot
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ

@@ -11,11 +11,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from caesura_service.changepoint.best_path_window import NOTHING, Ended
 from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.smoothing import INTERVAL_REACH
-from caesura_service.changepoint.threshold import OnlineThreshold
-from caesura_service.changepoint.window import NOTHING, Ended
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
+from caesura_service.changepoint.threshold_segmenter import OnlineThreshold
 
 INTERVAL_PROBABILITY = 0.9
 MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite

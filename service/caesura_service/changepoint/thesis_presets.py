@@ -12,14 +12,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from caesura_service.changepoint.contact import ContactShare
-from caesura_service.changepoint.lattice import Kind
-from caesura_service.changepoint.levels import Carried, Constant
+from caesura_service.changepoint.constant_models import Carried, Constant
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.contact_mixture import ContactShare
 from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.preset import STEP_S, Preset
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profile_model import Profiled
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
-from caesura_service.changepoint.trend import ConstantVelocity
+from caesura_service.changepoint.segment_model_set import Kind
 
 PRESS = Noise(10.0, 1.25)  # [N] thesis Tab. 4.3
 PRESS_TAB_4_5 = Noise(1.0, 1.25)  # [N] thesis Tab. 4.5

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from caesura_service.security.certificates import SecurityError
-from caesura_service.security.directory import Directory, Wanted, identities
+from caesura_service.security.credential_store import Directory, Wanted, identities
 from caesura_service.security.roles import Identity, Role
 
 _Names = list[str] | None

@@ -14,7 +14,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
 from caesura_service.app import Service, run_service, stopping
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.commands.instances import (
+from caesura_service.commands.supervisor import (
     LEAVES_WITH_STDIN,
     SILENCE_S,
     InstanceError,
@@ -26,12 +26,12 @@ from caesura_service.commands.instances import (
     run_instances,
 )
 from caesura_service.config import DEFAULT_INSTANCE, DEFAULT_PRESET, ServiceConfig, journal_directory
-from caesura_service.edge import NetworkError
-from caesura_service.edge.network import DEFAULT_ENDPOINT
 from caesura_service.journal import JournalError, JournalSettings
-from caesura_service.journal.keeping import DAY_S, GB
-from caesura_service.observing.logs import LEVELS, LOG_FORMATS, UnknownOption, log_to
-from caesura_service.observing.web import WebError
+from caesura_service.journal.retention import DAY_S, GB
+from caesura_service.monitoring.http_server import WebError
+from caesura_service.monitoring.logs import LEVELS, LOG_FORMATS, UnknownOption, log_to
+from caesura_service.server import NetworkError
+from caesura_service.server.network import DEFAULT_ENDPOINT
 
 logger = logging.getLogger(__name__)
 

@@ -12,9 +12,9 @@ from caesura_service.journal.journal import (
     Record,
     Recordable,
 )
-from caesura_service.journal.keeping import JournalSettings
 from caesura_service.journal.memory import MemoryJournal
-from caesura_service.journal.siblings import PeerCopy, Siblings
+from caesura_service.journal.peer_journals import PeerCopy, Siblings
+from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [

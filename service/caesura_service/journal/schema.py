@@ -77,7 +77,7 @@ COLUMNS_4 = (
 COLUMN_COUNTS = {"sessions": 10, "records": 8, "outcomes": 5, "stations": 3}
 HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 
-# A session of no station is one that is being dropped (`dropping.py`), which no query finds any more; one
+# A session of no station is one that is being dropped (`deletion.py`), which no query finds any more; one
 # whose name has a dot is damaged and set aside.
 KNOWN = "station != '' AND session NOT LIKE '%.%'"
 SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"

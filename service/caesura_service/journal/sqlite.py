@@ -29,11 +29,11 @@ from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.checksums import checksum
-from caesura_service.journal.damage import damage_of, mended, readable, set_aside
-from caesura_service.journal.dropping import drop_some, hide
+from caesura_service.journal.deletion import drop_some, hide
 from caesura_service.journal.edits import Edit
+from caesura_service.journal.integrity import damage_of, mended, readable, set_aside
 from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
-from caesura_service.journal.keeping import DAY_S, GB, JournalSettings, StationUsage, excess
+from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
     ROW_BYTES,
     RecordRow,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import Arithmetic, best
+from caesura_service.signals.backend import Arithmetic, best
 from caesura_service.signals.bias import ORIGIN, TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Arithmetic
 from caesura_service.signals.layout import Layout
-from caesura_service.signals.reference import FILLED, FORCE, LEFT_OPEN, TURN
+from caesura_service.signals.numpy_operations import FILLED, FORCE, LEFT_OPEN, TURN
 
 Array = NDArray[np.float64]
 

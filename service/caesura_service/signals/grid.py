@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Arithmetic
 
 Array = NDArray[np.float64]
 

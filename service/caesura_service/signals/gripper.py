@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Arithmetic
 
 Array = NDArray[np.float64]
 EventKind = Literal["grasp", "release", "close", "open"]

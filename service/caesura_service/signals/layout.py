@@ -15,7 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Arithmetic
 from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import (
     FORCE_FRAMES,

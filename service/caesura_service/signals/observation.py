@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.arithmetic import Arithmetic
+from caesura_service.signals.backend import Arithmetic
 from caesura_service.signals.flange import FlangeColumns
 from caesura_service.signals.tare import Tare
 from caesura_service.signals.torque import tared_torque

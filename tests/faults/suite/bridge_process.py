@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Chunk
-from caesura_clients.transport import ZenohTransport
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.stations import PACE, SETTINGS, LiveRobot, demonstration, station_name
 from harness.processes import SESSION, eventually
 

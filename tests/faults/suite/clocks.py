@@ -14,8 +14,8 @@ import numpy as np
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Chunk
 from caesura_clients.query import service_status, snapshot
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.messages import Snapshot
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import Disturbance, Row, played
 from faults.suite.stations import (
     CLOSE_S,

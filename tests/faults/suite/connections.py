@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from caesura_clients import connect
-from caesura_clients.errors import CaesuraError
-from caesura_clients.transport import ZenohTransport
-from caesura_service.recordings import segment_recording
-from caesura_service.security.directory import Directory, Wanted, identities
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.security.credential_store import Directory, Wanted, identities
 from clients.conftest import free_port
 from faults.suite.outcome import Row
 from harness.processes import RECORDING, SAMPLES, SESSION, Service, running, snapshot, teaching

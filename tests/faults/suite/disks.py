@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from caesura_clients import Caesura, connect
-from caesura_clients.errors import CaesuraError
+from caesura_protocol.errors import CaesuraError
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import Station, reached
 from harness.processes import DEADLINE_S, Service, eventually

@@ -17,11 +17,11 @@ from caesura_clients import connect
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Edit, Insert, Open, Snapshot
 from caesura_service.journal import SqliteJournal
-from caesura_service.session.limits import Limits
-from caesura_service.session.pipeline import make_pipeline
-from caesura_service.session.ports import Answer, Owner
-from caesura_service.session.registry import Registry
-from caesura_service.session.standing import snapshot_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Answer, Owner
+from caesura_service.publishing.session_state import snapshot_of
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.sessions.limits import Limits
 from faults.suite.outcome import Row
 from harness.demonstrations import taught
 from harness.processes import DEADLINE_S, SESSION, Service, reaches

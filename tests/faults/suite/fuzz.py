@@ -11,7 +11,7 @@ from pathlib import Path
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Row
 from harness.hostile import Hostile, Target, read_everything
 

@@ -23,18 +23,17 @@ from typing import Literal
 
 import numpy as np
 
-from caesura_clients.bridge.control import ControlLine
-from caesura_clients.errors import CaesuraError
+from caesura_clients.bridge.control_client import ControlLine
 from caesura_clients.query import snapshot
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import encode, pack_samples, unpack_samples
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Close, Edit, Insert, Open, Redo, SampleBatch, Snapshot, Undo
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Record, SqliteJournal
-from caesura_service.session.corrections import correction_of
-from caesura_service.session.pipeline import make_pipeline
+from caesura_service.segmentation.corrections import correction_of
+from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Row
 from faults.suite.proxy import Proxy, proxied
 from harness.demonstrations import taught

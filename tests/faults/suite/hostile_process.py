@@ -17,11 +17,11 @@ from pathlib import Path
 import msgpack
 import zenoh
 
-from caesura_clients.dashboard.gateway import Gateway
-from caesura_clients.transport import SETTINGS, ZenohTransport
+from caesura_clients.dashboard.network_follower import Gateway
 from caesura_protocol.codec import encode, encoding_of
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Open, SampleBatch
+from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 
 STATION = "hostile"
 COMMANDS_PER_S = 5.0

@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 
 from caesura_protocol.messages import Ack, Edit, Insert
 from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
-from caesura_service.session.ports import AskReplay, NotTaken, Output
-from caesura_service.session.registry import Registry
-from caesura_service.session.standing import snapshot_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import AskReplay, NotTaken, Output
+from caesura_service.publishing.session_state import snapshot_of
 from harness.sessions import NAME, STATION, Ring, answer, batches, closing, new_registry, opening, unowned
 
 COUNT = 9

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.keys import service_key
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.proxy import proxied
 from faults.suite.relay import Line, relayed

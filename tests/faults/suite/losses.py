@@ -11,12 +11,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from caesura_clients.bridge.control import ControlLine
+from caesura_clients.bridge.control_client import ControlLine
 from caesura_clients.editing import send
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Edit, Insert, Open
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import CONNECT_S, SESSION, SETTINGS, STATIONS, Station, demonstration, reached
 from harness.power import COMPILER, Power

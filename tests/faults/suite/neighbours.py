@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from caesura_clients.query import service_status
-from caesura_clients.transport import ZenohTransport
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import Disturbance, Played, Row, Scale, played
 from faults.suite.stations import CONNECT_S, Station, reached
 from harness.attacker import Attacker

@@ -1,8 +1,8 @@
 """The undisturbed run beside the reference: without it, an error of the pipeline would make everything equal.
 
 The reference shares no compiled code, no batches, no session and no history with the pipeline: the whole
-recording is conditioned at once with the arithmetic of `signals/reference.py`, and filtered with the NumPy
-filter of `changepoint/online.py`.
+recording is conditioned at once by `signals/numpy_operations.py`, and filtered with the NumPy filter of
+ `changepoint/run_length_filter.py`.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from caesura_clients.recording import Recording
-from caesura_service.changepoint.online import OnlineFilter
+from caesura_protocol.recording import Recording
 from caesura_service.changepoint.presets import preset_named
+from caesura_service.changepoint.run_length_filter import OnlineFilter
 from caesura_service.changepoint.segments import stretches
-from caesura_service.recordings import opening_of
-from caesura_service.session.pipeline import layout_of, observed
-from caesura_service.session.view import View
+from caesura_service.offline_segmentation import opening_of
+from caesura_service.segmentation.pipeline import layout_of, observed
+from caesura_service.segmentation.view import View
 from caesura_service.signals import Conditioner
-from caesura_service.signals.arithmetic import REFERENCE
+from caesura_service.signals.backend import REFERENCE
 from caesura_service.signals.tare import TARED_BIAS_N
 from faults.suite.outcome import FULL, Row, Scale
 from faults.suite.stations import demonstration, undisturbed

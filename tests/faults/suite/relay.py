@@ -17,9 +17,9 @@ from typing import Any
 
 import zenoh
 
-from caesura_clients.transport import direct
 from caesura_protocol.keys import service_key, station_key
-from caesura_service.edge.network import SETTINGS
+from caesura_protocol.transport.zenoh_transport import direct
+from caesura_service.server.network import SETTINGS
 
 COMMANDS_S = 2.0
 

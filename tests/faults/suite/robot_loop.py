@@ -17,9 +17,8 @@ from contextlib import suppress
 import numpy as np
 
 from caesura_clients.bridge import Bridge, BridgeSettings
-from caesura_clients.errors import CaesuraError
-from caesura_clients.transport import ZenohTransport
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.stations import LiveRobot
 from harness.demonstrations import taught
 from harness.processes import SESSION

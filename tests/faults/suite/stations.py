@@ -20,17 +20,17 @@ from numpy.typing import NDArray
 
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.query import snapshot
-from caesura_clients.recording import Recording
-from caesura_clients.transport import ZenohTransport
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Ack, Posterior, SampleBatch, Snapshot
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.journal import SqliteJournal
-from caesura_service.recordings import segment_recording
-from caesura_service.session.view import View
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.segmentation.view import View
 from harness.demonstrations import taught
 from harness.processes import SESSION, eventually
 

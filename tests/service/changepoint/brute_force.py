@@ -9,8 +9,8 @@ import numpy as np
 
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.lattice import Lattice
 from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.segment_model_set import Lattice
 
 
 def demonstration(seed: int, n: int = 12) -> list[Observed]:

@@ -15,24 +15,24 @@ from typing import Any, get_args
 
 import numpy as np
 
-from caesura_service.changepoint.contact import CONTACT, FREE, TRANSPORT, ContactShare
+from caesura_service.changepoint.constant_models import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactShare
+from caesura_service.changepoint.contact_rise import NoRise
 from caesura_service.changepoint.contract import NOWHERE, rows_after
-from caesura_service.changepoint.corner import CornerStart
+from caesura_service.changepoint.corner_start import CornerStart
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.friction import Friction
-from caesura_service.changepoint.guided import GuidedMotion
-from caesura_service.changepoint.lattice import Kind, Lattice
-from caesura_service.changepoint.levels import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.guided_motion import GuidedMotion
+from caesura_service.changepoint.held_torque import Resistance
 from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
-from caesura_service.changepoint.pace import Pace
-from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profile_model import Profiled, Target
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
-from caesura_service.changepoint.resistance import Resistance
-from caesura_service.changepoint.rise import NoRise
-from caesura_service.changepoint.trend import ConstantVelocity
-from caesura_service.changepoint.walk import Walk
+from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.turn_in_place import Pivot
+from caesura_service.changepoint.turn_rate import Pace
 
 DENSITY = "a density"
 APART = "a density of all samples together; of the next alone only where the noise is known for certain"

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from caesura_service.changepoint.constant_models import Biased, Carried, Constant
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
-from caesura_service.changepoint.levels import Biased, Carried, Constant
 from caesura_service.changepoint.models import Noise
-from caesura_service.changepoint.profiled import Profiled
+from caesura_service.changepoint.profile_model import Profiled
 from caesura_service.changepoint.profiles import ProfileLibrary
-from caesura_service.changepoint.trend import ConstantVelocity
-from caesura_service.changepoint.walk import Walk
+from caesura_service.changepoint.random_walk import Walk
 
 Array = np.ndarray
 GRAVITY = 9.81

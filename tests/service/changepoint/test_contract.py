@@ -13,18 +13,18 @@ import pytest
 from scipy import integrate
 
 from caesura_service.changepoint import contract
+from caesura_service.changepoint.constant_models import Held
+from caesura_service.changepoint.contact_rise import NoRise
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
-from caesura_service.changepoint.corner import CornerStart
+from caesura_service.changepoint.corner_start import CornerStart
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
-from caesura_service.changepoint.friction import Friction
-from caesura_service.changepoint.levels import Held
+from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.held_torque import Resistance
 from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.pace import Pace
-from caesura_service.changepoint.pivot import Pivot
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profiled import Profiled
-from caesura_service.changepoint.resistance import Resistance
-from caesura_service.changepoint.rise import NoRise
+from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.turn_in_place import Pivot
+from caesura_service.changepoint.turn_rate import Pace
 from service.changepoint.catalogue import (
     APART,
     DENSITY,

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_clients.recording import load_recording
+from caesura_protocol.formats.read import load_recording
 from caesura_service.changepoint.default import DEFAULT, WITHOUT, default_channels
 from caesura_service.changepoint.models import Observed
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches
-from caesura_service.recordings import segment_recording
+from caesura_service.offline_segmentation import segment_recording
 from caesura_service.signals.tare import TARED_BIAS_N
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from caesura_service.changepoint.contact import ContactShare
+from caesura_service.changepoint.constant_models import Carried, Held, Laden
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.contact_mixture import ContactShare
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.levels import Carried, Held, Laden
 from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
-from caesura_service.changepoint.profiled import Profiled, Target
+from caesura_service.changepoint.profile_model import Profiled, Target
 from caesura_service.changepoint.profiles import (
     ProfileLibrary,
     first_order,
@@ -20,7 +21,6 @@ from caesura_service.changepoint.profiles import (
     whiten,
 )
 from caesura_service.changepoint.thesis_presets import thesis_force_library, thesis_motion_library
-from caesura_service.changepoint.trend import ConstantVelocity
 
 
 def rows_after(model: ChannelModel, data: np.ndarray, channel: str = "position") -> Rows:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from caesura_service.changepoint.compiled import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledFilter
 from caesura_service.changepoint.presets import PRESETS
 from service.streams import pieces
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_service.journal import JournalSettings, MemoryJournal, SqliteJournal
-from caesura_service.session.registry import Registry
-from caesura_service.session.standing import Standing, snapshot_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.session_state import Standing, snapshot_of
 from harness.sessions import NAME, STATION, Ring, batches, closing, new_registry, opening, unowned
 
 COUNT = 16

@@ -20,11 +20,11 @@ from caesura_service.journal import (
     Resolution,
     SqliteJournal,
 )
-from caesura_service.session.fake_pipeline import make_fake_pipeline
-from caesura_service.session.limits import Limits
-from caesura_service.session.ports import Owner, ReplayEnded
-from caesura_service.session.session import Session
-from caesura_service.session.standing import snapshot_of
+from caesura_service.publishing.events import Owner, ReplayEnded
+from caesura_service.publishing.session_state import snapshot_of
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.session import Session
 from harness.sessions import batch, batches, closing, new_registry, open_session, opening
 
 EVERYTHING = Resolution(

@@ -16,8 +16,8 @@ from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
 from caesura_service.journal import sqlite as module
 from caesura_service.journal.schema import SCHEMA_VERSION
-from caesura_service.session.registry import Registry
-from caesura_service.session.standing import snapshot_of, status_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.session_state import snapshot_of, status_of
 from harness.sessions import (
     NAME,
     STATION,

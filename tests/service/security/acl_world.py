@@ -15,10 +15,10 @@ from typing import Any, get_args
 
 import zenoh
 
-from caesura_clients.transport import direct
 from caesura_protocol.keys import ROOT, ServicePart, SessionPart, StationPart
-from caesura_service.edge.network import SETTINGS
-from caesura_service.security.directory import Directory, Wanted, identities
+from caesura_protocol.transport.zenoh_transport import direct
+from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.server.network import SETTINGS
 from clients.conftest import free_port
 
 DEADLINE_S = 30.0

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from caesura_clients.transport import direct
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_protocol.transport.zenoh_transport import direct
 from caesura_service.security.roles import ROLES as TABLE
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
 from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates

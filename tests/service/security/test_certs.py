@@ -21,7 +21,7 @@ from caesura_service.security.certificates import (
     issue_router,
     new_authority,
 )
-from caesura_service.security.directory import Directory, Wanted, identities
+from caesura_service.security.credential_store import Directory, Wanted, identities
 
 
 def certs(*arguments: object):

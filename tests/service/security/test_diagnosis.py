@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from caesura_clients import connect
 from caesura_clients.cli import build
-from caesura_clients.diagnosis import why_not
-from caesura_clients.errors import NotLetIn, Unreachable
+from caesura_protocol.errors import NotLetIn, Unreachable
+from caesura_protocol.transport.diagnosis import why_not
 from caesura_service.security import zenoh_files
 from caesura_service.security.certificates import Issued, issue_client, issue_router, new_authority
 from caesura_service.security.roles import Identity

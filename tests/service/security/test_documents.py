@@ -10,10 +10,10 @@ import pytest
 import zenoh
 
 from caesura_protocol.messages import MAX_COLUMNS, MAX_MESSAGE_BYTES
-from caesura_service.edge.inbox import QueueSettings
-from caesura_service.edge.rates import RateSettings
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
-from caesura_service.session.limits import Limits
+from caesura_service.server.rates import RateSettings
+from caesura_service.server.work_queue import QueueSettings
+from caesura_service.sessions.limits import Limits
 
 TOP = Path(__file__).resolve().parents[3]
 PAGE = (TOP / "docs" / "security.md").read_text()

@@ -10,17 +10,16 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
-from caesura_clients.bridge.control import ControlLine
+from caesura_clients.bridge.control_client import ControlLine
 from caesura_clients.cli import build
 from caesura_clients.cli.commands import _why_it_waits
-from caesura_clients.errors import NotLetIn
 from caesura_protocol.codec import encode
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import NotLetIn, ProtocolError
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Ack, Close
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.session.fake_pipeline import make_fake_pipeline
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from clients.conftest import free_port
 from clients.examples import LiveSource, samples
 from clients.fake_service import eventually

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from caesura_clients.recording import Recording, load_recording
-from caesura_service.recordings import segment_recording
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import segment_recording
 from caesura_service.signals.bias import BiasState, BiasTracker
 
 TRACKER = BiasTracker(scale_n=1.5)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, Layout, Observation, arithmetic
-from caesura_service.signals.arithmetic import REFERENCE, best
-from caesura_service.signals.beforehand import prepare
+from caesura_service.signals import Conditioned, Conditioner, Layout, Observation, backend
+from caesura_service.signals.backend import REFERENCE, best
+from caesura_service.signals.warm_up import prepare
 from service.signals.awkward import LAYOUTS, awkward_samples
 from service.signals.samples import bits, together
 
@@ -59,5 +59,5 @@ def test_whatever_an_array_is_like_all_is_compiled_beforehand(layout: Layout) ->
 
 
 def test_without_a_compiler_the_reference_stands_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arithmetic, "has_kernels", lambda: False)
-    assert arithmetic.best.__wrapped__() == REFERENCE
+    monkeypatch.setattr(backend, "has_kernels", lambda: False)
+    assert backend.best.__wrapped__() == REFERENCE

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.signals import Conditioner, ConditioningParameters, Layout
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic, best
+from caesura_service.signals.backend import REFERENCE, Arithmetic, best
 from service.signals.samples import (
     FORCE,
     JOINTS,

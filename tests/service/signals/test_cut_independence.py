@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from caesura_service.signals import Conditioner, Layout
-from caesura_service.signals.arithmetic import REFERENCE, Arithmetic, best
+from caesura_service.signals.backend import REFERENCE, Arithmetic, best
 from service.signals.awkward import LAYOUTS, awkward_samples
 from service.signals.samples import bits, together
 

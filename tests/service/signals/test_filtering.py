@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from caesura_service.signals.arithmetic import best
+from caesura_service.signals.backend import best
 from caesura_service.signals.filtering import SavitzkyGolay
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from caesura_service.signals.cells import cell_means
+from caesura_service.signals.cell_average import cell_means
 from caesura_service.signals.grid import MAX_WAITING_SAMPLES, GridState, Resampled, Resampler
 
 Array = NDArray[np.float64]

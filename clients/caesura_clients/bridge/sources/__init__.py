@@ -1,6 +1,6 @@
 """Sources of samples: one file for each robot or file format, each with the interface `Source`.
 
-A new robot is one module with a class that meets `Source`, and one line in `table.py` beside it.
+A new robot is one module with a class that meets `Source`, and one line in `registry.py` beside it.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
 from caesura_clients.bridge.sources.pacing import PacedSource
-from caesura_clients.recording import Recording
+from caesura_protocol.recording import Recording
 
 CHUNK_S = 0.02  # what a robot's driver delivers at once
 

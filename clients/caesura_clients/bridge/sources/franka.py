@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_clients.errors import BadSource
-from caesura_clients.formats.poses import Transform, flange_of, nearest, pose_of
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.poses import Transform, flange_of, nearest, pose_of
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")

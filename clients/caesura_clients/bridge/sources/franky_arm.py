@@ -15,8 +15,8 @@ from importlib import import_module
 from typing import Any
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
-from caesura_clients.formats.poses import Transform, pose_of
-from caesura_clients.recording import needing
+from caesura_protocol.distribution import needing
+from caesura_protocol.formats.poses import Transform, pose_of
 from caesura_protocol.messages import HandOnRobot
 
 

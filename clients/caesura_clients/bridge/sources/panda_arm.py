@@ -11,7 +11,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
-from caesura_clients.recording import needing
+from caesura_protocol.distribution import needing
 from caesura_protocol.messages import HandOnRobot
 
 

@@ -22,17 +22,17 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk, Mark
-from caesura_clients.errors import BadSource
-from caesura_clients.formats.joining import Joiner, Row
-from caesura_clients.formats.mapping import Mapped
-from caesura_clients.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
-from caesura_clients.formats.ros_plan import Topic, TopicSelection, plan_of
-from caesura_clients.formats.ros_types import READ, CannotDecode, decoder
-from caesura_clients.inbox import Delivery, Inbox
-from caesura_clients.network import Transport
-from caesura_clients.recording import RecordingError
-from caesura_clients.transport import ZenohTransport
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
+from caesura_protocol.formats.ros_types import READ, CannotDecode, decoder
+from caesura_protocol.formats.signal_aligner import Joiner, Row
+from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+from caesura_protocol.recording import RecordingError
+from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 CHUNK_SAMPLES = 20
 PATIENCE_S = 0.1  # that a row waits for a topic that lags behind

@@ -11,7 +11,7 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from caesura_clients.dashboard.editing import Corrector
-from caesura_clients.dashboard.gateway import Gateway
+from caesura_clients.dashboard.network_follower import Gateway
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most

@@ -9,9 +9,9 @@ import numpy as np
 from nicegui import Client, ui
 
 from caesura_clients.dashboard.elements import Tables, lags
-from caesura_clients.dashboard.glance import DashboardState
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
 
 SESSIONS = (

@@ -7,8 +7,8 @@ from typing import Any
 from nicegui import ui
 
 from caesura_clients.dashboard.elements import Overview
-from caesura_clients.dashboard.glance import glances, troubled
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page
+from caesura_clients.dashboard.station_summary import glances, troubled
 
 
 def build(site: Site) -> None:

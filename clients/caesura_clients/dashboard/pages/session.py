@@ -11,8 +11,8 @@ from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
 from caesura_clients.dashboard.elements import ProgramTimeline, SessionView
-from caesura_clients.dashboard.glance import Glance, glance, reached
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.station_summary import Glance, glance, reached
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 

@@ -50,7 +50,7 @@ from caesura_service.changepoint.kernels.residuals import (
     whole,
 )
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 

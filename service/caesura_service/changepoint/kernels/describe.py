@@ -13,11 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from caesura_service.changepoint.contact import ContactShare
-from caesura_service.changepoint.corner import CornerStart
-from caesura_service.changepoint.friction import Friction
-from caesura_service.changepoint.guided import GuidedMotion
+from caesura_service.changepoint.constant_models import (
+    GRAVITY,
+    Biased,
+    Carried,
+    Constant,
+    Held,
+    Laden,
+)
+from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.contact_mixture import ContactShare
+from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.held_torque import LEAST_FORCE_N, Resistance
 from caesura_service.changepoint.kernels import layout
 from caesura_service.changepoint.kernels.layout import (
     BLOCK,
@@ -32,24 +43,13 @@ from caesura_service.changepoint.kernels.layout import (
     Ints,
     Model,
 )
-from caesura_service.changepoint.lattice import Lattice
-from caesura_service.changepoint.levels import (
-    GRAVITY,
-    Biased,
-    Carried,
-    Constant,
-    Held,
-    Laden,
-)
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
-from caesura_service.changepoint.pace import Pace
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.pivot import Pivot
-from caesura_service.changepoint.profiled import Profiled
-from caesura_service.changepoint.resistance import LEAST_FORCE_N, Resistance
-from caesura_service.changepoint.rise import NoRise
-from caesura_service.changepoint.trend import ConstantVelocity
-from caesura_service.changepoint.walk import Walk
+from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.turn_in_place import Pivot
+from caesura_service.changepoint.turn_rate import Pace
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew

@@ -12,7 +12,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from caesura_service.compiling.decorators import compiled, inlined, reducing
+from caesura_service.numba_support.decorators import compiled, inlined, reducing
 
 LN2_HIGH = 6.93147180369123816490e-01
 LN2_LOW = 1.90821492927058770002e-10

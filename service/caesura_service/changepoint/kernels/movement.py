@@ -12,7 +12,7 @@ from caesura_service.changepoint.kernels.elementary import exp_of_negative, larg
 from caesura_service.changepoint.kernels.layout import AXES
 from caesura_service.changepoint.kernels.residuals import BY_LENGTH, log_presence, tell_length, whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion
 PEAK, TOTAL = 5, 6  # rows of the work; those before `BY_LENGTH` hold one scale each

@@ -4,7 +4,7 @@
 
 from caesura_service.changepoint.kernels.layout import FREE
 from caesura_service.changepoint.kernels.unpacking import state_at
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 
 @compiled

@@ -8,7 +8,7 @@ from caesura_service.changepoint.kernels.elementary import logarithms
 from caesura_service.changepoint.kernels.layout import AXES
 from caesura_service.changepoint.kernels.residuals import BY_LENGTH, tell_length, whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 START, GRAM, CROSS, SQUARES, LOG_SCALES, NEAR = 0, 3, 9, 12, 13, 14  # fields
 LEFT, DETERMINANT = 0, 1  # rows of the work

@@ -40,7 +40,7 @@ from caesura_service.changepoint.kernels.residuals import (
     whole,
 )
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled, reducing
+from caesura_service.numba_support.decorators import compiled, reducing
 
 # What a hypothesis keeps beside its profiles: origin 3, y 3, log pace, Σy² 3 where all precisions are 1.
 Y, PACE, EVEN = 3, 6, 7

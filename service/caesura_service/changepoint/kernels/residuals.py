@@ -13,7 +13,7 @@ import numpy as np
 from caesura_service.changepoint.kernels.elementary import logarithms
 from caesura_service.changepoint.kernels.layout import AXES, FIRST, PREVIOUS, VECTOR
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled, inlined
+from caesura_service.numba_support.decorators import compiled, inlined
 
 LOG_2PI = math.log(2.0 * math.pi)
 TINY = float(np.finfo(np.float64).tiny)

@@ -11,7 +11,7 @@ from caesura_service.changepoint.kernels.nodes import copy, new_node, node_made,
 from caesura_service.changepoint.kernels.residuals import whole
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.changepoint.kernels.window import keep_shares, link, remember, smooth, sum_from
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 UNKNOWN = -1
 REFUSED = -2

@@ -15,7 +15,7 @@ from caesura_service.changepoint.kernels.elementary import exponentials, log_sum
 from caesura_service.changepoint.kernels.layout import FREE
 from caesura_service.changepoint.kernels.nodes import new_node, node_at, node_made, refer, release
 from caesura_service.changepoint.kernels.unpacking import model_at, state_at
-from caesura_service.compiling.decorators import compiled
+from caesura_service.numba_support.decorators import compiled
 
 
 @compiled

@@ -4,8 +4,8 @@
 
 import math
 
-from caesura_service.compiling.decorators import compiled
-from caesura_service.signals.reference import FORCE, LEFT_OPEN, TURN
+from caesura_service.numba_support.decorators import compiled
+from caesura_service.signals.numpy_operations import FORCE, LEFT_OPEN, TURN
 
 
 @compiled

@@ -1,0 +1,38 @@
+"""The commands of a bridge to the service: open and close a session.
+
+Both are idempotent and may be asked again whenever an answer got lost. An Ack carries the batch that the
+service waits for, so asking again is also the way to learn how far it has come.
+"""
+
+from __future__ import annotations
+
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import ErrorCode
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, Close, Control, Open
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
+
+TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
+
+
+class ControlLine:
+    """The `control` key of one station."""
+
+    def __init__(self, transport: Transport, station: str) -> None:
+        self._transport = transport
+        self._key = station_key(station, "control")
+
+    def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
+        """Send a command; return the Ack, or None without an answer. Raises ProtocolError for a refusal.
+
+        An error of the service's own may not be there the next time; the service has it in its log.
+        """
+        content = encode(Control(command=command))
+        answers = self._transport.query(self._key, content, timeout_s=timeout_s)
+        if answers.replies:
+            reply = answers.replies[0]
+            return decode(reply.payload, reply.encoding, Ack)
+        refusals = [refusal for refusal in answers.refusals if refusal.code not in TRY_AGAIN]
+        if refusals:
+            raise refusals[0]
+        return None

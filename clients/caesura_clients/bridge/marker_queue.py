@@ -1,0 +1,69 @@
+"""Marks of a source, sent by a thread of their own so that the robot's loop never waits for the service.
+
+They wait in a queue of `CAPACITY`; a hand cannot fill it, and what is past it is counted as failed.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
+from caesura_protocol.errors import CaesuraError, ProtocolError
+
+CAPACITY = 64
+LAST_S = 10.0  # for the marks that wait when the demonstration is over
+
+
+class Marks:
+    """Makes marks one after the other while the context lasts, and those that wait when it ends.
+
+    make: a mark at a time [s], which may wait for the network. `failed` has why some were not made.
+    """
+
+    def __init__(self, make: Callable[[float], object], name: str) -> None:
+        self.made = 0
+        self.failed: list[str] = []
+        self._make = make
+        self._waiting: queue.Queue[float | None] = queue.Queue(CAPACITY)
+        self._thread = threading.Thread(target=self._run, name=f"marks {name}", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._give_up("the demonstration was ended")
+        with suppress(queue.Full):
+            self._waiting.put(None, timeout=LAST_S)
+        self._thread.join(LAST_S)
+        if self._thread.is_alive():
+            self._give_up(f"no service accepted it within {LAST_S:g} s of the end")
+            self._waiting.put(None)
+
+    def put(self, t: float) -> None:
+        """A mark at a time [s]. Never blocks."""
+        try:
+            self._waiting.put_nowait(t)
+        except queue.Full:
+            self.failed.append(f"mark at {t:.2f} s: {CAPACITY} marks wait already")
+
+    def _give_up(self, why: str) -> None:
+        """The demonstration does not wait for those marks."""
+        with suppress(queue.Empty):
+            while (t := self._waiting.get_nowait()) is not None:
+                self.failed.append(f"mark at {t:.2f} s: {why}")
+
+    def _run(self) -> None:
+        while (t := self._waiting.get()) is not None:
+            try:
+                self._make(t)
+                self.made += 1
+            except (CaesuraError, ProtocolError) as error:
+                self.failed.append(f"mark at {t:.2f} s: {error}")

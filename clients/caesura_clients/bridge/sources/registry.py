@@ -1,0 +1,166 @@
+"""The sources of the command line, by name. A source's dependency is imported at its first use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from caesura_clients.bridge.sources import Source
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_protocol.distribution import PACKAGES, installing, needing
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
+from caesura_protocol.plausibility import WIRE_UNIT
+from caesura_protocol.recording import declared_units
+from caesura_protocol.transport.zenoh_transport import endpoint_of
+
+GROUP = "caesura.sources"  # entry points, each a function of SourceOptions that returns a Source
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """What may be said about a source; each takes what it understands."""
+
+    file: Path | None = None
+    pace: float = 1.0
+    wrench_source: str | None = None
+    length_unit: str | None = None
+    scenario: str | None = None
+    seed: int = 0
+    mapping: Path | None = None
+    host: str | None = None  # of the robot
+    gripper: bool = True  # does it have one?
+    ros: str | None = None  # the Zenoh endpoint of ROS 2
+    config: Path | None = None  # of Zenoh there
+    hand_on_robot: str | None = None
+    time_unit: str | None = None
+    angle_unit: str | None = None
+    force_unit: str | None = None
+
+
+def open_source(name: str, options: SourceOptions) -> Source:
+    """A source by its name. Raises BadSource, which names what there is, or RecordingError."""
+    build = SOURCES.get(name)
+    if build is None:
+        raise BadSource(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
+    source = build(options)
+    return source if build is _file else _with_declared_units(source, options)
+
+
+def _with_declared_units(source: Source, options: SourceOptions) -> Source:
+    """A live source whose units were declared. Raises BadSource for units that it does not report."""
+    declared = declared_units(
+        length=options.length_unit,
+        time=options.time_unit,
+        angle=options.angle_unit,
+        force=options.force_unit,
+    )
+    for quantity, unit in declared.items():
+        reported = source.length_unit if quantity == "length" else WIRE_UNIT[quantity]
+        if unit != reported:
+            raise BadSource(
+                f"{quantity}_unit is {unit!r}, expected {reported!r}: a live source is not converted"
+            )
+    if declared:
+        source.declared_units = tuple(declared)  # type: ignore[attr-defined]
+    return source
+
+
+def _file(options: SourceOptions) -> Source:
+    if options.file is None:
+        raise BadSource("a source that plays a recording needs --file")
+    recording = load_recording(
+        options.file,
+        wrench_source=options.wrench_source,
+        hand_on_robot=options.hand_on_robot,
+        length_unit=options.length_unit,
+        time_unit=options.time_unit,
+        angle_unit=options.angle_unit,
+        force_unit=options.force_unit,
+        mapping=options.mapping,
+    )
+    if recording.has_wrench and recording.wrench_source is None:
+        raise BadSource(
+            f"{recording.name}: where is this wrench measured? State wrench_source in the file or "
+            f"--wrench-source: {', '.join(WRENCH_SOURCES)}"
+        )
+    return FileSource(recording, pace=options.pace)
+
+
+def _franky(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.franky_arm import open_franky  # noqa: PLC0415 - an extra
+
+    hand = _hand_on_estimate(options, "franky")
+    return open_franky(_host(options, "franky"), gripper=options.gripper, hand_on_robot=hand)
+
+
+def _panda(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.panda_arm import open_panda  # noqa: PLC0415 - an extra
+
+    hand = _hand_on_estimate(options, "panda")
+    return open_panda(_host(options, "panda"), gripper=options.gripper, hand_on_robot=hand)
+
+
+def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
+    """The statement of the hand for an arm that estimates its wrench; these arms are guided by hand."""
+    if options.wrench_source not in {None, ESTIMATE}:
+        raise BadSource(
+            f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
+        )
+    return hand_statement(options)
+
+
+def hand_statement(options: SourceOptions) -> HandOnRobot:
+    """Raises BadSource for a statement that is none."""
+    stated = options.hand_on_robot or "yes"
+    if stated not in HANDS_ON_ROBOT:
+        raise BadSource(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
+    return stated
+
+
+def _host(options: SourceOptions, name: str) -> str:
+    if not options.host:
+        raise BadSource(f"the source {name} needs --host, the robot's address")
+    return options.host
+
+
+def _ros2(options: SourceOptions) -> Source:
+    from caesura_protocol.formats.column_mapping import load_mapping  # noqa: PLC0415 - not every bridge needs it
+
+    with needing("ros2", "the source ros2"):
+        from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra
+    mapped = None if options.mapping is None else load_mapping(options.mapping)
+    endpoint = endpoint_of(options.ros, options.config)
+    return open_ros2(
+        endpoint, options.config, mapped, options.mapping, options.wrench_source, options.hand_on_robot
+    )
+
+
+def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source]:
+    """A source that another package registers; its module is imported at its first use."""
+
+    def build(options: SourceOptions) -> Source:
+        try:
+            opener: Callable[[SourceOptions], Source] = entry_point.load()
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.partition(".")[0] in PACKAGES:
+                raise
+            raise BadSource(
+                f"the source {entry_point.name} needs {error.name}: {installing(entry_point.name)}"
+            ) from error
+        return opener(options)
+
+    return build
+
+
+SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
+    "file": _file,
+    "mcap": _file,
+    "rosbag2": _file,
+    "franky": _franky,
+    "panda": _panda,
+    "ros2": _ros2,
+} | {found.name: _of_entry_point(found) for found in entry_points(group=GROUP)}

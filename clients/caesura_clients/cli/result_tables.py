@@ -1,0 +1,200 @@
+"""Sessions, segments and programs as text in a terminal, with a mark for provisional ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from caesura_clients.budgets import budgets_in_words
+from caesura_clients.query import SessionInfo
+from caesura_protocol.force_limit import force_in_words
+from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
+from caesura_protocol.paths import path_in_words
+from caesura_protocol.recording import Recording, did_you_mean
+from caesura_protocol.turning import torque_about_axis
+
+STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
+MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
+
+
+def segments_view(
+    status: SessionStatus, segments: Sequence[Segment], *, newest: int | None = None
+) -> RenderableType:
+    """The segments of one session, or its newest ones, and a line on how it is doing."""
+    hidden = 0 if newest is None else max(0, len(segments) - newest)
+    table = segments_table(segments[hidden:], _title(status), first=hidden)
+    said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
+    return Group(table, said + status_line(status))
+
+
+def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
+    """One segment a row, counted from `first`."""
+    table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
+    for index, segment in enumerate(segments, start=first):
+        mark = MARK_OF_CERTAINTY[segment.certainty]
+        table.add_row(
+            str(index),
+            f"{segment.t0:.2f}",
+            f"{mark}{segment.tn:.2f}",
+            f"{mark}{segment.kind}",
+            _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg),
+            f"{segment.probability:.2f}",
+            segment.runner_up or "",
+            style=STYLE_OF_CERTAINTY[segment.certainty],
+        )
+    return table
+
+
+def phases_table(phases: Sequence[Phase], title: str) -> Table:
+    """One phase a row."""
+    table = Table("#", "from \\[s]", "to \\[s]", "phase", "segments", "p", title=title, **PLAIN)
+    for index, phase in enumerate(phases):
+        mark = MARK_OF_CERTAINTY[phase.certainty]
+        table.add_row(
+            str(index),
+            f"{phase.t0:.2f}",
+            f"{mark}{phase.tn:.2f}",
+            f"{mark}{phase_name(phase)}",
+            _numbers(phase.first_segment, phase.last_segment),
+            f"{phase.probability:.2f}",
+            style=STYLE_OF_CERTAINTY[phase.certainty],
+        )
+    return table
+
+
+def phase_name(phase: Phase) -> str:
+    """Its name and kind, with how often it touches, carries or moves, where that is more than once."""
+    kind = phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
+    return kind if phase.name is None else f"{phase.name} ({kind})"
+
+
+def _numbers(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first}–{last}"
+
+
+def status_line(status: SessionStatus) -> Text:
+    """One line: how far, what is missing, what the wrench is worth."""
+    parts = [
+        status.state,
+        f"t {status.t:.2f} s",
+        f"{status.samples} samples in {status.batches} batches",
+        status.wrench.note or f"wrench {status.wrench.source}",
+    ]
+    if status.waiting_for is not None:
+        parts.append(f"waiting for batch {status.waiting_for}")
+    if status.overloaded:
+        parts.append("the service is overloaded")
+    if status.dropped:
+        parts.append(f"{status.dropped} messages dropped and asked for again")
+    if status.gaps:
+        parts.append(_gaps(status))
+    parts += budgets_in_words(status.budgets)
+    if status.last_refusal is not None:
+        parts.append(f"{sum(status.refused.values())} refused, last: {_why(status.last_refusal)}")
+    return Text(" · ".join(parts), style="dim")
+
+
+def outcome_line(status: SessionStatus) -> str:
+    """What became of what was sent, where it is not simply segments; empty where it is."""
+    parts = []
+    if status.refused:
+        last = "" if status.last_refusal is None else f" (last: {_why(status.last_refusal)})"
+        parts.append(f"{sum(status.refused.values())} refused{last}")
+    if status.repeats:
+        parts.append(f"{status.repeats} of {status.samples} samples dropped: their time did not advance")
+    if status.gaps:
+        parts.append(_gaps(status))
+    return " · ".join(parts)
+
+
+def ignored_line(recording: Recording) -> str:
+    """What of a file was not read, with what may have been meant; empty where everything was."""
+    if not recording.ignored:
+        return ""
+    meant = {name: did_you_mean(name) for name in recording.ignored}
+    names = [name if meant[name] is None else f"{name} (did you mean {meant[name]}?)" for name in meant]
+    grade = "warning" if any(meant.values()) else "note"
+    return f"{grade}: {recording.name}: ignored {', '.join(names)}"
+
+
+def program_view(program: Program) -> RenderableType:
+    """The apps of a task program, with its notes."""
+    state = "complete" if program.complete else "being taught"
+    title = f"{program.station} / {program.session}, version {program.version}, {state}"
+    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in program.notes))
+
+
+def apps_table(apps: Sequence[App], title: str) -> Table:
+    """One app a row."""
+    table = Table(
+        "#", "app", "target \\[mm]", "path, via", "force, load", "time \\[s]", "p", title=title, **PLAIN
+    )
+    for index, app in enumerate(apps):
+        table.add_row(
+            str(index),
+            app.kind.replace("_", " ").title(),
+            "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
+            path_in_words(app, unit=""),
+            _effort_of_app(app),
+            f"{app.t0:.2f}–{app.tn:.2f}",
+            f"{app.confidence:.2f}",
+        )
+    return table
+
+
+def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
+    """All sessions, one a line."""
+    table = Table("station", "session", "state", "t \\[s]", "segments", "instance")
+    for info in infos:
+        table.add_row(
+            info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance
+        )
+    return table
+
+
+def _why(refusal: Refusal) -> str:
+    """The reason without the code, which is the wire's word."""
+    return refusal.message.removeprefix(f"{refusal.code}: ")
+
+
+def _gaps(status: SessionStatus) -> str:
+    lost = f", {status.lost} batches lost" if status.lost else ""
+    least = "at least " if status.gaps_before else ""
+    count = status.gaps_before + len(status.gaps)
+    return f"{count} gaps, {least}{sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
+
+
+def _title(status: SessionStatus) -> str:
+    return f"{status.station} / {status.session} ({status.preset})"
+
+
+def _turned(segment: Segment) -> str:
+    """By how much it turns in place; empty for every other kind."""
+    if segment.kind != "turning" or segment.turn is None:
+        return ""
+    torque = None if segment.screw is None else torque_about_axis(segment.screw)
+    held = "" if torque is None or segment.contact != "contact" else f", {abs(torque):.1f} Nm"
+    return f"{math.degrees(math.hypot(*segment.turn)):.0f}°{held}"
+
+
+def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:
+    """A load where there is one, or else the magnitude of the force."""
+    if load_kg is not None:
+        return f"{load_kg:.2f} kg" + ("" if load_sd_kg is None else f" ± {load_sd_kg:.2f}")
+    return f"{np.linalg.norm(force):.1f} N"
+
+
+def _effort_of_app(app: App) -> str:
+    if app.gripper_width is not None and app.force is None:
+        return f"{1000 * app.gripper_width:.0f} mm"
+    if app.load_kg is None:
+        return force_in_words(app)
+    return f"{app.load_kg:.2f}" + (" kg" if app.load_sd_kg is None else f"±{app.load_sd_kg:.2f} kg")

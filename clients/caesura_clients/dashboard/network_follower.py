@@ -1,0 +1,211 @@
+"""The network side of the dashboard: three threads follow the service, and pages read their state unlocked.
+
+  results   updates of every session, and what a station's program speaks of;
+  arrivals  samples, thinned out into rings, and tokens of bridges and instances;
+  services  the status of every instance, once a second.
+
+`world` is immutable and replaced. A thread that cannot reach the network says so in `DashboardState.troubles`
+and tries again; nothing that it meets ends it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing, suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self
+
+from caesura_clients.dashboard.signals import Rows, SignalRing
+from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
+from caesura_clients.dashboard.system import rates
+from caesura_clients.following import Event, SessionRemoved, events
+from caesura_clients.query import current_sessions, service_status
+from caesura_clients.results import Update
+from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
+from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.network import Transport
+
+POLL_S = 1.0
+TICK_S = 0.2  # how soon a thread sees that it is over
+RETRY_S = 1.0
+REFRESH_S = 2.0  # of silence, then what is known is asked for again
+POSTERIORS = 600  # a station: one minute of run lengths
+STATIONS = 256  # that signals are kept of; as many as a service takes
+
+
+class Gateway:
+    """Follows everything while its context lasts.
+
+    transport: its owner closes it, after the gateway. clock: monotonic [s]. Leaving takes up to refresh_s.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        refresh_s: float = REFRESH_S,
+    ) -> None:
+        self.transport = transport
+        self.clock = clock
+        self.began = clock()
+        self._refresh_s = refresh_s
+        self.world = DashboardState()
+        self._unsure = False  # has the service had no time to say which sessions are current?
+        self.heard: dict[str, NewestSamples] = {}
+        self._rings: dict[str, SignalRing] = {}
+        self._posteriors: dict[str, deque[Posterior]] = {}
+        self._changing = threading.Lock()
+        self._over = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        for name, work in (
+            ("results", self._follow_results),
+            ("arrivals", self._follow_arrivals),
+            ("services", self._ask_services),
+        ):
+            thread = threading.Thread(target=self._keep, args=(name, work), name=name, daemon=True)
+            thread.start()
+            self._stack.callback(thread.join)
+        self._stack.callback(self._over.set)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def signals(self, station: str, seen: int = 0, session: str | None = None) -> Rows:
+        """What is held of a station's signals, from row number `seen` on, or all of another session's."""
+        ring = self._rings.get(station)
+        return Rows("", "m/s", 0, ()) if ring is None else ring.after(seen, session)
+
+    def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
+        """The newest posteriors of a session, in order."""
+        with self._changing:
+            return tuple(one for one in self._posteriors.get(station, ()) if one.session == session)
+
+    def _keep(self, name: str, work: Callable[[], None]) -> None:
+        """Do the work until it is over, again after whatever the network does to it."""
+        while not self._over.is_set():
+            try:
+                work()
+            except Exception as error:  # whatever it is, it must be seen, and not end the thread
+                self._trouble(name, str(error) or type(error).__name__)
+                self._over.wait(RETRY_S)
+
+    def _trouble(self, name: str, why: str = "") -> None:
+        """Say what keeps a thread from its work; nothing once it works."""
+        if self.world.troubles.get(name, "") != why:
+            others = {key: one for key, one in self.world.troubles.items() if key != name}
+            self._change(troubles={**others, name: why} if why else others)
+
+    # --- results ---
+
+    def _follow_results(self) -> None:
+        with closing(events(self.transport, refresh_s=self._refresh_s, over=self._over)) as told:
+            for event in told:
+                self._take(event)
+                self._trouble("results")
+
+    def _take(self, event: Event) -> None:
+        match event:
+            case Update():
+                self._take_update(event)
+            case SessionRemoved():
+                gone = (event.station, event.session)
+                kept = {key: one for key, one in self.world.updates.items() if key != gone}
+                self._change(updates=kept, current=self._current())
+
+    def _take_update(self, update: Update) -> None:
+        key = (update.station, update.session)
+        known = self.world.updates
+        self._change(updates={**known, key: update})
+        if key not in known or self._unsure:
+            self._change(current=self._current())
+        if update.posterior is not None:
+            self._keep_posterior(update.station, update.posterior)
+
+    def _current(self) -> Mapping[str, str]:
+        """The session of each station's program; the last known one where no service answers in time."""
+        try:
+            found = current_sessions(self.transport)
+        except (CaesuraError, ProtocolError):
+            self._unsure = True
+            return self.world.current
+        self._unsure = False
+        return found
+
+    def _keep_posterior(self, station: str, posterior: Posterior) -> None:
+        with self._changing:
+            kept = self._posteriors.setdefault(station, deque(maxlen=POSTERIORS))
+            if not kept or kept[-1] is not posterior:
+                kept.append(posterior)
+
+    # --- samples and tokens ---
+
+    def _follow_arrivals(self) -> None:
+        inbox = Inbox()
+        self._change(bridges=frozenset(), alive=frozenset())
+        with ExitStack() as stack:
+            stack.enter_context(self.transport.subscribe(station_key("*", "samples"), inbox))
+            stack.enter_context(self.transport.watch(station_key("*", "alive"), inbox))
+            stack.enter_context(self.transport.watch(service_key("*", "alive"), inbox))
+            self._trouble("arrivals")
+            while not self._over.is_set():
+                item = inbox.get(TICK_S)
+                if isinstance(item, TokenChange):
+                    self._attend(item)
+                elif isinstance(item, Delivery):
+                    self._sampled(item)
+
+    def _attend(self, presence: TokenChange) -> None:
+        try:
+            bridge = parse_station_key(presence.key)[0]
+            self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
+        except ProtocolError:
+            with suppress(ProtocolError):
+                instance = parse_service_key(presence.key)[0]
+                self._change(alive=_with(self.world.alive, instance, presence.alive))
+
+    def _sampled(self, delivery: Delivery) -> None:
+        """Store a batch of samples; a bad sender must not end the updates of all browsers."""
+        try:
+            station = parse_station_key(delivery.key)[0]
+            batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
+            if not isinstance(batch, SampleBatch):
+                return
+            matrix = unpack_samples(batch)
+        except ProtocolError:
+            return
+        if station not in self._rings and len(self._rings) >= STATIONS:
+            return
+        self.heard[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
+        self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, matrix)
+
+    # --- services ---
+
+    def _ask_services(self) -> None:
+        asked_at = self.clock()
+        while not self._over.is_set():
+            before, then = self.world.services, asked_at
+            services, asked_at = tuple(service_status(self.transport)), self.clock()
+            self._change(services=services, rates=rates(before, services, asked_at - then))
+            self._trouble("services")
+            self._over.wait(POLL_S)
+
+    def _change(self, **changes: Any) -> None:
+        with self._changing:
+            self.world = replace(self.world, **changes)
+
+
+def _with(names: frozenset[str], name: str, there: bool) -> frozenset[str]:
+    return names | {name} if there else names - {name}

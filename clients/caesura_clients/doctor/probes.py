@@ -1,0 +1,140 @@
+"""Facts about a service, collected by queries and subscriptions in a few seconds, without a judgement."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+
+from caesura_clients.query import decoded, services, stations
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError, Unreachable
+from caesura_protocol.keys import (
+    ROOT,
+    parse_session_key,
+    parse_station_key,
+    service_key,
+    session_key,
+    station_key,
+)
+from caesura_protocol.messages import Heartbeat, SampleBatch, ServiceStatus, SessionStatus, Snapshot
+from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.network import Transport
+
+MOST_BATCHES = 20_000  # that are kept while listening: 400 s of one station, 12 s of 32
+_ANY_MAJOR = service_key("*", "alive").replace(ROOT, f"{ROOT.partition('/')[0]}/*", 1)
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A service's status, and when it was asked for and answered [s, time of day here]."""
+
+    status: ServiceStatus
+    asked: float
+    answered: float
+
+
+@dataclass(frozen=True)
+class ReceivedStatus:
+    """Something that came while listening. at: [s] since the beginning."""
+
+    at: float
+    status: SessionStatus
+
+
+@dataclass
+class Facts:
+    """Everything that was seen. listened_s: for how long; refusals: of questions that were not answered."""
+
+    alive: list[str] = field(default_factory=list)  # instances
+    other_versions: list[str] = field(default_factory=list)  # keys of services that speak another protocol
+    reported: list[Reported] = field(default_factory=list)
+    bridges: list[str] = field(default_factory=list)  # stations whose bridge is connected
+    snapshots: list[Snapshot] = field(default_factory=list)  # at the end; every answer, also two of a session
+    statuses: dict[tuple[str, str], list[ReceivedStatus]] = field(
+        default_factory=dict
+    )  # of each session, in order
+    batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
+    refusals: list[ProtocolError] = field(default_factory=list)
+    listened_s: float = 0.0
+
+
+def gather(transport: Transport, station: str = "*", *, seconds: float) -> Facts:
+    """Ask, listen for so long, ask again. Raises Unreachable where the router goes away meanwhile."""
+    facts = Facts(alive=services(transport), bridges=[])
+    facts.other_versions = [key for key in transport.alive(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")]
+    facts.reported = _statuses(transport, facts)
+    with ExitStack() as stack:
+        inbox = Inbox(MOST_BATCHES)
+        for key in (session_key(station, "*", "status"), station_key(station, "samples")):
+            stack.enter_context(transport.subscribe(key, inbox))
+        began = time.monotonic()
+        _take_in(facts, _snapshots(transport, station, facts), 0.0)
+        _listen(inbox, facts, began, seconds)
+    facts.listened_s = time.monotonic() - began
+    facts.snapshots = _snapshots(transport, station, facts)
+    _take_in(facts, facts.snapshots, time.monotonic() - began)
+    facts.bridges = [name for name in stations(transport) if station in {"*", name}]
+    return facts
+
+
+def _statuses(transport: Transport, facts: Facts) -> list[Reported]:
+    asked = time.time()
+    answers = transport.query(service_key("*", "status"))
+    answered = time.time()
+    facts.refusals += answers.refusals
+    found = [decode(reply.payload, reply.encoding, ServiceStatus) for reply in answers.replies]
+    return [Reported(one, asked, answered) for one in sorted(found, key=lambda one: one.instance)]
+
+
+def _snapshots(transport: Transport, station: str, facts: Facts) -> list[Snapshot]:
+    answers = transport.query(session_key(station, "*", "snapshot"))
+    facts.refusals += answers.refusals
+    try:
+        return decoded(answers._replace(refusals=()), Snapshot)
+    except ProtocolError as error:
+        if error.code != "overloaded":
+            raise
+        facts.refusals.append(error)
+        return []
+
+
+def _take_in(facts: Facts, snapshots: Iterable[Snapshot], at: float) -> None:
+    for one in snapshots:
+        _keep(facts, ReceivedStatus(at, one.status))
+
+
+def _listen(inbox: Inbox, facts: Facts, began: float, seconds: float) -> None:
+    while (left := began + seconds - time.monotonic()) > 0:
+        item = inbox.get(left)
+        if isinstance(item, Delivery):
+            try:
+                _hear(facts, item, time.monotonic() - began)
+            except ProtocolError as error:
+                facts.refusals.append(error)  # a publisher sends messages that no reader can decode
+
+
+def _hear(facts: Facts, item: Delivery, at: float) -> None:
+    if item.key.endswith("/status"):
+        parse_session_key(item.key)
+        _keep(facts, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
+        return
+    name = parse_station_key(item.key)[0]
+    message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
+    if isinstance(message, SampleBatch):
+        facts.batches.setdefault((name, message.session), []).append(message)
+
+
+def _keep(facts: Facts, heard: ReceivedStatus) -> None:
+    """In the order of epochs and numbers: a late one, or that of a replaced owner, is no news."""
+    known = facts.statuses.setdefault((heard.status.station, heard.status.session), [])
+    if not known or _rank(known[-1].status) < _rank(heard.status):
+        known.append(heard)
+
+
+def _rank(status: SessionStatus) -> tuple[int, int, int]:
+    return status.epoch, status.samples, status.seq
+
+
+__all__ = ["Facts", "ReceivedStatus", "Reported", "Unreachable", "gather"]

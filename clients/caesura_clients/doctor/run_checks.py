@@ -1,0 +1,114 @@
+"""Runs all checks in order, so that earlier findings explain later ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients.doctor import instances, signal, stations
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.probes import Facts, gather
+from caesura_clients.doctor.reach import look_at, no_session
+from caesura_protocol.distribution import installed_version
+from caesura_protocol.errors import CaesuraError, Unreachable
+from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
+
+CONNECT_S = 3.0
+LISTEN_S = 3.0
+ASSUMED = (
+    "assumed: the recording does not state its wrench source; contact and load are off. "
+    "State it with --wrench-source"
+)
+TARE_S = 0.4  # at the start of a demonstration, in which the service takes the bias
+
+
+def examine(
+    endpoint: str | None, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
+) -> Iterator[CheckResult]:
+    """Look at everything that can be reached; ends where there is nothing behind."""
+    try:
+        found = look_at(endpoint or endpoint_of(None, config_file))
+    except CaesuraError as error:
+        yield no_session(error)
+        return
+    yield found
+    if found.grade == "bad":
+        return
+    try:
+        transport = ZenohTransport(endpoint, config_file=config_file, timeout_s=CONNECT_S)
+    except CaesuraError as error:
+        yield no_session(error)
+        return
+    with transport:
+        yield from examine_network(transport, station, seconds=seconds)
+
+
+def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[CheckResult]:
+    """What there is behind a router."""
+    try:
+        facts = gather(transport, station, seconds=seconds)
+    except Unreachable as error:
+        yield bad("session", str(error), "the router went away while it was looked at: see its log")
+        return
+    yield from judge(facts, station)
+
+
+def judge(facts: Facts, station: str = "*") -> Iterator[CheckResult]:
+    """Every check on what was seen."""
+    yield from instances.check_services(facts, installed_version())
+    for check in instances.CHECKS:
+        yield from check(facts)
+    for reported in facts.reported:
+        yield from instances.check_instance(reported)
+    known = stations.stations_of(facts)
+    for one in known:
+        yield from stations.check_station(one)
+    if station != "*" and not known:
+        remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
+        yield bad("bridge", "neither a bridge nor a session", remedy, station=station)
+    elif not known and facts.alive:
+        yield ok("stations", "none yet: no bridge is connected and no session known")
+
+
+def examine_recording(recording: Recording) -> Iterator[CheckResult]:
+    """The same checks on a recording, in the order of its samples."""
+    samples = signal.CheckedSamples(
+        recording.t,
+        recording.signals,
+        recording.wrench_source,
+        recording.length_unit,
+        recording.declared_units,
+    )
+    units = list(signal.check_units(samples))
+    yield from units
+    if units:
+        return  # figures in a wrong unit mean nothing
+    yield from signal.check_rate(samples)
+    yield from signal.check_signals(samples)
+    yield from _wrench(recording)
+    yield from signal.check_noise(samples)
+    force = recording.signals.get("force")
+    start = recording.t <= recording.t[0] + TARE_S
+    yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
+
+
+def _wrench(recording: Recording) -> Iterator[CheckResult]:
+    """The wrench source and the hand, as the file states them, and what follows."""
+    if not recording.has_wrench:
+        return
+    source, hand = recording.wrench_source, recording.hand_on_robot
+    if source is None:
+        yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
+    elif source == "flange_sensor" or (source, hand) == (ESTIMATE, "no"):
+        yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
+    else:
+        yield warn(
+            "wrench",
+            f"source {source}, hand on the robot: {hand}; contact and load are off",
+            stations.wrench_remedy(source),
+        )

@@ -1,0 +1,65 @@
+"""Whether a service is live, from liveliness tokens as they appear and disappear.
+
+>>> attendance = Attendance()
+>>> [attendance.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
+['there', None, 'gone', 'there']
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+from caesura_protocol.keys import service_key
+from caesura_protocol.transport.inbox import Inbox, TokenChange
+from caesura_protocol.transport.network import Transport
+
+TICK_S = 0.1
+Change = Literal["there", "gone"]
+
+
+class Attendance:
+    """The instances that are alive: a fold over presences."""
+
+    def __init__(self) -> None:
+        self._alive: set[str] = set()
+
+    def __bool__(self) -> bool:
+        """Is any service there?"""
+        return bool(self._alive)
+
+    def receive(self, presence: TokenChange) -> Change | None:
+        """Take a presence: `there` for the first service, `gone` after the last one, else None."""
+        before = bool(self)
+        if presence.alive:
+            self._alive.add(presence.key)
+        else:
+            self._alive.discard(presence.key)
+        if bool(self) == before:
+            return None
+        return "there" if self else "gone"
+
+
+@contextmanager
+def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[None]:
+    """Call `say`, from a thread of its own, whenever the last service goes or a first one comes."""
+    inbox, over = Inbox(), threading.Event()
+
+    def listen() -> None:
+        attendance = Attendance()
+        while not over.is_set():
+            item = inbox.get(TICK_S)
+            change = attendance.receive(item) if isinstance(item, TokenChange) else None
+            if change is not None:
+                say(change)
+
+    with transport.watch(service_key("*", "alive"), inbox):
+        thread = threading.Thread(target=listen, name="attending", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()

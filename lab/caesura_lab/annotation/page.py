@@ -1,0 +1,96 @@
+"""The page of `caesura annotate`: signals with the marks on them, driven by the keyboard.
+
+The browser holds the cursor and the part of time that is shown. Every edit is made here, by `Editor`, and the
+whole annotation is sent back: what the page shows is what would be saved.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from nicegui import app, ui
+from nicegui.element import Element
+from nicegui.elements.mixins.text_element import TextElement
+from nicegui.events import GenericEventArguments
+
+from caesura_clients.dashboard.elements import WEB
+from caesura_clients.dashboard.server import Address, run
+from caesura_lab.annotation.editing import Editor
+from caesura_lab.annotation.signals import Drawn
+from caesura_lab.annotation.storage import save_annotation
+from caesura_protocol.errors import CaesuraError
+
+ASSETS = "/assets"
+_HEAD = (
+    f'<script src="{ASSETS}/theme.js"></script><link rel="stylesheet" href="{ASSETS}/style.css">'
+    '<meta name="robots" content="noindex">'
+)
+
+
+MODULES = {"caesura-dashboard": str(WEB), "caesura-annotate": str(Path(__file__).parent / "web")}
+
+
+class Workplace(NamedTuple):
+    """What the page is made of. name: of the recording; path: of the annotation."""
+
+    name: str
+    path: Path
+    editor: Editor
+    signals: Drawn
+
+    def obey(self, command: str, t: float) -> str:
+        """Carry out a command of the page and return a message. Raises CaesuraError."""
+        if command == "save":
+            save_annotation(self.editor.document, self.path)
+            self.editor.mark_saved()
+            return f"saved {self.path}"
+        if command == "undo":
+            self.editor.undo()
+            return "undone"
+        self.editor.edit(command, t)
+        return f"{command} at {t:.3f} s"
+
+    def state(self, message: str = "", *, failed: bool = False) -> dict[str, Any]:
+        """Return what the browser shows of the annotation."""
+        document = self.editor.document
+        return {
+            "window": list(document["window"]),
+            "points": [dict(point) for point in document["changepoints"]],
+            "segments": [dict(segment) for segment in document["segments"]],
+            "saved": self.editor.is_saved,
+            "message": message,
+            "failed": failed,
+        }
+
+
+class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
+    """Signals, marks and keys. Emits `command` with a name and a time."""
+
+    def __init__(self, workplace: Workplace) -> None:
+        super().__init__()
+        self._workplace = workplace
+        self._props["signals"] = workplace.signals.as_payload()
+        self._props["initial"] = workplace.state()
+        self.on("command", self._obey)
+
+    def _obey(self, event: GenericEventArguments) -> None:
+        try:
+            message, failed = self._workplace.obey(str(event.args["name"]), float(event.args["t"])), False
+        except CaesuraError as error:
+            message, failed = str(error), True
+        self.run_method("show", self._workplace.state(message, failed=failed))
+
+
+def serve(workplace: Workplace, address: Address) -> None:
+    """Serve the page until the process is asked to end."""
+    app.add_static_files(ASSETS, WEB)
+
+    @ui.page("/")
+    def _page() -> None:
+        ui.page_title(f"{workplace.name} · Caesura annotate")
+        ui.add_head_html(_HEAD)
+        TextElement(tag="h1", text=workplace.name)
+        AnnotationView(workplace)
+
+    run(address)

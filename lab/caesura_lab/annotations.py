@@ -1,0 +1,318 @@
+"""Ground truth from annotations: by eye for real recordings, from the state for simulated ones.
+
+A recording `x.npz` has its truth beside it in `x.ann.json`. Points of level `major` must be found; `optional`
+ones count neither as a miss nor as a false alarm. Spans stand only where the class is clear.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import WRENCH_SOURCES
+
+T = TypeVar("T")
+
+KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding", "turning")
+LEVELS = ("major", "optional")
+HAND_ON_ROBOT = ("yes", "no", "unknown")
+SHA256_DIGITS = 64
+SUFFIX = ".ann.json"
+
+
+class TruthError(CaesuraError, ValueError):
+    """There is no truth to judge by; the message names the file, the value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A boundary at t [s], known to within tolerance_s; kind says what happens (start, contact_on, …).
+
+    t_alt: a second accepted time [s], the other end of an edge that takes long; None where there is one time.
+    """
+
+    t: float
+    tolerance_s: float
+    optional: bool = False
+    kind: str = "boundary"
+    t_alt: float | None = None
+
+    @property
+    def accepted_s(self) -> tuple[float, ...]:
+        """Return the accepted times [s], `t` first."""
+        return (self.t,) if self.t_alt is None else (self.t, self.t_alt)
+
+    def nearest_s(self, t: float) -> float:
+        """Return the accepted time [s] that lies nearest to t [s]."""
+        return min(self.accepted_s, key=lambda accepted: abs(accepted - t))
+
+
+@dataclass(frozen=True)
+class TrueSegment:
+    """A stretch from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
+
+    t0: float
+    t1: float
+    kind: str
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A load [kg] or a force [N] that held from t0 to t1 [s]."""
+
+    t0: float
+    t1: float
+    value: float
+
+
+@dataclass(frozen=True)
+class Screwing:
+    """A stroke that drove a screw from t0 to t1 [s]: its axis (base frame), its advance in one turn [m]."""
+
+    t0: float
+    t1: float
+    axis: tuple[float, float, float]
+    pitch_m: float
+
+
+@dataclass(frozen=True)
+class RecordingSource:
+    """The recording that an annotation belongs to: file name, SHA-256, where it comes from, its licence."""
+
+    file: str
+    sha256: str
+    source: str = ""
+    licence: str = ""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The truth of one recording. Nothing outside of the window [s] is judged.
+
+    phases: runs of segments that make one skill, in order and apart, each with the skill's name. robot:
+    groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the annotator
+    declares, None where unstated. source: the recording, None for an annotation that names none.
+    screws: strokes that drive one.
+    """
+
+    name: str
+    window: tuple[float, float]
+    points: tuple[Point, ...]
+    spans: tuple[TrueSegment, ...] = ()
+    loads: tuple[Quantity, ...] = ()
+    forces: tuple[Quantity, ...] = ()
+    hand_in_wrench: bool | None = None
+    robot: str = ""
+    wrench_source: str | None = None
+    hand_on_robot: str | None = None
+    source: RecordingSource | None = None
+    phases: tuple[TrueSegment, ...] = ()
+    screws: tuple[Screwing, ...] = ()
+
+
+@dataclass(frozen=True)
+class Leniency:
+    """How much more than reading uncertainty is allowed: slack_s [s] is added, least_s [s] is the least."""
+
+    slack_s: float = 0.0
+    least_s: float = 0.0
+
+    def of(self, truth: Truth) -> Truth:
+        """The truth with every point's tolerance widened."""
+        points = (
+            replace(point, tolerance_s=max(point.tolerance_s + self.slack_s, self.least_s))
+            for point in truth.points
+        )
+        return replace(truth, points=tuple(points))
+
+
+def truth_file(recording: Path) -> Path:
+    """Where the truth of a recording stands: `x.npz` → `x.ann.json`."""
+    return recording.with_suffix(SUFFIX)
+
+
+def read_truth(recording: Path) -> Truth:
+    """Read the truth beside a recording. Raises TruthError where there is none, or none that can be read."""
+    path = truth_file(recording)
+    if not recording.exists():
+        raise TruthError(f"{recording}: no such file")
+    if not path.is_file():
+        raise TruthError(f"{recording}: not annotated, expected its truth in {path}")
+    return read_annotation(path)
+
+
+def read_annotation(path: Path) -> Truth:
+    """Read an annotation. Raises TruthError for anything else."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise TruthError(f"{path}: not a readable annotation ({error})") from error
+    return truth_of(content, str(path))
+
+
+def truth_of(content: Mapping[str, Any], name: str) -> Truth:
+    """The truth in an annotation's content. Raises TruthError naming the value that is off."""
+    try:
+        if not isinstance(content, Mapping):
+            raise ValueError(f"is a {type(content).__name__}, expected an object")
+        content = {"segments": (), "loads": (), "forces": (), "phases": (), "screws": (), **content}
+        return Truth(
+            name=name,
+            window=_window(content["window"]),
+            points=tuple(sorted(_each(content, "changepoints", _point), key=lambda point: point.t)),
+            spans=_each(content, "segments", _span),
+            loads=_each(content, "loads", partial(_quantity, unit="kg")),
+            forces=_each(content, "forces", partial(_quantity, unit="newton")),
+            hand_in_wrench=_flag(content, "hand_force_in_wrench"),
+            robot=_text(content, "robot"),
+            wrench_source=_choice(content, "wrench_source", WRENCH_SOURCES),
+            hand_on_robot=_choice(content, "hand_on_robot", HAND_ON_ROBOT),
+            source=_source(content.get("recording")),
+            phases=_phases(content),
+            screws=_each(content, "screws", _screwing),
+        )
+    except KeyError as error:
+        raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
+    except ValueError as error:
+        raise TruthError(f"{name}: {error}") from error
+
+
+def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, Any]], T]) -> tuple[T, ...]:
+    """All of a list, each read. Raises ValueError that says which one is off, KeyError."""
+    entries = content[what]
+    if not isinstance(entries, list | tuple):
+        raise ValueError(f"{what} is {entries!r}, expected a list")
+    found = []
+    for index, entry in enumerate(entries):
+        try:
+            found.append(read(entry))
+        except KeyError as error:
+            raise KeyError(f"{what}[{index}].{error.args[0]}") from error
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ValueError(f"{what}[{index}]: {error}") from error
+    return tuple(found)
+
+
+def _flag(content: Mapping[str, Any], name: str) -> bool | None:
+    """True or false; None where it is not stated."""
+    value = content.get(name)
+    if value is not None and not isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}, expected true or false")
+    return value
+
+
+def _number(entry: Mapping[str, Any], name: str) -> float:
+    value = entry[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} is {value!r}, expected a finite number")
+    return float(value)
+
+
+def _text(entry: Mapping[str, Any], name: str) -> str:
+    value = entry.get(name)
+    if value is not None and not isinstance(value, str):
+        raise ValueError(f"{name} is {value!r}, expected text")
+    return value or ""
+
+
+def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | None:
+    value: str | None = entry.get(name)
+    if value is not None and value not in known:
+        raise ValueError(f"{name} is {value!r}, expected one of {list(known)}")
+    return value
+
+
+def _source(entry: Any) -> RecordingSource | None:
+    """Read which recording an annotation names. Raises ValueError, KeyError."""
+    if entry is None:
+        return None
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"recording is {entry!r}, expected an object with file and sha256")
+    try:
+        file, sha256 = entry["file"], entry["sha256"]
+    except KeyError as error:
+        raise KeyError(f"recording.{error.args[0]}") from error
+    if not isinstance(file, str) or not file or Path(file).name != file:
+        raise ValueError(f"recording.file is {file!r}, expected a file name without a directory")
+    if not isinstance(sha256, str) or not re.fullmatch(rf"[0-9a-f]{{{SHA256_DIGITS}}}", sha256):
+        raise ValueError(f"recording.sha256 is {sha256!r}, expected {SHA256_DIGITS} lower-case hex digits")
+    return RecordingSource(file, sha256, _text(entry, "source"), _text(entry, "licence"))
+
+
+def _window(values: Any) -> tuple[float, float]:
+    if not (isinstance(values, list | tuple) and len(values) == 2):
+        raise ValueError(f"window is {values!r}, expected its first and last second")
+    ends = dict(zip(("window[0]", "window[1]"), values, strict=True))
+    first, last = (_number(ends, name) for name in ends)
+    if not first < last:
+        raise ValueError(f"window is [{first:g}, {last:g}], expected it to have a length")
+    return first, last
+
+
+def _point(mark: Mapping[str, Any]) -> Point:
+    level = mark["level"]
+    if level not in LEVELS:
+        raise ValueError(f"level is {level!r}, expected one of {list(LEVELS)}")
+    tolerance = _number(mark, "tol")
+    if not tolerance >= 0.0:
+        raise ValueError(f"tol is {tolerance}, expected 0 s or more")
+    t_alt = None if mark.get("t_alt") is None else _number(mark, "t_alt")
+    return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
+
+
+def _span(segment: Mapping[str, Any]) -> TrueSegment:
+    kind = segment["cls"]
+    if kind not in KINDS:
+        raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
+    return TrueSegment(*_ends(segment), kind)
+
+
+def _phases(content: Mapping[str, Any]) -> tuple[TrueSegment, ...]:
+    """Read the phases in order of time. Raises ValueError where two overlap, KeyError."""
+    phases = tuple(sorted(_each(content, "phases", _phase), key=lambda phase: phase.t0))
+    for before, after in pairwise(phases):
+        if after.t0 < before.t1:
+            raise ValueError(
+                f"phases: {after.kind!r} begins at {after.t0:g} s, expected {before.t1:g} s or later, "
+                f"where {before.kind!r} ends"
+            )
+    return phases
+
+
+def _phase(entry: Mapping[str, Any]) -> TrueSegment:
+    name = entry["name"]
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError(f"name is {name!r}, expected text")
+    return TrueSegment(*_ends(entry), name)
+
+
+def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:
+    value = _number(entry, unit)
+    if value < 0.0:
+        raise ValueError(f"{unit} is {value:g}, expected 0 or more")
+    return Quantity(*_ends(entry), value)
+
+
+def _screwing(entry: Mapping[str, Any]) -> Screwing:
+    axis = entry["axis"]
+    if not (isinstance(axis, list | tuple) and len(axis) == 3):
+        raise ValueError(f"axis is {axis!r}, expected three numbers")
+    x, y, z = (_number({f"axis[{i}]": value}, f"axis[{i}]") for i, value in enumerate(axis))
+    if not math.hypot(x, y, z) > 0.0:
+        raise ValueError(f"axis is {axis!r}, expected a direction")
+    return Screwing(*_ends(entry), (x, y, z), _number(entry, "pitch_m"))
+
+
+def _ends(entry: Mapping[str, Any]) -> tuple[float, float]:
+    first, last = _number(entry, "t0"), _number(entry, "t1")
+    if last < first:
+        raise ValueError(f"t0 is {first:g} and t1 is {last:g}, expected it to end after it begins")
+    return first, last

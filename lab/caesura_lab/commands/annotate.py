@@ -1,0 +1,75 @@
+"""`caesura annotate`. NiceGUI is imported when the command runs: the others start as fast without it."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import (
+    AngleUnit,
+    ForceUnit,
+    LengthUnit,
+    TimeUnit,
+    WrenchSource,
+    reported,
+)
+from caesura_lab.annotations import truth_file
+from caesura_lab.commands.options import Mapping, RecordingFile
+from caesura_protocol.formats.read import load_recording
+
+DEFAULT_PORT = 8081
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command, where the extra of the dashboard is installed."""
+    if find_spec("nicegui") is not None:
+        app.command()(annotate)
+
+
+def annotate(
+    file: RecordingFile,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The annotation.", show_default="beside the recording")
+    ] = None,
+    annotator: Annotated[str, typer.Option(help="Who annotates; for a new annotation.")] = "A",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
+    wrench_source: WrenchSource = None,
+    length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
+    mapping: Mapping = None,
+) -> None:
+    """Mark boundaries and classes of a recording by hand, in a browser on this machine."""
+    from caesura_clients.dashboard.server import Address, check_free  # noqa: PLC0415
+    from caesura_lab.annotation.editing import Editor  # noqa: PLC0415
+    from caesura_lab.annotation.page import Workplace, serve  # noqa: PLC0415
+    from caesura_lab.annotation.signals import drawn_signals  # noqa: PLC0415
+    from caesura_lab.annotation.storage import open_annotation  # noqa: PLC0415
+
+    with reported():
+        address = Address(port=port)  # loopback: an annotation is no service
+        check_free(address)
+        recording = load_recording(
+            file,
+            wrench_source=wrench_source,
+            length_unit=length_unit,
+            time_unit=time_unit,
+            angle_unit=angle_unit,
+            force_unit=force_unit,
+            mapping=mapping,
+        )
+        path = truth_file(file) if out is None else out
+        editor = Editor(open_annotation(path, recording, file, annotator))
+        signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C
+        with suppress(KeyboardInterrupt):
+            serve(Workplace(file.name, path, editor, drawn_signals(recording)), address)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt

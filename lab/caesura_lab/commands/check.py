@@ -1,0 +1,115 @@
+"""`caesura check` and `caesura execute`: checks a task program, and runs it on the simulated robot."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
+from caesura_lab.teacher.person import THESIS, draw_person
+from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
+from caesura_protocol.errors import BadSource, CaesuraError
+from caesura_protocol.programs.document import ProgramFile, read_document
+
+ProgramPath = Annotated[
+    Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
+]
+Cell = Annotated[
+    str | None,
+    typer.Option("--scenario", help="The simulated cell that it is run in; says what stands there."),
+]
+
+
+def check(
+    file: ProgramPath,
+    scenario: Cell = None,
+    cell_file: CellFile = None,
+    force_limit: ForceLimit = None,
+    as_json: Json = False,
+) -> None:
+    """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
+    # Pinocchio takes a second to load: only for who needs it.
+    from caesura_lab.execution.cell import Cell as Place  # noqa: PLC0415
+    from caesura_lab.execution.cell_simulation import World  # noqa: PLC0415
+    from caesura_lab.execution.checks import Taught  # noqa: PLC0415
+    from caesura_lab.execution.checks import check as look  # noqa: PLC0415
+
+    with reported():
+        program = read_document(file)
+        safety = safety_of(program, cell_file, force_limit)
+        cell = Place(safety) if scenario is None else World(_scenario(scenario), THESIS.load_kg).cell(safety)
+        report = look(program.apps, cell, Taught(program.gaps, program.wrench))
+    if as_json:
+        typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
+    else:
+        for finding in report.findings:
+            typer.echo(str(finding))
+        verdict = "can be run" if report.passed else "cannot be run"
+        counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
+        typer.echo(f"{file}: {len(program.apps)} apps, {counts}: {verdict}")
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+def execute(
+    file: ProgramPath,
+    *,
+    simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
+    scenario: Cell = None,
+    seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write what was recorded, .npz.")] = None,
+) -> None:
+    """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped."""
+    with reported():
+        if not simulated:
+            raise CaesuraError(
+                "only --simulated is run here; for a robot, write a script: caesura program --format franky"
+            )
+        if scenario is None:
+            raise CaesuraError(f"name the cell with --scenario, one of {', '.join(SCENARIOS)}")
+        if out is not None and out.suffix != ".npz":
+            raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
+        stopped = _run(read_document(file), scenario, seed, out)
+    if stopped:
+        raise typer.Exit(1)
+
+
+def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bool:
+    """Whether it was stopped."""
+    import numpy as np  # noqa: PLC0415
+
+    from caesura_lab.execution.executor import Place  # noqa: PLC0415
+    from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
+    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+
+    person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
+    try:
+        done = run(program.apps, Place(_scenario(scenario), person, seed), program.safety)
+    except RefusedError as refused:
+        lines = "\n".join(map(str, refused.report.errors))
+        raise BadSource(f"{program.station}/{program.session} is refused:\n{lines}") from refused
+    if out is not None:
+        try:
+            done.recording.save(out)
+        except OSError as error:
+            raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    seconds = float(done.trace.t[-1])
+    fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
+    strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())
+    typer.echo(
+        f"{seconds:.1f} s, at most {fastest:.2f} m/s and {strongest:.1f} N" + (f"; {out}" if out else "")
+    )
+    if done.stopped is not None:
+        kind = "" if done.at is None else f" in app {done.at} ({program.apps[done.at].kind})"
+        typer.echo(f"stopped{kind}: {done.stopped}", err=True)
+    return done.stopped is not None
+
+
+def _scenario(name: str) -> Scenario:
+    if name not in SCENARIOS:
+        raise CaesuraError(f"no scenario {name!r}, known: {', '.join(SCENARIOS)}")
+    return SCENARIOS[name]

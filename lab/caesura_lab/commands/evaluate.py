@@ -1,0 +1,366 @@
+"""`caesura evaluate`: how good a segmentation is, against the truth and beside other methods."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence, Sized
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+from rich.console import Console, RenderableType
+from rich.progress import MofNCompleteColumn, Progress
+
+from caesura_clients.cli.options import reported
+from caesura_lab.annotations import Leniency, TruthError
+from caesura_lab.evaluation import calibration, diagram
+from caesura_lab.evaluation import library_comparison as libraries
+from caesura_lab.evaluation.calibration import calibrate
+from caesura_lab.evaluation.methods import Method, MissingExtraError, Ours, baselines
+from caesura_lab.evaluation.report import as_json, report
+from caesura_lab.evaluation.runner import Verdict, judge_all
+from caesura_lab.evaluation.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
+from caesura_lab.evaluation.tables import as_markdown, as_text
+from caesura_lab.evaluation.worker_pool import each
+from caesura_protocol.distribution import installing
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.recording import RecordingError
+from caesura_service.changepoint.presets import PRESETS, WITHOUT
+
+DEFAULT_PRESET = "default"
+DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
+WORKERS = 2
+WIDTH = 90  # [characters] of text in a file
+THESIS, ROUNDTRIP, REALISM = "thesis", "roundtrip", "realism"
+ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP, REALISM]
+SEEDS, THESIS_SEEDS = 5, 20
+SLACK_S = 0.2
+DATA_VARIABLE = "CAESURA_REAL_DATA"
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Page:
+    """Results, as they can be written."""
+
+    text: Callable[[], RenderableType]
+    markdown: Callable[[], str]
+    plain: Callable[[], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdicts of named methods, and notes on recordings that were missing."""
+
+    title: str
+    methods: list[str]
+    verdicts: list[Verdict]
+    missing: list[str]
+
+
+class Format(StrEnum):
+    """How results are written."""
+
+    TEXT = "text"
+    MARKDOWN = "markdown"
+    JSON = "json"
+
+
+def evaluate(
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILES]...", help="Annotated recordings, or directories of them."),
+    ] = None,
+    *,
+    suite_name: Annotated[
+        str | None, typer.Option("--suite", help=f"Instead of files: {', '.join(ALL_SUITES)}.")
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Simulated people a scenario.",
+            show_default=f"{SEEDS}, thesis and roundtrip {THESIS_SEEDS}",
+        ),
+    ] = None,
+    first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
+    data: Annotated[
+        Path,
+        typer.Option(
+            help="Real: the directory of the recordings.",
+            envvar=DATA_VARIABLE,
+            show_default="../shared/data/real",
+        ),
+    ] = REAL,
+    preset: Annotated[
+        list[str] | None, typer.Option(help="Preset of Caesura; may be given more than once.")
+    ] = None,
+    with_baselines: Annotated[
+        bool, typer.Option("--baselines/--no-baselines", help="Judge other methods too.")
+    ] = True,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Widens the points' own tolerances to at least this many seconds.")
+    ] = 0.0,
+    slack: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="Results are shown without slack and with so much \\[s] added to each point's own "
+            "tolerance, before --tolerance. 0 shows the former only.",
+        ),
+    ] = SLACK_S,
+    ablate: Annotated[
+        bool, typer.Option("--ablate", help="Judge default beside itself without each of its principles.")
+    ] = False,
+    confusion: Annotated[
+        bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
+    ] = False,
+    calibrated: Annotated[
+        bool,
+        typer.Option("--calibration", help="Compare the presets' stated probabilities with the truth."),
+    ] = False,
+    diagram_file: Annotated[
+        Path | None,
+        typer.Option("--diagram", help="Calibration: draw it to this file, .svg, .png or .pdf."),
+    ] = None,
+    evidence: Annotated[
+        bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
+    ] = False,
+    mutated: Annotated[
+        int | None,
+        typer.Option("--mutations", min=1, help="Roundtrip: check and run so many spoilt programs instead."),
+    ] = None,
+    output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
+) -> None:
+    """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
+    with reported():
+        try:
+            _check_calibration(
+                suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
+            )
+            if evidence:
+                extent = Extent(seeds or SEEDS, first_seed, data)
+                cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
+                for note in missing_recordings(suite_name, extent):
+                    typer.echo(note, err=True)
+                page = _evidence(suite_name, cases, workers)
+            elif suite_name == ROUNDTRIP and not recordings:
+                people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
+                page = _roundtrip(people, workers) if mutated is None else _mutated(mutated, workers)
+            elif suite_name == THESIS and not recordings:
+                page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
+            elif suite_name == REALISM and not recordings:
+                page = _realism(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
+            else:
+                extent = Extent(seeds or SEEDS, first_seed, data)
+                cases = _cases(recordings or [], suite_name, extent)
+                missing = missing_recordings(suite_name, extent)
+                if calibrated:
+                    methods = _methods(preset or [DEFAULT_PRESET], with_baselines=False)
+                elif ablate:
+                    methods = _ablated()
+                else:
+                    methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
+                leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
+                judged = Judgement(
+                    title=_title(suite_name, cases, tolerance),
+                    methods=[method.name for method in methods],
+                    verdicts=_judged(cases, methods, leniencies, workers),
+                    missing=missing,
+                )
+                if calibrated:
+                    page = _calibration(judged, diagram_file)
+                else:
+                    page = _page(judged, (preset or DEFAULT_PRESETS) if confusion else [])
+        except (TruthError, RecordingError, MissingExtraError) as error:
+            raise ProtocolError("malformed", str(error)) from error
+        _write(page, output_format, out)
+
+
+# The suites below import a second's worth of scipy, which every command would wait for.
+
+
+def _thesis(seeds: range, workers: int) -> Page:
+    from caesura_lab.evaluation.thesis import suite as thesis  # noqa: PLC0415
+    from caesura_lab.evaluation.thesis import summary as thesis_summary  # noqa: PLC0415
+    from caesura_lab.evaluation.thesis import tables as thesis_tables  # noqa: PLC0415
+
+    tasks = thesis.tasks(seeds)
+    result = thesis_summary.summarise(_watched(each(thesis.perform, tasks, workers=workers), tasks))
+    title = thesis_tables.title(seeds)
+    return Page(
+        text=lambda: thesis_tables.as_text(result, title),
+        markdown=lambda: thesis_tables.as_markdown(result, title),
+        plain=lambda: {"title": title, "settings": thesis_summary.as_json(result)},
+    )
+
+
+def _roundtrip(seeds: range, workers: int) -> Page:
+    from caesura_lab.evaluation import roundtrip  # noqa: PLC0415
+
+    cases = roundtrip.cases(seeds)
+    summary = roundtrip.summarise(_watched(each(roundtrip.travel, cases, workers=workers), cases))
+    title = roundtrip.title(seeds)
+    return Page(
+        text=lambda: roundtrip.as_text(summary, title),
+        markdown=lambda: roundtrip.as_markdown(summary, title),
+        plain=lambda: {"title": title, "trips": roundtrip.as_json(summary)},
+    )
+
+
+def _realism(data: Path, seeds: range, workers: int) -> Page:
+    from caesura_lab.evaluation import realism  # noqa: PLC0415
+
+    cases = realism.cases(data, seeds)
+    result = realism.summarise(_watched(each(realism.load, cases, workers=workers), cases))
+    title = realism.title(seeds)
+    return Page(
+        text=lambda: realism.as_text(result, title),
+        markdown=lambda: realism.as_markdown(result, title),
+        plain=lambda: {"title": title, **realism.as_json(result)},
+    )
+
+
+def _mutated(count: int, workers: int) -> Page:
+    from caesura_lab.evaluation import mutations  # noqa: PLC0415
+
+    numbers = range(count)
+    fates = list(_watched(each(mutations.meet_fate, numbers, workers=workers), numbers))
+    return Page(
+        text=lambda: mutations.as_text(fates),
+        markdown=lambda: mutations.as_markdown(fates),
+        plain=lambda: mutations.as_json(fates),
+    )
+
+
+def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Page:
+    told = libraries.ordered(_watched(each(libraries.tell, cases, workers=workers), cases))
+    title = libraries.title(f"suite {suite_name}" if suite_name else "files", told)
+    return Page(
+        text=lambda: libraries.as_text(told, title),
+        markdown=lambda: libraries.as_markdown(told, title),
+        plain=lambda: libraries.as_json(told, title),
+    )
+
+
+def _page(judged: Judgement, detailed: Sequence[str]) -> Page:
+    result = report(judged.title, judged.methods, judged.verdicts, judged.missing)
+    return Page(
+        text=lambda: as_text(result, detailed=detailed),
+        markdown=lambda: as_markdown(result, detailed=detailed),
+        plain=lambda: as_json(result),
+    )
+
+
+def _calibration(judged: Judgement, diagram_file: Path | None) -> Page:
+    result = calibrate(judged.title, judged.methods, judged.verdicts, judged.missing)
+    if diagram_file is not None:
+        _draw(result, diagram_file)
+    return Page(
+        text=lambda: calibration.as_text(result),
+        markdown=lambda: calibration.as_markdown(result),
+        plain=lambda: calibration.as_json(result),
+    )
+
+
+def _check_calibration(
+    suite_name: str | None, *, calibrated: bool, otherwise: bool, file: Path | None
+) -> None:
+    """Check that a calibration can be made before anything is judged. Raises TruthError.
+
+    otherwise: whether --ablate or --evidence ask for another comparison; file: of the diagram.
+    """
+    if calibrated and (otherwise or suite_name not in (None, *SUITES)):
+        raise TruthError(
+            f"--calibration judges presets on files or on a suite of {list(SUITES)}, "
+            "without --ablate or --evidence"
+        )
+    if file is not None and not calibrated:
+        raise TruthError(f"--diagram {file} draws a calibration: add --calibration")
+    if file is not None and file.suffix.lower() not in diagram.SUFFIXES:
+        raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
+
+
+def _draw(result: calibration.Calibrated, file: Path) -> None:
+    try:
+        diagram.write(result, file)
+    except ModuleNotFoundError as error:
+        message = f"{error.name} is not installed; {installing('report')}, or leave out --diagram"
+        raise MissingExtraError(message) from error
+    except OSError as error:
+        raise ProtocolError("malformed", f"cannot write {file}: {error.strerror}") from error
+
+
+def _ablated() -> list[Method]:
+    return [Ours(name) for name in (DEFAULT_PRESET, *WITHOUT)]
+
+
+def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
+    unknown = sorted(set(presets) - set(PRESETS))
+    if unknown:
+        raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
+    ours: list[Method] = [Ours(name) for name in dict.fromkeys(presets)]
+    return [*ours, *(baselines() if with_baselines else [])]
+
+
+def _cases(
+    recordings: Sequence[Path],
+    suite_name: str | None,
+    extent: Extent,
+    *,
+    known: Sequence[str] = ALL_SUITES,
+) -> list[Case]:
+    if bool(recordings) == (suite_name is not None):
+        raise TruthError(f"name either files or one --suite of {known}")
+    if suite_name is not None and suite_name not in SUITES:
+        raise TruthError(f"no suite {suite_name!r}, known: {known}")
+    if suite_name is not None:
+        return suite(suite_name, extent)
+    return files(recordings)
+
+
+def _judged(
+    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[Leniency], workers: int
+) -> list[Verdict]:
+    verdicts = _watched(judge_all(cases, methods, leniencies, workers=workers), cases)
+    return [verdict for some in verdicts for verdict in some]
+
+
+def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
+    """Yield the results, with a bar that shows how many have come."""
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield from progress.track(results, total=len(of), description="judging")
+
+
+def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
+    what = f"suite {suite_name}" if suite_name else "files"
+    least = f", at least {least_s:g} s" if least_s else ""
+    return f"{what}: {len(cases)} recordings, each point's own tolerance{least}; 95 % intervals"
+
+
+def _write(page: Page, output_format: Format, out: Path | None) -> None:
+    try:
+        _print(page, output_format, out)
+    except OSError as error:
+        raise ProtocolError("malformed", f"cannot write {out}: {error.strerror}") from error
+
+
+def _print(page: Page, output_format: Format, out: Path | None) -> None:
+    if output_format is Format.TEXT:
+        if out is None:
+            Console().print(page.text())
+        else:
+            with out.open("w", encoding="utf-8") as file:
+                Console(file=file, width=WIDTH).print(page.text())
+        return
+    text = page.markdown() if output_format is Format.MARKDOWN else json.dumps(page.plain(), indent=1) + "\n"
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        out.write_text(text, encoding="utf-8")

@@ -1,0 +1,76 @@
+"""`caesura report`: writes a report of a recording, without a network."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
+from caesura_lab.annotations import Truth, read_annotation, truth_file
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.report.report_data import ReportData, gather
+from caesura_protocol.distribution import installing
+from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import Recording
+from caesura_service.config import DEFAULT_PRESET
+
+
+@grouped
+def report(
+    file: RecordingFile,
+    *,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .pdf, .png or .html.")],
+    preset: PresetName = DEFAULT_PRESET,
+    truth: Annotated[
+        Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
+    ] = None,
+    reading: Reading,
+    asked: ProgramOptions,
+    mapping: Mapping = None,
+) -> None:
+    """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
+    with reported():
+        _writable(out)
+        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        beside = truth_file(file)
+        annotation = truth or (beside if beside.is_file() else None)
+        _report(recording, out, preset, annotation, asked.setting())
+    typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
+
+
+def _writable(out: Path) -> None:
+    _writers().writer_of(out)
+    if not out.resolve().parent.is_dir():
+        raise CaesuraError(f"cannot write {out}: no such directory")
+
+
+def _report(
+    recording: Recording, out: Path, preset: str, annotation: Path | None, setting: CellSettings
+) -> None:
+    truth = None if annotation is None else read_annotation(annotation)
+    content = _gathered(recording, preset, truth, setting)
+    try:
+        _writers().write_report(content, out)
+    except OSError as error:
+        raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
+    try:
+        return gather(recording, preset, truth, setting)
+    except (ProtocolError, ValueError) as error:
+        raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+
+
+def _writers() -> ModuleType:
+    """What draws, which not every service needs."""
+    try:
+        return import_module("caesura_lab.report.writers")
+    except ModuleNotFoundError as error:
+        raise CaesuraError(f"a report needs {error.name}: {installing('report')}") from error

@@ -1,0 +1,107 @@
+"""`caesura segment`: segments a recording, without a network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console, Group
+from rich.progress import Progress
+
+from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
+from caesura_clients.cli.result_tables import apps_table, ignored_line, phases_table, segments_table
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_protocol.errors import BadSource, ProtocolError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.programs.safety import UNSET, CellSettings
+from caesura_protocol.recording import Recording
+from caesura_service.config import DEFAULT_PRESET
+from caesura_service.offline_segmentation import as_json, segment_recording
+from caesura_service.segmentation.view import NO_GRIPPER, View
+
+SHOWN_GAPS = 5
+
+
+@grouped
+def segment(
+    file: RecordingFile,
+    *,
+    preset: PresetName = DEFAULT_PRESET,
+    threshold: Annotated[
+        float | None,
+        typer.Option(help="Changepoints where their probability is above this, as in the thesis (0.2)."),
+    ] = None,
+    json_out: Annotated[
+        Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
+    ] = None,
+    reading: Reading,
+    asked: ProgramOptions,
+    mapping: Mapping = None,
+) -> None:
+    """Divide a recording into segments and show them with the task program."""
+    with reported():
+        if json_out is not None and not json_out.resolve().parent.is_dir():
+            raise BadSource(f"cannot write {json_out}: no such directory")
+        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        view = segmented(recording, preset, threshold, asked.setting())
+        if json_out is not None:
+            _write(json_out, view)
+    Console().print(_shown(recording, preset, view))
+
+
+def segmented(
+    recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
+) -> View:
+    """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(recording.name, total=recording.t.size)
+        try:
+            view = segment_recording(
+                recording,
+                preset,
+                threshold=threshold,
+                setting=setting,
+                progress=lambda samples: progress.update(task, completed=samples),
+            )
+        except (ProtocolError, ValueError) as error:
+            raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+    if not view.segments:
+        raise BadSource(
+            f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
+            f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds and more than 0.2 s"
+        )
+    return view
+
+
+def _write(path: Path, view: View) -> None:
+    try:
+        path.write_text(json.dumps(as_json(view), indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BadSource(f"cannot write {path}: {error.strerror}") from error
+
+
+def _shown(recording: Recording, preset: str, view: View) -> Group:
+    return Group(
+        segments_table(view.segments, title=f"{recording.name} ({preset})"),
+        *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
+        apps_table(view.apps, title="task program"),
+        view.wrench.note,
+        *_warnings(recording, view),
+    )
+
+
+def _warnings(recording: Recording, view: View) -> Iterator[str]:
+    """What a reader must know of what is not in the tables."""
+    if NO_GRIPPER in view.notes:
+        yield NO_GRIPPER
+    if ignored := ignored_line(recording):
+        yield ignored
+    if view.repeats:
+        yield f"{view.repeats} of {view.samples} samples were dropped: their time did not advance"
+    for gap in view.gaps[:SHOWN_GAPS]:
+        yield f"nothing is known between {gap.t0:.2f} s and {gap.tn:.2f} s"
+    if len(view.gaps) > SHOWN_GAPS:
+        yield f"and {len(view.gaps) - SHOWN_GAPS} more gaps; is t in seconds?"

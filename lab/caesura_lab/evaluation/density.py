@@ -1,0 +1,42 @@
+"""How many counted and optional points a second the truth of a suite has.
+
+    python -m caesura_lab.evaluation.density teacher --seeds 12 --first-seed 4201
+
+A judge that leaves less open than the annotators of real recordings do is stricter than they are.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser
+from collections.abc import Iterable, Sequence
+
+from caesura_lab.annotations import Truth
+from caesura_lab.evaluation.suites import SUITES, Extent, suite
+
+
+def density(truths: Iterable[Truth]) -> tuple[float, float]:
+    """Counted and optional points a second [1/s], over all windows together."""
+    counted, optional, seconds = 0, 0, 0.0
+    for truth in truths:
+        first, last = truth.window
+        seconds += last - first
+        optional += sum(point.optional for point in truth.points)
+        counted += sum(not point.optional for point in truth.points)
+    return counted / seconds, optional / seconds
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print both. Raises TruthError for a suite that is empty."""
+    parser = ArgumentParser(description="Points a second in the truth of a suite.")
+    parser.add_argument("suite", choices=sorted(SUITES))
+    parser.add_argument("--seeds", type=int, default=5, help="People a scenario.")
+    parser.add_argument("--first-seed", type=int, default=1)
+    options = parser.parse_args(arguments)
+    cases = suite(options.suite, Extent(seeds=options.seeds, first_seed=options.first_seed))
+    counted, optional = density(case.load()[1] for case in cases)
+    sys.stdout.write(f"{options.suite}: {counted:.2f} counted and {optional:.2f} optional points a second\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

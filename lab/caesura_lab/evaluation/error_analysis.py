@@ -1,0 +1,122 @@
+"""Typical errors: what a method misses, where it cuts needlessly, and what it takes for what.
+
+For developers of the models. Sorted by how often, so that the first line is what is worth most.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from caesura_lab.evaluation.score import Score
+from caesura_lab.evaluation.summary import summarise
+
+
+@dataclass(frozen=True)
+class Missed:
+    """True points of one kind between two classes: how many were missed of all of that kind.
+
+    near: for how many a changepoint lay within a second but out of tolerance; offset_s: their median, later
+    is positive.
+    """
+
+    kind: str
+    between: str
+    missed: int
+    of_kind: int
+    near: int
+    offset_s: float | None
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How much later [s] than the true ones the changepoints of one kind are: median, and 80 % of them."""
+
+    kind: str
+    times: int
+    median_s: float
+    low_s: float
+    high_s: float
+
+
+@dataclass(frozen=True)
+class TagGroup:
+    """The recordings that have one tag in common."""
+
+    tag: str
+    recordings: int
+    precision: float
+    recall: float
+    class_accuracy: float
+
+
+@dataclass(frozen=True)
+class Invented:
+    """False alarms within one true class between two found ones."""
+
+    within: str
+    between: str
+    times: int
+
+
+@dataclass(frozen=True)
+class Faults:
+    """All typical errors of one method. confusion: (true, found) → seconds."""
+
+    missed: tuple[Missed, ...]
+    invented: tuple[Invented, ...]
+    confusion: Counter[tuple[str, str]]
+    timings: tuple[Timing, ...]
+    groups: tuple[TagGroup, ...]
+
+
+def faults(scores: Iterable[Score]) -> Faults:
+    """The typical errors in the scores of one method."""
+    scores = list(scores)
+    seconds: Counter[tuple[str, str]] = Counter()
+    for score in scores:
+        seconds.update(score.confusion)
+    return Faults(_missed(scores), _invented(scores), seconds, _timings(scores), _groups(scores))
+
+
+def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
+    all_missed = [miss for score in scores for miss in score.missed]
+    of_kind = Counter(miss.kind for miss in all_missed)
+    for score in scores:
+        of_kind.update(hit.kind for hit in score.found)
+    grouped = Counter((miss.kind, miss.between) for miss in all_missed)
+    rows = []
+    for (kind, between), times in grouped.most_common():
+        group = [m for m in all_missed if (m.kind, m.between) == (kind, between)]
+        offsets = [m.offset_s for m in group if m.offset_s is not None]
+        middle = median(offsets) if offsets else None
+        rows.append(Missed(kind, between, times, of_kind[kind], len(offsets), middle))
+    return tuple(rows)
+
+
+def _invented(scores: Sequence[Score]) -> tuple[Invented, ...]:
+    counted = Counter(alarm for score in scores for alarm in score.alarms)
+    return tuple(Invented(*alarm, times) for alarm, times in counted.most_common())
+
+
+def _timings(scores: Sequence[Score]) -> tuple[Timing, ...]:
+    hits = [hit for score in scores for hit in score.found]
+    rows = []
+    for kind, times in Counter(hit.kind for hit in hits).most_common():
+        low, middle, high = np.quantile([hit.offset_s for hit in hits if hit.kind == kind], (0.1, 0.5, 0.9))
+        rows.append(Timing(kind, times, float(middle), float(low), float(high)))
+    return tuple(rows)
+
+
+def _groups(scores: Sequence[Score]) -> tuple[TagGroup, ...]:
+    tags = sorted({place_and_tag for score in scores for place_and_tag in enumerate(score.tags)})
+    return tuple(_group(tag, [score for score in scores if tag in score.tags]) for _, tag in tags)
+
+
+def _group(tag: str, scores: Sequence[Score]) -> TagGroup:
+    numbers = {name: summarise(scores, resamples=1)[name].value for name in ("precision", "recall", "class")}
+    return TagGroup(tag, len(scores), numbers["precision"], numbers["recall"], numbers["class"])

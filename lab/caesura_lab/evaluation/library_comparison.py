@@ -1,0 +1,183 @@
+"""Which motion library explains recordings best: their log evidence, with nothing else of the model changed.
+
+The evidence of a recording is that of all segmentations of it together, parameters integrated out, by the
+exact offline recursion without pruning. The preset is `strokes`, because movements of `default` follow no
+library. No truth is used. A library with more profiles has no advantage: each profile is less likely. A gap
+divides a recording; its parts' evidences add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, TypeGuard
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from caesura_lab.annotations import truth_file
+from caesura_lab.evaluation.observations import observe
+from caesura_lab.evaluation.suites import Case, FileCase
+from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.changepoint.default import STROKES, early_moves, even_moves
+from caesura_service.changepoint.models import ChannelModel, Observed
+from caesura_service.changepoint.offline_posterior import segment_offline
+from caesura_service.changepoint.preset import Preset
+from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.profiles import Profile
+from caesura_service.changepoint.thesis_presets import thesis_motion_library
+from caesura_service.offline_segmentation import capabilities_of
+from caesura_service.segmentation.pipeline import observed
+from caesura_service.segmentation.segmenter import filter_of
+
+NOTE = (
+    "In nats behind the best; 'per observation' (0.1 s) of all recordings. The library of the model's "
+    "movements is exchanged, its noise, prior and everything else are not."
+)
+
+
+def _overdamped() -> list[Profile]:
+    return [*thesis_motion_library().profiles]
+
+
+LIBRARIES: Mapping[str, Callable[[], list[Profile]]] = {
+    "overdamped": _overdamped,
+    "minimum jerk": even_moves,
+    "lognormal": early_moves,
+    "last two": lambda: [*even_moves(), *early_moves()],
+    "all three": lambda: [*_overdamped(), *even_moves(), *early_moves()],
+}
+
+
+@dataclass(frozen=True)
+class Told:
+    """Log evidence of a recording under each library."""
+
+    recording: str
+    observations: int
+    log_evidence: Mapping[str, float]
+
+
+def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
+    """Return the preset with other profiles of movement, and every other channel unchanged.
+
+    Raises ValueError for a preset whose movements follow no library.
+    """
+    if not any(_has_library(model) for model in preset.lattice().channels.values()):
+        raise ValueError(
+            f"preset {preset.name!r} has no library of movements to exchange, expected {STROKES.name!r}"
+        )
+
+    def channels(bias_n: float) -> dict[str, ChannelModel]:
+        return {name: _moving(model, moves) for name, model in preset.channels(bias_n).items()}
+
+    return replace(preset, channels=channels)
+
+
+def _has_library(model: ChannelModel) -> TypeGuard[Profiled]:
+    return isinstance(model, Profiled) and model.channel == "position"
+
+
+def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
+    if _has_library(model):
+        return replace(model, library=replace(model.library, profiles=moves))
+    return model
+
+
+def tell(case: Case) -> Told:
+    """The evidence of one recording. Raises TruthError or RecordingError for one that cannot be segmented."""
+    recording = _recording(case)
+    try:
+        parts, tared = _parts(recording)
+    except ValueError as error:
+        raise RecordingError(f"{case.name}: {error}") from error
+    told = {}
+    for name, moves in LIBRARIES.items():
+        preset = with_moves(STROKES, moves())
+        model = filter_of(preset, capabilities_of(recording), tared=tared, orientation=False)
+        told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
+    return Told(case.name, sum(map(len, parts)), told)
+
+
+def _recording(case: Case) -> Recording:
+    """A file need not be annotated here."""
+    if isinstance(case, FileCase) and not truth_file(case.path).is_file():
+        return load_recording(case.path)
+    return case.load()[0]
+
+
+def _parts(recording: Recording) -> tuple[list[list[Observed]], bool]:
+    """Observations, divided at gaps; and whether there was a rest to tare the force in."""
+    seen, tared = observe(recording)
+    if not seen:
+        raise ValueError("no observations, expected at least one")
+    starts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
+    parts = [list(map(observed, seen[a:b])) for a, b in pairwise(starts)]
+    return parts, tared
+
+
+def title(what: str, told: Sequence[Told]) -> str:
+    """Of a comparison of so many recordings."""
+    return f"{what}: log evidence of {len(told)} recordings by motion library, preset {STROKES.name}, offline"
+
+
+def ordered(told: Iterable[Told]) -> list[Told]:
+    """By name, in whatever order they came."""
+    return sorted(told, key=lambda one: one.recording)
+
+
+def _behind(log_evidence: Mapping[str, float], per: float = 1.0) -> dict[str, float]:
+    best = max(log_evidence.values())
+    return {name: (value - best) / per for name, value in log_evidence.items()}
+
+
+def _total(told: Sequence[Told]) -> dict[str, float]:
+    return {name: sum(one.log_evidence[name] for one in told) for name in LIBRARIES}
+
+
+def _wins(told: Sequence[Told]) -> dict[str, int]:
+    best = [max(one.log_evidence, key=one.log_evidence.__getitem__) for one in told]
+    return {name: best.count(name) for name in LIBRARIES}
+
+
+def grid(told: Sequence[Told]) -> Grid:
+    """A row a recording, then all of them."""
+    observations = sum(one.observations for one in told)
+
+    def row(name: str, n: object, values: Mapping[str, float], digits: int) -> tuple[str, ...]:
+        return (name, str(n), *(f"{values[library]:.{digits}f}" for library in LIBRARIES))
+
+    rows = [row(one.recording, one.observations, _behind(one.log_evidence), 1) for one in told]
+    total = _total(told)
+    rows.append(row("total", observations, _behind(total), 1))
+    rows.append(row("per observation", "", _behind(total, observations), 3))
+    rows.append(row("best in", len(told), _wins(told), 0))
+    return Grid(NOTE, ("recording", "n", *LIBRARIES), tuple(rows))
+
+
+def as_text(told: Sequence[Told], heading: str) -> RenderableType:
+    """For a terminal."""
+    return Group(Text(heading, style="bold"), *rich_grid(grid(told)))
+
+
+def as_markdown(told: Sequence[Told], heading: str) -> str:
+    """For a page."""
+    return f"**{heading}**\n\n{markdown_grid(grid(told))}\n"
+
+
+def as_json(told: Sequence[Told], heading: str) -> dict[str, Any]:
+    """For a script: the log evidences themselves."""
+    total = _total(told)
+    return {
+        "title": heading,
+        "unit": "nats",
+        "total": total,
+        "best_in": _wins(told),
+        "per_recording": [
+            {"recording": one.recording, "observations": one.observations, "log_evidence": one.log_evidence}
+            for one in told
+        ],
+    }

@@ -1,0 +1,105 @@
+"""What can be judged: one small interface, and our presets behind it.
+
+A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and what it says
+after each is kept, so that delays can be measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from caesura_lab.evaluation.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
+from caesura_lab.evaluation.metrics import Look
+from caesura_lab.evaluation.score import FoundSegmentation, Part
+from caesura_protocol.distribution import installing
+from caesura_protocol.messages import Segment
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import views
+from caesura_service.segmentation.view import View
+
+
+class Method(Protocol):
+    """A way to divide a recording. It can be pickled, and the same recording gives the same result."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in the tables."""
+
+    def segment(self, recording: Recording) -> FoundSegmentation:
+        """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A preset of Caesura, online."""
+
+    preset: str = "default"
+
+    @property
+    def name(self) -> str:
+        """The preset's name."""
+        return self.preset
+
+    def segment(self, recording: Recording) -> FoundSegmentation:
+        """Push the recording through a session's pipeline."""
+        latest = np.maximum.accumulate(recording.t)
+        looks: list[Look] = []
+        view: View | None = None
+        for view in views(recording, self.preset):
+            look = _look(float(latest[max(view.samples, 1) - 1]), view)
+            if not looks or looks[-1][1:] != look[1:]:
+                looks.append(look)
+        assert view is not None, "views yields at least what is known at the end"
+        times = tuple(changepoint.t for changepoint in view.changepoints)
+        stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
+        phases = tuple(phase.t0 for phase in view.phases[1:])
+        return FoundSegmentation(
+            times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases
+        )
+
+
+def _look(t: float, view: View) -> Look:
+    times = tuple(changepoint.t for changepoint in view.changepoints)
+    return Look(t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints))
+
+
+def _intervals(view: View) -> dict[float, tuple[float, float]]:
+    return {
+        one.t: (one.t_low, one.t_high)
+        for one in view.changepoints
+        if one.t_low is not None and one.t_high is not None
+    }
+
+
+def _part(segment: Segment) -> Part:
+    force_n = float(np.linalg.norm(segment.force))
+    screw = None if segment.screw is None else (segment.screw.axis, segment.screw.pitch_m)
+    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability, screw)
+
+
+class MissingExtraError(RuntimeError):
+    """A library that a baseline needs is not installed."""
+
+
+def baselines() -> list[Method]:
+    """All baselines. Raises MissingExtraError where their libraries are not installed."""
+    try:
+        from caesura_lab.evaluation import third_party_baselines  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"{error.name} is not installed; {installing('judge')}, or give --no-baselines"
+        ) from error
+    return [
+        Baseline("thresholds", thresholds),
+        Baseline("zero velocity", zero_velocity),
+        Baseline("PELT linear", third_party_baselines.pelt),
+        Baseline("Gaussian online", third_party_baselines.gaussian_online),
+        Baseline("BOCPD log", gaussian_log),
+        Baseline("BOCPD speed", student_speed),
+        Baseline("kernel", third_party_baselines.kernel),
+        Baseline("one segment", nothing),
+    ]

@@ -1,0 +1,175 @@
+"""Measures of a segmentation, pure functions of times. Numbers per recording are in `score`.
+
+A changepoint is right if it lies within a true point's tolerance, and each point takes one only. Of all such
+pairings the one is taken that finds most points, then excuses most by optional points, then lies closest: it
+does not depend on any order.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from caesura_lab.evaluation.pairing import best_pairs
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+ROUNDING_S = 1e-9  # a point at its tolerance is within it
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Who is whose: for each found changepoint the index of its true point, -1 for none.
+
+    partner: (m,); optional: (p,) of the true points.
+    """
+
+    partner: Indices
+    optional: NDArray[np.bool_]
+
+    @property
+    def hits(self) -> Indices:
+        """True points that must be found and were."""
+        matched = self.partner[self.partner >= 0]
+        return np.sort(matched[~self.optional[matched]])
+
+    @property
+    def misses(self) -> Indices:
+        """True points that must be found and were not."""
+        return np.setdiff1d(np.flatnonzero(~self.optional), self.hits)
+
+    @property
+    def false_alarms(self) -> Indices:
+        """Found changepoints that belong to nothing."""
+        return np.flatnonzero(self.partner < 0)
+
+    @property
+    def counted(self) -> Indices:
+        """Found changepoints that count: all but those that an optional point excuses."""
+        excused = np.append(self.optional, False)[self.partner]
+        return np.flatnonzero(~excused)
+
+
+def match(
+    points_s: ArrayLike,
+    tolerances_s: ArrayLike,
+    optional: ArrayLike,
+    found_s: ArrayLike,
+    alternatives_s: ArrayLike | None = None,
+) -> Matching:
+    """Pair found changepoints with true points one to one, as the module says.
+
+    points_s, tolerances_s: (p,) [s]; optional: (p,) bool; found_s: (m,) [s]; alternatives_s: (p,) [s] second
+    accepted times, nan where there is none. The nearer of the two counts.
+    """
+    points, tolerances = np.asarray(points_s, dtype=float), np.asarray(tolerances_s, dtype=float)
+    optional, found = np.asarray(optional, dtype=bool), np.asarray(found_s, dtype=float)
+    distance = np.abs(found[:, None] - points)
+    if alternatives_s is not None:
+        distance = np.fmin(distance, np.abs(found[:, None] - np.asarray(alternatives_s, dtype=float)))
+    within = distance <= tolerances + ROUNDING_S
+    # Every weight exceeds what all that rank below it can add up to.
+    closeness = distance / (tolerances + ROUNDING_S) / (2.0 * (found.size + 1))
+    gain = np.where(within, np.where(optional, 1.0, found.size + 2.0) - closeness, 0.0)
+    rows, columns = best_pairs(gain)
+    partner = np.full(found.size, -1, dtype=np.intp)
+    kept = within[rows, columns]
+    partner[rows[kept]] = columns[kept]
+    return Matching(partner, optional)
+
+
+def f1(hits: float, false_alarms: float, misses: float) -> float:
+    """Harmonic mean of precision and recall; 1 where there was nothing to find and nothing was found."""
+    total = 2 * hits + false_alarms + misses
+    return 2 * hits / total if total else 1.0
+
+
+def covering(truth_s: ArrayLike, found_s: ArrayLike, window: tuple[float, float]) -> float:
+    """How well the found segments cover the true ones: mean best Jaccard index, weighted by length.
+
+    truth_s, found_s: boundaries inside of the window [s]. Arbeláez et al. 2011; van den Burg & Williams
+    2020, (7).
+    """
+    truth, found = (_stretches(times, window) for times in (truth_s, found_s))
+    common = np.minimum(truth[:, None, 1], found[:, 1]) - np.maximum(truth[:, None, 0], found[:, 0])
+    length, other = np.diff(truth)[:, 0], np.diff(found)[:, 0]
+    jaccard = np.maximum(common, 0.0) / (length[:, None] + other - common)
+    return float(length @ jaccard.max(axis=1) / length.sum())
+
+
+def disturbed(boundaries_s: ArrayLike, events_s: ArrayLike, window: tuple[float, float]) -> tuple[int, int]:
+    """In how many of the stretches between boundaries at least one event lies, and how many there are.
+
+    With true boundaries and false alarms: what is over-segmented. With found ones and misses: what is
+    under-segmented.
+    """
+    edges = _stretches(boundaries_s, window)
+    events = np.asarray(events_s, dtype=float)
+    inside = (edges[:, :1] <= events) & (events < edges[:, 1:])
+    return int(inside.any(axis=1).sum()), len(edges)
+
+
+class Labelled(NamedTuple):
+    """A stretch [s] with a class."""
+
+    t0: float
+    t1: float
+    kind: str
+
+
+def confusion(truth: Iterable[Labelled], found: Sequence[Labelled]) -> Counter[tuple[str, str]]:
+    """Seconds for which truth said the first and the method the second; "none" where it said nothing."""
+    seconds: Counter[tuple[str, str]] = Counter()
+    for true in truth:
+        left = true.t1 - true.t0
+        for part in found:
+            shared = overlap(true, part)
+            if shared > 0.0:
+                seconds[true.kind, part.kind] += shared  # type: ignore[assignment]
+                left -= shared
+        if left > ROUNDING_S:
+            seconds[true.kind, "none"] += left  # type: ignore[assignment]
+    return seconds
+
+
+def overlap(one: Labelled, other: Labelled) -> float:
+    """Seconds that two stretches share, negative if they lie apart."""
+    return min(one.t1, other.t1) - max(one.t0, other.t0)
+
+
+class Look(NamedTuple):
+    """What was known with samples up to t [s]: changepoints (m,) [s], and which of them were final."""
+
+    t: float
+    changepoints: Sequence[float]
+    final: Sequence[bool]
+
+
+def standing_since(
+    looks: Iterable[Look], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
+) -> float | None:
+    """Since when a changepoint within tolerance has been there without a break [s]; None if it is not.
+
+    accepted_s: times [s], near any of which it may be; final: only those that were final count.
+    """
+    since: float | None = None
+    for look in looks:
+        there = any(
+            min(abs(time - t) for t in accepted_s) <= tolerance_s + ROUNDING_S and (sure or not final)
+            for time, sure in zip(look.changepoints, look.final, strict=True)
+        )
+        since = (look.t if since is None else since) if there else None
+    return since
+
+
+def _stretches(boundaries_s: ArrayLike, window: tuple[float, float]) -> Array:
+    """Begin and end of each stretch between boundaries, (k, 2) [s]."""
+    times = np.unique(np.asarray(boundaries_s, dtype=float))
+    inside = times[(times > window[0]) & (times < window[1])]
+    edges = np.concatenate([window[:1], inside, window[1:]])
+    return np.column_stack([edges[:-1], edges[1:]])

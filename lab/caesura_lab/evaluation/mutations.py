@@ -1,0 +1,304 @@
+"""Programs that were spoilt on purpose: each is refused by the check, or its run stays within the limits.
+
+A mutation changes a taught program by up to three of the operators below, without minding what a program may
+hold. What the check lets pass is run in the simulated cell, and every tick of it is held against the limits:
+speed, force, workspace, joints and their speeds. Whatever is beyond one is a violation, and so is a crash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from caesura_lab.evaluation.roundtrip import LIMITS_N
+from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.messages import App, AppKind
+from caesura_protocol.programs.safety import CellSettings, Safety
+
+TAUGHT_SEEDS = (500, 502)
+MOST_OPERATORS = 3
+SCENARIOS = ("pick_and_place", "dispenser")
+CELLS = {name: Safety(force_n=LIMITS_N[name]) for name in SCENARIOS}
+NUMBERS = ("t0", "tn", "load_kg", "gripper_width", "confidence")
+VECTORS = ("target", "orientation", "joints", "force")
+KINDS: tuple[AppKind, ...] = (
+    "cartesian_motion",
+    "move_to_contact",
+    "apply_force",
+    "grasp",
+    "gripper_move",
+    "transport",
+    "hold",
+)
+Outcome = Literal["refused", "done", "stopped", "violation"]
+Apps = list[App]
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of one mutated program.
+
+    operators: what was done to it; why: the first reason for which it was refused or stopped, or violation.
+    """
+
+    number: int
+    operators: tuple[str, ...]
+    outcome: Outcome
+    why: str = ""
+
+
+def meet_fate(number: int) -> Fate:
+    """Mutate a program, check it, run it where it passes."""
+    from caesura_lab.execution.executor import execute  # noqa: PLC0415
+    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+
+    rng = np.random.default_rng([number, 2])
+    scenario = SCENARIOS[number % 2]
+    cell, (apps, place) = CELLS[scenario], _taught(scenario, TAUGHT_SEEDS[number // 2 % 2])
+    operators, mutated = mutate(apps, rng)
+    try:
+        done = execute(mutated, place, cell)
+    except RefusedError as refused:
+        return Fate(number, operators, "refused", str(refused.report.errors[0]))
+    except Exception as error:  # whatever it is, a spoilt program must not bring it about
+        return Fate(number, operators, "violation", f"crashed: {error!r}")
+    if broken := violations(done.trace, cell):
+        return Fate(number, operators, "violation", broken[0])
+    if done.stopped is not None:
+        return Fate(number, operators, "stopped", done.stopped)
+    return Fate(number, operators, "done")
+
+
+def violations(trace: Any, safety: Safety) -> list[str]:
+    """Limits that a run (a teacher's `Trace`) has passed."""
+    robot = _robot()
+    positions, _ = robot.flange_poses(trace.q[::5])
+    low, high = robot.lower_limits, robot.upper_limits
+    speeds = robot.velocity_limits
+    checks = (
+        ("speed [m/s]", np.linalg.norm(trace.twist[:, :3], axis=1), 0.0, safety.speed_m_per_s),
+        ("turn [rad/s]", np.linalg.norm(trace.twist[:, 3:], axis=1), 0.0, safety.turn_rad_per_s),
+        ("force [N]", np.linalg.norm(trace.contact, axis=1), 0.0, safety.felt_force_n),
+        ("position [m]", positions, np.array(safety.workspace_low), np.array(safety.workspace_high)),
+        ("joints [rad]", trace.q, low, high),
+        ("joint speeds [rad/s]", trace.v, -speeds, speeds),
+    )
+    return [
+        f"{name} between {np.min(values):.3f} and {np.max(values):.3f}"
+        for name, values, least, most in checks
+        if not bool(((values >= least) & (values <= most)).all())
+    ]
+
+
+def mutate(apps: Sequence[App], rng: Rng) -> tuple[tuple[str, ...], Apps]:
+    """A program with up to three things wrong with it, and their names."""
+    names = tuple(str(n) for n in rng.choice(list(_OPERATORS), size=rng.integers(1, MOST_OPERATORS + 1)))
+    mutated = list(apps)
+    for name in names:
+        if mutated:
+            mutated = _OPERATORS[name](mutated, rng)
+    return names, mutated
+
+
+@cache
+def _robot() -> Any:
+    from caesura_service.robot import load_panda  # noqa: PLC0415
+
+    return load_panda()
+
+
+@cache
+def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
+    from caesura_lab.execution.executor import Place  # noqa: PLC0415
+    from caesura_lab.teacher.simulated_teaching import Teaching, finish  # noqa: PLC0415
+    from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
+
+    teaching = Teaching(scenario, seed=seed)
+    recording = finish(teaching, list(teaching.chunks(1.0))).recording
+    apps = segment_recording(recording, setting=CellSettings(force_limit_n=LIMITS_N[scenario])).apps
+    return tuple(apps), Place(teaching.scenario, teaching.person, seed)
+
+
+# --- operators ------------------------------------------------------------------------------------------
+
+
+def _changed(apps: Apps, index: int, **changes: object) -> Apps:
+    """With one app changed, without validation."""
+    return [*apps[:index], apps[index].model_copy(update=changes), *apps[index + 1 :]]
+
+
+def _any(apps: Apps, rng: Rng, field: str | None = None) -> int:
+    """An app, one that has a field where there is any."""
+    having = [i for i, app in enumerate(apps) if field is None or getattr(app, field) is not None]
+    return int(rng.choice(having or list(range(len(apps)))))
+
+
+def _shift_target(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng, "target")
+    by = 10.0 ** rng.uniform(-3.0, 0.3) * rng.normal(size=3)
+    target = np.add(apps[index].target or (0.0, 0.0, 0.0), by)
+    changes: dict[str, object] = {"target": tuple(target.tolist())}
+    if rng.random() < 0.7:
+        changes["joints"] = None  # else it is refused for them alone
+    return _changed(apps, index, **changes)
+
+
+def _fuzz_force(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng, "force")
+    force = np.array(apps[index].force or (0.0, 0.0, -5.0)) * rng.choice(
+        [-1.0, 0.0, 0.3, 0.8, 1.5, 10.0, 1e4]
+    )
+    return _changed(apps, index, force=tuple((force + rng.normal(size=3)).tolist()))
+
+
+def _swap(apps: Apps, rng: Rng) -> Apps:
+    order = np.arange(len(apps))
+    a, b = rng.integers(len(apps), size=2)
+    order[[a, b]] = order[[b, a]]
+    return _retimed([apps[i] for i in order], rng)
+
+
+def _shuffle(apps: Apps, rng: Rng) -> Apps:
+    return _retimed([apps[i] for i in rng.permutation(len(apps))], rng)
+
+
+def _leave_out(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng)
+    return _retimed([*apps[:index], *apps[index + 1 :]], rng)
+
+
+def _repeat(apps: Apps, rng: Rng) -> Apps:
+    index, where = _any(apps, rng), int(rng.integers(len(apps) + 1))
+    return _retimed([*apps[:where], apps[index], *apps[where:]], rng)
+
+
+def _retimed(apps: Apps, rng: Rng) -> Apps:
+    """In most cases with times that go with the new order, or else it is refused for them alone."""
+    if rng.random() < 0.2:
+        return apps
+    t, timed = 0.5, []
+    for app in apps:
+        timed.append(app.model_copy(update={"t0": t, "tn": t + app.tn - app.t0}))
+        t = timed[-1].tn
+    return timed
+
+
+def _no_number(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng)
+    field, value = rng.choice([*NUMBERS, *VECTORS]), float(rng.choice([np.nan, np.inf, -np.inf, 1e300]))
+    if field in NUMBERS:
+        return _changed(apps, index, **{str(field): value})
+    old = list(getattr(apps[index], str(field)) or (0.0, 0.0, 0.0))
+    old[int(rng.integers(len(old)))] = value
+    return _changed(apps, index, **{str(field): tuple(old)})
+
+
+def _hurry(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng)
+    factor = 10.0 ** rng.uniform(-1.5, 1.0)
+    longer = (factor - 1.0) * (apps[index].tn - apps[index].t0)
+    later = [a.model_copy(update={"t0": a.t0 + longer, "tn": a.tn + longer}) for a in apps[index + 1 :]]
+    return [*apps[:index], apps[index].model_copy(update={"tn": apps[index].tn + longer}), *later]
+
+
+def _other_kind(apps: Apps, rng: Rng) -> Apps:
+    return _changed(apps, _any(apps, rng), kind=str(rng.choice(KINDS)))
+
+
+def _fingers(apps: Apps, rng: Rng) -> Apps:
+    return _changed(apps, _any(apps, rng, "gripper_width"), gripper_width=float(rng.uniform(-0.05, 0.15)))
+
+
+def _load(apps: Apps, rng: Rng) -> Apps:
+    return _changed(apps, _any(apps, rng, "load_kg"), load_kg=float(rng.uniform(-1.0, 5.0)))
+
+
+def _turn(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng, "orientation")
+    turned = np.add(
+        apps[index].orientation or (1.0, 0.0, 0.0, 0.0), rng.uniform(0.0, 1.0) * rng.normal(size=4)
+    )
+    changes: dict[str, object] = {"joints": None} if rng.random() < 0.5 else {}
+    return _changed(apps, index, orientation=tuple((turned / np.linalg.norm(turned)).tolist()), **changes)
+
+
+def _joints(apps: Apps, rng: Rng) -> Apps:
+    index = _any(apps, rng, "joints")
+    joints = np.add(apps[index].joints or (0.0,) * 7, 10.0 ** rng.uniform(-2.0, 0.5) * rng.normal(size=7))
+    return _changed(apps, index, joints=tuple(joints.tolist()))
+
+
+def _forget(apps: Apps, rng: Rng) -> Apps:
+    field = str(rng.choice([*VECTORS, "load_kg", "gripper_width"]))
+    return _changed(apps, _any(apps, rng, field), **{field: None})
+
+
+_OPERATORS: Mapping[str, Callable[[Apps, Rng], Apps]] = MappingProxyType(
+    {
+        "target": _shift_target,
+        "force": _fuzz_force,
+        "swap": _swap,
+        "shuffle": _shuffle,
+        "leave out": _leave_out,
+        "repeat": _repeat,
+        "no number": _no_number,
+        "time": _hurry,
+        "kind": _other_kind,
+        "fingers": _fingers,
+        "load": _load,
+        "turn": _turn,
+        "joints": _joints,
+        "forget": _forget,
+    }
+)
+
+
+# --- what is printed ------------------------------------------------------------------------------------
+
+
+def title(count: int) -> str:
+    """What was measured."""
+    return f"{count} mutated programs: refused, or run within the limits"
+
+
+def _grids(fates: Iterable[Fate]) -> list[Grid]:
+    ordered = sorted(fates, key=lambda fate: fate.number)
+    outcomes: tuple[Outcome, ...] = ("refused", "done", "stopped", "violation")
+    rows = [("all", *_counts(ordered, outcomes))]
+    for name in _OPERATORS:
+        rows.append((name, *_counts([f for f in ordered if name in f.operators], outcomes)))
+    grids = [Grid("mutated programs, by what was done to them", ("operator", "n", *outcomes), tuple(rows))]
+    broken = tuple(
+        (str(f.number), ", ".join(f.operators), f.why) for f in ordered if f.outcome == "violation"
+    )
+    return [*grids, Grid("violations", ("number", "operators", "what"), broken)] if broken else grids
+
+
+def _counts(fates: Sequence[Fate], outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+    return (str(len(fates)), *(str(sum(f.outcome == one for f in fates)) for one in outcomes))
+
+
+def as_text(fates: Sequence[Fate]) -> RenderableType:
+    """For a terminal."""
+    parts: list[RenderableType] = [Text(title(len(fates)), style="bold")]
+    for grid in _grids(fates):
+        parts += rich_grid(grid)
+    return Group(*parts)
+
+
+def as_markdown(fates: Sequence[Fate]) -> str:
+    """For a page."""
+    return "\n\n".join([f"**{title(len(fates))}**", *map(markdown_grid, _grids(fates))]) + "\n"
+
+
+def as_json(fates: Sequence[Fate]) -> dict[str, Any]:
+    """Every fate."""
+    return {"title": title(len(fates)), "fates": [asdict(fate) for fate in fates]}

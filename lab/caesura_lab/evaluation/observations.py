@@ -1,0 +1,68 @@
+"""What the baselines see: the same conditioned signals at 10 Hz that our own models see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import capabilities_of, opening_of
+from caesura_service.segmentation.pipeline import layout_of, observed
+from caesura_service.signals import Conditioner, ConditioningParameters, Observation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """A recording on the segmentation grid.
+
+    t: (n,) [s]; position_base: (n, 3) [m]; velocity_base: (n, 3) [m/s], central differences; speed: (n,)
+    [m/s], of the filter at 100 Hz; force_base: (n, 3) [N], tared, zeros where the hand is in the wrench;
+    holding: (n,) bool, the gripper is closed on something; force_tells: whether force shows contact; tared:
+    whether there was a rest to take the force's bias from.
+    """
+
+    t: Array
+    position_base: Array
+    velocity_base: Array
+    speed: Array
+    force_base: Array
+    holding: NDArray[np.bool_]
+    force_tells: bool
+    tared: bool
+
+
+def observe(
+    recording: Recording, parameters: ConditioningParameters | None = None
+) -> tuple[tuple[Observation, ...], bool]:
+    """Observations of a recording, as a session has them; and whether there was a rest to tare the force in.
+
+    All samples are pushed at once, which gives the same numbers. Raises ValueError for impossible ones.
+    """
+    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
+    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
+    return (*pushed.observations, *ended.observations), conditioner.tare is not None
+
+
+def condition(recording: Recording) -> Signals:
+    """Bring a recording to the segmentation grid. Raises ValueError for one shorter than two steps."""
+    observations, tared = observe(recording)
+    if len(observations) < 2:
+        raise ValueError(f"{recording.name}: {len(observations)} observations, expected at least 2")
+    t = np.array([o.t for o in observations])
+    position_base = np.array([o.position_base for o in observations])
+    tells = capabilities_of(recording).contact_models
+    force_base = np.array([o.force_base for o in observations])
+    return Signals(
+        t=t,
+        position_base=position_base,
+        velocity_base=np.gradient(position_base, t, axis=0),
+        speed=np.array([o.speed for o in observations]),
+        force_base=force_base if tells else np.zeros_like(force_base),
+        holding=np.array([observed(o).holding == 1.0 for o in observations]),
+        force_tells=tells,
+        tared=tared,
+    )

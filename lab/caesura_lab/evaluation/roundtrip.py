@@ -1,0 +1,267 @@
+"""Does a program do what was taught? Teach, segment, check, run, segment again, and compare the two programs.
+
+It holds when the apps are the same in the same order, every target lies within 1 cm of its own, every press
+has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
+was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
+from every place of the demonstration to the nearest of the run, and back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Group, RenderableType
+from rich.text import Text
+from scipy.spatial import cKDTree
+
+from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.messages import App
+from caesura_protocol.programs.safety import CellSettings, Safety
+from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import align_signs
+
+Array = NDArray[np.float64]
+
+LIMITS_N: Mapping[str, float] = MappingProxyType(  # of the simulated cell, by scenario
+    {
+        "pick_and_place": 10.0,
+        "dispenser": 10.0,
+        **dict.fromkeys(("screwing", "peg", "pouring", "circle", "contour", "peeling"), 20.0),
+    }
+)
+SCENARIOS = tuple(LIMITS_N)
+TARGET_M, FORCE_SHARE = 0.01, 0.15
+PATH_M, PATH_RAD = 0.005, math.radians(2.0)
+EVERY = 10  # ticks of 1 ms, of which one is compared
+AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
+REST_N = 1e-6
+
+
+@dataclass(frozen=True)
+class RoundTripCase:
+    """One person who teaches one scenario."""
+
+    scenario: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Trip:
+    """How one round trip went.
+
+    taught, executed: kinds of the apps; target_m: app by app, where the apps are the same; force: errors of
+    presses, relative; path_m, path_rad: largest distance and angle between the demonstrated path and the one
+    that was run, app by app that moves; why: why it does not hold, None where it does.
+    """
+
+    case: RoundTripCase
+    taught: tuple[str, ...]
+    executed: tuple[str, ...]
+    target_m: tuple[float, ...]
+    force: tuple[float, ...]
+    why: str | None
+    path_m: tuple[float, ...] = ()
+    path_rad: tuple[float, ...] = ()
+
+
+def travel(case: RoundTripCase) -> Trip:
+    """Go round once."""
+    # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
+    from caesura_lab.execution.executor import Place, execute  # noqa: PLC0415
+    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+    from caesura_lab.teacher.simulated_teaching import Teaching, finish  # noqa: PLC0415
+    from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
+
+    teaching = Teaching(case.scenario, seed=case.seed)
+    recording = finish(teaching, list(teaching.chunks(1.0))).recording
+    limit_n = LIMITS_N[case.scenario]
+    taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
+    place = Place(teaching.scenario, teaching.person, case.seed)
+    try:
+        done = execute(taught.apps, place, Safety(force_n=limit_n))
+    except RefusedError as refused:
+        return Trip(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
+    again = segment_recording(done.recording).apps
+    if done.stopped is not None:
+        why = f"stopped in app {done.at}: {done.stopped}"
+        return Trip(case, _kinds(taught.apps), _kinds(again), (), (), why)
+    trip = compared(case, taught.apps, again)
+    off = [
+        apart(_way(recording, app.path.start.t, app.path.tn), _way(done.recording, *span))
+        for app, span in zip(taught.apps, done.spans, strict=True)
+        if app.path is not None
+    ]
+    path_m, path_rad = tuple(one[0] for one in off), tuple(one[1] for one in off)
+    return replace(trip, path_m=path_m, path_rad=path_rad, why=trip.why or _astray(path_m, path_rad))
+
+
+def apart(one: Way, other: Way) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] from the poses of each way to the other."""
+    scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
+    furthest_m = furthest_rad = 0.0
+    for here, there in ((one.inside, other.around), (other.inside, one.around)):
+        poses = np.concatenate([there, here[::EVERY]])
+        align_signs(poses[:, 3:])
+        line, seen = np.split(poses, [len(there)])
+        off = seen - line[cKDTree(line * scale).query(seen * scale)[1]]
+        furthest_m = max(furthest_m, float(np.linalg.norm(off[:, :3], axis=1).max()))
+        half_chord = 0.5 * float(np.linalg.norm(off[:, 3:], axis=1).max())
+        furthest_rad = max(furthest_rad, 4.0 * math.asin(min(half_chord, 1.0)))
+    return furthest_m, furthest_rad
+
+
+class Way(NamedTuple):
+    """Flange poses (n, 7) of an app, and those (m, 7) from `AROUND_S` before to `AROUND_S` after it."""
+
+    inside: Array
+    around: Array
+
+
+def _way(recording: Recording, t0: float, tn: float) -> Way:
+    return Way(_poses(recording, t0, tn), _poses(recording, t0 - AROUND_S, tn + AROUND_S))
+
+
+def _poses(recording: Recording, t0: float, tn: float) -> Array:
+    """Flange poses (n, 7) between two times [s], as they were measured."""
+    inside = slice(*np.searchsorted(recording.t, (t0, tn)).tolist())
+    return np.hstack([recording.signals["pos"][inside], recording.signals["quat"][inside]])
+
+
+def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
+    if max(path_m, default=0.0) > PATH_M:
+        return f"a path is {1000 * max(path_m):.1f} mm off"
+    if max(path_rad, default=0.0) > PATH_RAD:
+        return f"a path is turned by {math.degrees(max(path_rad)):.1f}°"
+    return None
+
+
+def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> Trip:
+    """What is different between the program that was run and the one that its recording gives."""
+    kinds = _kinds(taught), _kinds(executed)
+    if kinds[0] != kinds[1]:
+        return Trip(case, *kinds, (), (), _first_difference(*kinds))
+    targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
+    forces = tuple(
+        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if a.kind == "apply_force"
+    )
+    return Trip(case, *kinds, targets, forces, _too_far(taught, targets, forces))
+
+
+def _target_error(taught: App, executed: App) -> float:
+    """[m]; nan where one of them has no target."""
+    if taught.target is None or executed.target is None:
+        return float("nan") if taught.target is not executed.target else 0.0
+    return float(np.linalg.norm(np.subtract(executed.target, taught.target)))
+
+
+def _force_error(asked: App, executed: App) -> float:
+    """Of the force that was asked for; signed. What was measured is not yet scaled to a limit."""
+    newtons = float(np.linalg.norm(asked.force or (0.0, 0.0, 0.0)))
+    return float(np.linalg.norm(executed.force_taught or (0.0, 0.0, 0.0))) / max(newtons, REST_N) - 1.0
+
+
+def _first_difference(taught: Sequence[str], executed: Sequence[str]) -> str:
+    for index, (a, b) in enumerate(zip(taught, executed, strict=False)):
+        if a != b:
+            return f"app {index} is {b}, taught was {a}"
+    if len(executed) < len(taught):
+        return f"app {len(executed)} is missing, taught was {taught[len(executed)]}"
+    return f"app {len(taught)} is one too many, {executed[len(taught)]}"
+
+
+def _too_far(taught: Sequence[App], targets: Sequence[float], forces: Sequence[float]) -> str | None:
+    for index, (app, error) in enumerate(zip(taught, targets, strict=True)):
+        if not error <= TARGET_M:
+            return f"target of app {index} ({app.kind}) is {1000 * error:.1f} mm off"
+    for error in forces:
+        if not abs(error) <= FORCE_SHARE:
+            return f"a force is {100 * error:+.0f} % off"
+    return None
+
+
+def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
+    return tuple(app.kind for app in apps)
+
+
+def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
+    """Every scenario by every person."""
+    return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
+
+
+def summarise(trips: Iterable[Trip]) -> dict[str, list[Trip]]:
+    """Trips by scenario, in the order of the seeds."""
+    ordered = sorted(trips, key=lambda trip: (SCENARIOS.index(trip.case.scenario), trip.case.seed))
+    return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
+
+
+def title(seeds: Sequence[int]) -> str:
+    """What was measured."""
+    return (
+        f"round trip: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
+        f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
+        f"paths within {1000 * PATH_M:.0f} mm and {math.degrees(PATH_RAD):.0f}°"
+    )
+
+
+def _grids(summary: Mapping[str, Sequence[Trip]]) -> list[Grid]:
+    headings = (
+        "scenario",
+        "holds",
+        "same apps",
+        "target [mm]",
+        "worst",
+        "force [%]",
+        "worst",
+        "path [mm]",
+        "worst",
+        "turn [°]",
+        "worst",
+    )
+    held = Grid("what holds", headings, tuple(_row(name, trips) for name, trips in summary.items()))
+    failed = tuple(
+        (t.case.scenario, str(t.case.seed), t.why) for trips in summary.values() for t in trips if t.why
+    )
+    return [held, Grid("what does not", ("scenario", "seed", "why"), failed)] if failed else [held]
+
+
+def _row(name: str, trips: Sequence[Trip]) -> tuple[str, ...]:
+    holds = sum(trip.why is None for trip in trips)
+    same = sum(trip.taught == trip.executed for trip in trips)
+    return (
+        name,
+        f"{holds} of {len(trips)}",
+        str(same),
+        *_spread([1000 * error for trip in trips for error in trip.target_m]),
+        *_spread([100 * abs(error) for trip in trips for error in trip.force]),
+        *_spread([1000 * off for trip in trips for off in trip.path_m]),
+        *_spread([math.degrees(off) for trip in trips for off in trip.path_rad]),
+    )
+
+
+def _spread(errors: Sequence[float]) -> tuple[str, str]:
+    """Median and worst."""
+    return (f"{np.median(errors):.1f}", f"{np.max(errors):.1f}") if errors else ("–", "–")
+
+
+def as_text(summary: Mapping[str, Sequence[Trip]], heading: str) -> RenderableType:
+    """For a terminal."""
+    parts: list[RenderableType] = [Text(heading, style="bold")]
+    for grid in _grids(summary):
+        parts += rich_grid(grid)
+    return Group(*parts)
+
+
+def as_markdown(summary: Mapping[str, Sequence[Trip]], heading: str) -> str:
+    """For a page."""
+    return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
+
+
+def as_json(summary: Mapping[str, Sequence[Trip]]) -> dict[str, Any]:
+    """Every trip."""
+    return {name: [asdict(trip) for trip in trips] for name, trips in summary.items()}

@@ -1,0 +1,68 @@
+"""Every method on every case. Cases are loaded where they are judged, so nothing big travels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from caesura_lab.annotations import Leniency
+from caesura_lab.evaluation.methods import Method
+from caesura_lab.evaluation.observations import condition
+from caesura_lab.evaluation.score import Score, score
+from caesura_lab.evaluation.suites import Case
+from caesura_lab.evaluation.worker_pool import each
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.recording import RecordingError
+
+AS_READ = Leniency()
+
+
+@dataclass(frozen=True)
+class Unfit:
+    """A method that could not be applied to a recording, and why."""
+
+    method: str
+    recording: str
+    reason: str
+
+
+Verdict = Score | Unfit
+
+
+def judge(
+    case: Case, methods: Sequence[Method], leniencies: Sequence[Leniency] = (AS_READ,)
+) -> list[Verdict]:
+    """Apply all methods to one case, once each, and judge what they find under every leniency.
+
+    Raises TruthError or RecordingError for a case that cannot be loaded.
+    """
+    recording, truth = case.load()
+    rest = "rests first" if condition(recording).tared else "does not rest first"
+    groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
+    about: dict[str, Any] = {"tags": (*case.tags, rest), "groups": groups}
+    verdicts: list[Verdict] = []
+    for method in methods:
+        try:
+            found = method.segment(recording)
+        except RecordingError:
+            raise
+        except (ProtocolError, ValueError) as error:
+            verdicts.append(Unfit(method.name, case.name, str(error)))
+        else:
+            for leniency in leniencies:
+                one = score(method.name, leniency.of(truth), found)
+                verdicts.append(replace(one, **about, slack_s=leniency.slack_s))
+    return verdicts
+
+
+def judge_all(
+    cases: Sequence[Case],
+    methods: Sequence[Method],
+    leniencies: Sequence[Leniency] = (AS_READ,),
+    *,
+    workers: int = 1,
+) -> Iterator[list[Verdict]]:
+    """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
+    return each(partial(judge, methods=methods, leniencies=leniencies), cases, workers=workers)

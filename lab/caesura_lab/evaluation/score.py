@@ -1,0 +1,399 @@
+"""One method on one recording: all counts and errors from which tables are made.
+
+Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint
+there is no false alarm. The annotators' shortest rest does not fit in, so they cannot see one.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from caesura_lab.annotations import Point, Quantity, Screwing, Truth
+from caesura_lab.evaluation.metrics import (
+    ROUNDING_S,
+    Labelled,
+    Look,
+    Matching,
+    confusion,
+    covering,
+    disturbed,
+    match,
+    overlap,
+    standing_since,
+)
+
+Vector = tuple[float, float, float]
+
+EDGE_S = 0.3  # the annotators' shortest rest
+PHASE_S = 0.5  # how far a boundary between phases may be off
+NEAR_S = 1.0  # a changepoint further off has nothing to do with a miss
+CARRIED = ("transport", "hold")
+TOUCHING = ("contact", "sliding")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N] where the method states them.
+
+    probability: stated for the class, None if the method states none. screw: axis and advance in one turn [m]
+    of a turning, None where the method states none.
+    """
+
+    t0: float
+    t1: float
+    kind: str
+    load_kg: float | None = None
+    force_n: float | None = None
+    probability: float | None = None
+    screw: tuple[Vector, float] | None = None
+
+
+@dataclass(frozen=True)
+class FoundSegmentation:
+    """What a method makes of a recording.
+
+    changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
+    method needs the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
+    probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
+    next begins, None if the method finds none.
+    """
+
+    changepoints: tuple[float, ...]
+    parts: tuple[Part, ...] | None = None
+    looks: tuple[Look, ...] | None = None
+    intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    probabilities: Mapping[float, float] = field(default_factory=dict)
+    phases: tuple[float, ...] | None = None
+
+
+class Stated(NamedTuple):
+    """A stated probability with its outcome: `right` out of `of`, in changepoints or seconds."""
+
+    probability: float
+    right: float
+    of: float
+
+
+class Hit(NamedTuple):
+    """A true point that was found, and how much later than it is."""
+
+    kind: str
+    offset_s: float
+
+
+class Miss(NamedTuple):
+    """A true point that was not found; offset_s: of the nearest changepoint, None if none is near."""
+
+    kind: str
+    between: str
+    offset_s: float | None
+
+
+class FalseAlarm(NamedTuple):
+    """A changepoint that belongs to nothing: within which true class, between which found ones."""
+
+    within: str
+    between: str
+
+
+@dataclass(frozen=True)
+class Score:
+    """Counts and errors of one method on one recording."""
+
+    method: str
+    recording: str
+    hits: int
+    false_alarms: int
+    misses: int
+    covering: float
+    cut: tuple[int, int]  # true stretches with a false alarm, and all
+    merged: tuple[int, int]  # found stretches with a miss, and all
+    confusion: Counter[tuple[str, str]] = field(default_factory=Counter)  # (true, found) → s
+    confusion_inside: Counter[tuple[str, str]] = field(
+        default_factory=Counter
+    )  # further than tolerance inside
+    load_errors_kg: tuple[float, ...] = ()
+    loads: int = 0
+    force_errors_n: tuple[float, ...] = ()
+    forces: int = 0
+    provisional_s: tuple[float, ...] = ()
+    final_s: tuple[float, ...] = ()
+    intervals: tuple[tuple[float, bool], ...] = ()  # of a hit: length [s], and whether the truth is in it
+    missed: tuple[Miss, ...] = ()
+    found: tuple[Hit, ...] = ()
+    alarms: tuple[FalseAlarm, ...] = ()
+    tags: tuple[str, ...] = ()  # what kind of recording it is
+    groups: tuple[str, ...] = ()  # robot, if stated, and set
+    slack_s: float = 0.0  # that was added to the points' own tolerances
+    phase_hits: int = 0  # of boundaries between phases, where the truth has phases and the method finds them
+    phase_misses: int = 0
+    phase_false_alarms: int = 0
+    stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
+    stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time
+    axis_errors_deg: tuple[float, ...] = ()  # of every screw that was noticed, the sense of its turn included
+    pitch_errors: tuple[float, ...] = ()  # relative
+    screws: int = 0
+
+
+def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
+    """Judge what a method found."""
+    points = _judged_points(truth)
+    times = sorted(found.changepoints)
+    matching = _match(points, times)
+    pairs = [(points[i], times[j]) for i, j in _pairs(matching)]
+    misses = [points[i] for i in matching.misses]
+    alarms = [t for t in (times[i] for i in matching.false_alarms) if _counts(t, truth.window)]
+    missed_s = [p.t for p in misses]
+    major_s = [*(p.nearest_s(t) for p, t in pairs), *missed_s]
+    counted_s = [*(t for _, t in pairs), *alarms]
+    parts = _filling(found.parts or (), truth.window)
+    base = Score(
+        method=method,
+        recording=truth.name,
+        hits=len(pairs),
+        false_alarms=len(alarms),
+        misses=len(misses),
+        covering=covering(major_s, counted_s, truth.window),
+        cut=disturbed(major_s, alarms, truth.window),
+        merged=disturbed(counted_s, missed_s, truth.window),
+        intervals=_intervals(pairs, found.intervals),
+        missed=tuple(_miss(p, alarms, truth) for p in misses),
+        found=tuple(Hit(p.kind, t - p.nearest_s(t)) for p, t in pairs),
+        alarms=tuple(FalseAlarm(_true_kind(truth, t), _between(parts, t)) for t in alarms),
+        stated_points=_stated_points([t for _, t in pairs], alarms, found.probabilities),
+    )
+    base = _with_phases(base, truth, found.phases)
+    return _with_delays(_with_classes(base, truth, found, parts), pairs, found.looks)
+
+
+def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Score:
+    if found is None or not truth.phases:
+        return base
+    edges = {t for phase in truth.phases for t in (phase.t0, phase.t1)}
+    true = sorted(t for t in edges if _counts(t, truth.window))
+    times = sorted(t for t in found if _counts(t, truth.window))
+    matching = match(true, [PHASE_S] * len(true), [False] * len(true), times)
+    return replace(
+        base,
+        phase_hits=matching.hits.size,
+        phase_misses=matching.misses.size,
+        phase_false_alarms=matching.false_alarms.size,
+    )
+
+
+def _counts(t: float, window: tuple[float, float]) -> bool:
+    """Return whether a time [s] lies far enough inside of the window [s] to be counted."""
+    return window[0] + EDGE_S - ROUNDING_S <= t <= window[1] - EDGE_S + ROUNDING_S
+
+
+def _judged_points(truth: Truth) -> list[Point]:
+    """Return the points of the window; those that are too close to its edges to be counted are optional."""
+    first, last = truth.window
+    inside = [p for p in truth.points if any(first < t < last for t in p.accepted_s)]
+    return [
+        replace(p, optional=p.optional or not all(_counts(t, truth.window) for t in p.accepted_s))
+        for p in inside
+    ]
+
+
+def _match(points: Sequence[Point], times: Sequence[float]) -> Matching:
+    return match(
+        [p.t for p in points],
+        [p.tolerance_s for p in points],
+        [p.optional for p in points],
+        times,
+        [float("nan") if p.t_alt is None else p.t_alt for p in points],
+    )
+
+
+def class_accuracy(one: Score) -> float:
+    """Share of the time with a known class that has the right one; nan where there is none."""
+    total = sum(one.confusion.values())
+    right = sum(s for (true, found), s in one.confusion.items() if true == found)
+    return right / total if total else float("nan")
+
+
+def _with_classes(base: Score, truth: Truth, found: FoundSegmentation, parts: Sequence[Part]) -> Score:
+    if found.parts is None:
+        return base
+    labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]
+    base = replace(
+        base,
+        confusion=confusion(_scored(truth), labels),
+        confusion_inside=confusion(_inside(truth), labels),
+        stated_classes=_stated_classes(_scored(truth), parts),
+    )
+    if all(part.force_n is None for part in parts):
+        return base  # it measures nothing
+    screws = _screw_errors(truth.screws, parts)
+    return replace(
+        base,
+        axis_errors_deg=tuple(axis for axis, _ in screws),
+        pitch_errors=tuple(pitch for _, pitch in screws),
+        screws=len(truth.screws),
+        load_errors_kg=_load_errors(truth.loads, parts),
+        loads=len(truth.loads),
+        force_errors_n=_force_errors(truth.forces, parts),
+        forces=len(truth.forces),
+    )
+
+
+def _with_delays(base: Score, pairs: Sequence[tuple[Point, float]], looks: Sequence[Look] | None) -> Score:
+    """How long after each point that was found a changepoint near it stood, and stood for good [s]."""
+    if looks is None:
+        return base
+
+    def delays(*, final: bool) -> tuple[float, ...]:
+        since = [
+            (p.nearest_s(t), standing_since(looks, p.accepted_s, p.tolerance_s, final=final))
+            for p, t in pairs
+        ]
+        return tuple(at - t for t, at in since if at is not None)
+
+    return replace(base, provisional_s=delays(final=False), final_s=delays(final=True))
+
+
+def _intervals(
+    pairs: Sequence[tuple[Point, float]], stated: Mapping[float, tuple[float, float]]
+) -> tuple[tuple[float, bool], ...]:
+    """Length [s] of each interval that a hit was stated with, and whether the true time lies in it."""
+    return tuple(
+        (stated[t][1] - stated[t][0], stated[t][0] <= point.nearest_s(t) <= stated[t][1])
+        for point, t in pairs
+        if t in stated
+    )
+
+
+def _stated_points(
+    hits: Sequence[float], alarms: Sequence[float], stated: Mapping[float, float]
+) -> tuple[Stated, ...]:
+    """Return the probability of every changepoint that counts, with whether it was right."""
+    outcomes = [*((t, 1.0) for t in hits), *((t, 0.0) for t in alarms)]
+    return tuple(Stated(stated[t], right, 1.0) for t, right in outcomes if t in stated)
+
+
+def _stated_classes(spans: Sequence[Labelled], parts: Sequence[Part]) -> tuple[Stated, ...]:
+    """Return the probability of every part's class, with the seconds that were right of those scored."""
+    stated = []
+    for part in parts:
+        shared = [(s.kind == part.kind, overlap(s, Labelled(part.t0, part.t1, part.kind))) for s in spans]
+        of = sum(seconds for _, seconds in shared if seconds > 0.0)
+        if part.probability is not None and of > ROUNDING_S:
+            right = sum(seconds for is_right, seconds in shared if is_right and seconds > 0.0)
+            stated.append(Stated(part.probability, right, of))
+    return tuple(stated)
+
+
+def _pairs(matching: Matching) -> list[tuple[int, int]]:
+    """Each true point that was found, with its changepoint."""
+    hits = set(matching.hits.tolist())
+    return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
+
+
+def _filling(parts: Sequence[Part], window: tuple[float, float]) -> list[Part]:
+    """Parts that reach from one end of the window to the other: filters need a little before they begin."""
+    filled = list(parts)
+    if filled:
+        filled[0] = replace(filled[0], t0=min(filled[0].t0, window[0]))
+        filled[-1] = replace(filled[-1], t1=max(filled[-1].t1, window[1]))
+    return filled
+
+
+def _scored(truth: Truth) -> list[Labelled]:
+    """Return the spans without what lies between the two accepted times of a point."""
+    return _without(truth, [(min(p.accepted_s), max(p.accepted_s)) for p in truth.points])
+
+
+def _inside(truth: Truth) -> list[Labelled]:
+    """The spans without what lies within tolerance of a major point, where the class itself is uncertain."""
+    around = [(p, 0.0 if p.optional else p.tolerance_s) for p in truth.points]
+    return _without(truth, [(min(p.accepted_s) - s, max(p.accepted_s) + s) for p, s in around])
+
+
+def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelled]:
+    """Return what the holes [s] leave of the spans; a hole without length leaves all."""
+    spans = [Labelled(s.t0, s.t1, s.kind) for s in truth.spans]
+    for left, right in holes:
+        if left < right:
+            pieces = ((s._replace(t1=min(s.t1, left)), s._replace(t0=max(s.t0, right))) for s in spans)
+            spans = [piece for both in pieces for piece in both if piece.t0 < piece.t1]
+    return spans
+
+
+def _shared(part: Part, one: Quantity) -> float:
+    return overlap(Labelled(part.t0, part.t1, ""), Labelled(one.t0, one.t1, ""))
+
+
+def _load_errors(loads: Sequence[Quantity], parts: Sequence[Part]) -> tuple[float, ...]:
+    """Absolute error [kg] of each load that was weighed: mean over the carried parts, weighted by time."""
+    errors = []
+    for load in loads:
+        weighed = [
+            (part.load_kg, _shared(part, load))
+            for part in parts
+            if part.kind in CARRIED and part.load_kg is not None and _shared(part, load) > 0.0
+        ]
+        if weighed:
+            mean = sum(kg * s for kg, s in weighed) / sum(s for _, s in weighed)
+            errors.append(abs(mean - load.value))
+    return tuple(errors)
+
+
+def _force_errors(forces: Sequence[Quantity], parts: Sequence[Part]) -> tuple[float, ...]:
+    """Absolute error [N] of each pressing force that was noticed: the largest that its parts end with."""
+    errors = []
+    for force in forces:
+        pressed = [
+            part.force_n
+            for part in parts
+            if part.kind in TOUCHING and part.force_n is not None and _shared(part, force) > 0.0
+        ]
+        if pressed:
+            errors.append(abs(max(pressed) - force.value))
+    return tuple(errors)
+
+
+def _screw_errors(screws: Sequence[Screwing], parts: Sequence[Part]) -> list[tuple[float, float]]:
+    """Angle [°] between true and found axis, and relative error of the advance, of each screw noticed.
+
+    A screw is read from the part with a screw motion that shares most time with its stroke.
+    """
+    errors = []
+    for true in screws:
+        stroke = Quantity(true.t0, true.t1, 0.0)
+        shared = [(_shared(part, stroke), part.screw) for part in parts if part.screw is not None]
+        most, screw = max(shared, key=lambda one: one[0], default=(0.0, None))
+        if screw is not None and most > 0.0:
+            axis, pitch_m = screw
+            errors.append((_degrees_between(axis, true.axis), abs(pitch_m / true.pitch_m - 1.0)))
+    return errors
+
+
+def _degrees_between(one: Sequence[float], other: Sequence[float]) -> float:
+    cosine = sum(map(operator.mul, one, other)) / (math.hypot(*one) * math.hypot(*other))
+    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+def _miss(point: Point, alarms: Sequence[float], truth: Truth) -> Miss:
+    nearest = min((t - point.nearest_s(t) for t in alarms), key=abs, default=None)
+    before = _true_kind(truth, point.t - point.tolerance_s)
+    after = _true_kind(truth, point.t + point.tolerance_s)
+    near = nearest if nearest is not None and abs(nearest) <= NEAR_S else None
+    return Miss(point.kind, f"{before} → {after}", near)
+
+
+def _true_kind(truth: Truth, t: float) -> str:
+    return next((span.kind for span in truth.spans if span.t0 <= t < span.t1), "unclear")
+
+
+def _between(parts: Sequence[Part], t: float) -> str:
+    """The classes of the parts that meet closest to t."""
+    if len(parts) < 2:
+        return "–"
+    at = min(range(1, len(parts)), key=lambda i: abs(parts[i].t0 - t))
+    return f"{parts[at - 1].kind} → {parts[at].kind}"

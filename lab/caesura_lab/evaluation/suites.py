@@ -1,0 +1,247 @@
+"""What is judged on: cases that can be loaded anywhere, by name of a suite or from files."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from caesura_lab.annotations import (
+    SUFFIX,
+    RecordingSource,
+    Truth,
+    TruthError,
+    read_annotation,
+    read_truth,
+    truth_file,
+    truth_of,
+)
+from caesura_lab.evaluation.declared import with_declarations
+from caesura_lab.teacher.motion_profiles import PROFILES, Profile
+from caesura_lab.teacher.scenarios import BASIC, SKILLS
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
+
+OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
+REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
+READABLE = (".npz", ".csv")
+
+
+class Case(Protocol):
+    """A recording with its truth, not loaded yet. It can be pickled."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in the results."""
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """What kind of recording it is: results are shown by each."""
+
+    @property
+    def group(self) -> str:
+        """Name the set that it belongs to: results are compared set by set."""
+
+    def load(self) -> tuple[Recording, Truth]:
+        """Read or simulate it. Raises TruthError or RecordingError."""
+
+
+@dataclass(frozen=True)
+class FileCase:
+    """A recording in a file. annotation: where its truth stands, None for beside the recording."""
+
+    path: Path
+    annotation: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's."""
+        return self.path.name
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Return the set."""
+        return (self.group,)
+
+    @property
+    def group(self) -> str:
+        """Return the file's name up to its trailing number: `kit_panda_0.npz` belongs to `kit_panda`."""
+        return re.sub(r"[_-]?\d+$", "", self.path.stem) or self.path.stem
+
+    def load(self) -> tuple[Recording, Truth]:
+        """Read recording and truth; the annotation declares what the recording does not state."""
+        truth = read_truth(self.path) if self.annotation is None else read_annotation(self.annotation)
+        if truth.source is not None:
+            check_hash(self.path, truth.source)
+        recording = load_recording(self.path)
+        first, last = float(recording.t.min()), float(recording.t.max())
+        if truth.window[1] <= first or truth.window[0] >= last:
+            window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
+            raise TruthError(
+                f"{truth.name}: {window}, and the recording lasts from {first:.10g} to {last:.10g} s"
+            )
+        return with_declarations(recording, truth), replace(truth, name=self.name)
+
+
+def check_hash(path: Path, source: RecordingSource) -> None:
+    """Check that a file is the recording that was annotated. Raises TruthError with both hashes."""
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    if found != source.sha256:
+        raise TruthError(f"{path}: SHA-256 is {found}, the annotation was made for {source.sha256}")
+
+
+@dataclass(frozen=True)
+class TaughtCase:
+    """A demonstration of the simulated teacher."""
+
+    scenario: str
+    seed: int
+    profile: Profile
+
+    @property
+    def name(self) -> str:
+        """Enough to simulate it again."""
+        return f"{self.scenario}-{self.seed}-{self.profile}"
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """What is taught, and how the hand moves."""
+        return (self.scenario, self.profile)
+
+    @property
+    def group(self) -> str:
+        """Return the scenario."""
+        return self.scenario
+
+    def load(self) -> tuple[Recording, Truth]:
+        """Simulate it."""
+        # Pinocchio takes a second to load: only for who teaches.
+        from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
+
+        demonstration = teach(self.scenario, seed=self.seed, profile=self.profile, natural=True)
+        return demonstration.recording, truth_of(demonstration.truth, self.name)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
+
+    annotations: the directory of annotations whose recordings lie in `data`.
+    """
+
+    seeds: int = 5
+    first_seed: int = 1
+    data: Path = REAL
+    annotations: Path = OPEN
+
+
+def suite(name: str, extent: Extent) -> list[Case]:
+    """The cases of a suite. Raises TruthError for one that does not exist or is empty."""
+    if name not in SUITES:
+        raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
+    return SUITES[name](extent)
+
+
+def teacher(extent: Extent) -> list[Case]:
+    """Every basic scenario by `seeds` people; a third of them each moves by each profile.
+
+    Seed 0, the thesis' own person, is left out: it was looked at while the models were made.
+    """
+    return _taught(BASIC, extent)
+
+
+def skills(extent: Extent) -> list[Case]:
+    """Every scenario that turns the tool, goes in circles or repeats strokes, by people as of `teacher`."""
+    return _taught(SKILLS, extent)
+
+
+def _taught(scenarios: Iterable[str], extent: Extent) -> list[Case]:
+    people = range(extent.first_seed, extent.first_seed + extent.seeds)
+    return [
+        TaughtCase(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
+        for i, scenario in enumerate(scenarios)
+        for seed in people
+    ]
+
+
+def files(paths: Sequence[Path]) -> list[Case]:
+    """Recordings by name; a directory stands for all annotated ones in it."""
+    cases: list[Case] = []
+    for path in paths:
+        cases += directory(path) if path.is_dir() else [FileCase(path)]
+    return cases
+
+
+def directory(path: Path) -> list[Case]:
+    """Every annotated recording of a directory. Raises TruthError where there is none."""
+    cases: list[Case] = [FileCase(file) for file in _annotated(path)]
+    if not cases:
+        raise TruthError(f"{path}: no annotated recording, expected x.npz with x{SUFFIX} beside it")
+    return cases
+
+
+def real(extent: Extent) -> list[Case]:
+    """Return the openly annotated recordings that lie in the directory, and those annotated beside them.
+
+    Raises TruthError where there is neither, or where an annotation does not name its recording.
+    """
+    named = open_annotations(extent.annotations)
+    beside = [path for path in _annotated(extent.data) if path.name not in named]
+    present = [FileCase(extent.data / name, file) for name, (file, _) in named.items()]
+    cases: list[Case] = [case for case in present if case.path.is_file()]
+    cases += [FileCase(path) for path in beside]
+    if not cases:
+        missing = f"; of the recordings of {extent.annotations} {len(named)} are missing" if named else ""
+        raise TruthError(
+            f"{extent.data}: no annotated recording, expected x.npz with x{SUFFIX} beside it{missing}"
+        )
+    return cases
+
+
+def missing_recordings(name: str | None, extent: Extent) -> list[str]:
+    """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
+
+    name: of the suite, None where files are judged.
+    """
+    if name != "real":
+        return []
+    return [
+        f"{file}: not in {extent.data}, left out; its source: {source.source or 'not stated'}"
+        for file, (_, source) in open_annotations(extent.annotations).items()
+        if not (extent.data / file).is_file()
+    ]
+
+
+def open_annotations(path: Path = OPEN) -> dict[str, tuple[Path, RecordingSource]]:
+    """Return the annotation file of every recording that a directory of annotations names.
+
+    Of several annotations of one recording the one with the recording's own name counts, else the first.
+    Raises TruthError for an annotation that does not name its recording.
+    """
+    found: dict[str, tuple[Path, RecordingSource]] = {}
+    for file in sorted(path.glob(f"*{SUFFIX}")):
+        source = read_annotation(file).source
+        if source is None:
+            raise TruthError(f"{file}: 'recording' is missing, expected file and sha256 of what it annotates")
+        if source.file not in found or file.name == truth_file(Path(source.file)).name:
+            found[source.file] = file, source
+    return found
+
+
+def _annotated(path: Path) -> list[Path]:
+    """Return the recordings of a directory that have an annotation beside them. Raises TruthError."""
+    if not path.is_dir():
+        raise TruthError(f"{path}: no such directory; name the recordings' with --data")
+    stems = [file.name.removesuffix(SUFFIX) for file in sorted(path.glob(f"*{SUFFIX}"))]
+    found = [path / f"{stem}{suffix}" for stem in stems for suffix in READABLE]
+    return [file for file in found if file.is_file()]
+
+
+SUITES: Mapping[str, Callable[[Extent], list[Case]]] = {
+    "teacher": teacher,
+    "skills": skills,
+    "real": real,
+}

@@ -1,0 +1,236 @@
+"""One row on one demonstration: what comes out, and where it differs from the thesis.
+
+A boundary is right within `TOLERANCE_S` of the thesis' time, or of the event in the simulated demonstration
+that it stands for. A row comes out if it has as many segments, every boundary is right, and so is the state
+of every segment for which the thesis gives one. Nothing is filtered out: the thesis' tables stand before its
+minimum time filter, too, and have segments of 0.4 s. The end of the last segment is the recording's.
+
+An online row comes out if every boundary is shown when the demonstration is over; what else is shown is not
+held against it, since the thesis says only which of its boundaries were found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import perf_counter
+
+import numpy as np
+
+from caesura_lab.annotations import Truth
+from caesura_lab.evaluation.metrics import ROUNDING_S, Look
+from caesura_lab.evaluation.observations import observe
+from caesura_lab.evaluation.pairing import best_pairs
+from caesura_lab.evaluation.thesis.rows import Boundary, Row
+from caesura_protocol.recording import Recording
+from caesura_service.changepoint.constant_models import GRAVITY
+from caesura_service.changepoint.hazard import Uniform
+from caesura_service.changepoint.offline_posterior import segment_offline
+from caesura_service.changepoint.presets import PRESETS, Preset
+from caesura_service.changepoint.segments import verdict
+from caesura_service.offline_segmentation import capabilities_of, views
+from caesura_service.segmentation.pipeline import observed
+from caesura_service.segmentation.segmenter import filter_of
+from caesura_service.signals import ConditioningParameters, Observation
+
+TOLERANCE_S = 0.3
+SAME_EVENT_S = 0.6  # further from the thesis' time than this an event is another one
+STATES = {"free": "1", "contact": "2", "transport": "3"}
+
+
+@dataclass(frozen=True)
+class Found:
+    """A division of a recording: boundaries [s] without its ends, and the state of every segment, 1 2 or 3.
+
+    forces_n: vertical force [N] with which each segment ends; loads_kg: mean weight in it as a mass [kg].
+    """
+
+    inner: tuple[float, ...]
+    states: str
+    forces_n: tuple[float, ...]
+    loads_kg: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RowOutcome:
+    """One row on one demonstration.
+
+    faults: what differs from the thesis, in words; values: as the row's, where every boundary is right;
+    delays_s: for each boundary of an online row, how long after its event it was there for good, None if
+    never.
+    """
+
+    row: str
+    seed: int
+    segments: int
+    faults: tuple[str, ...]
+    values: tuple[float, ...] = ()
+    delays_s: tuple[float | None, ...] = ()
+    cycle_ms: float | None = None
+
+    @property
+    def came_out(self) -> bool:
+        """Whether the row is as in the thesis."""
+        return not self.faults
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A demonstration, and what the segment models see of it."""
+
+    recording: Recording
+    truth: Truth
+    observations: tuple[Observation, ...]
+    tared: bool
+
+
+def see(recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None) -> Seen:
+    """Condition a demonstration as a session does."""
+    observations, tared = observe(recording, parameters)
+    return Seen(recording, truth, observations, tared)
+
+
+def measure(
+    row: Row,
+    seen: Seen,
+    seed: int,
+    preset: Preset | None = None,
+    *,
+    best: bool = False,
+    any_length: bool = True,
+) -> RowOutcome:
+    """One row on one demonstration.
+
+    preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold;
+    any_length: as for `divide`, whose rows alone it concerns.
+    """
+    row = replace(row, threshold=None) if best else row
+    right = references(row, seen)
+    if row.online:
+        return _online(row, seen.recording, seed, right)
+    found = divide(seen, preset or PRESETS[row.preset], row.threshold, any_length=any_length)
+    faults = tuple(differences(row, found, right))
+    values: tuple[float, ...] = ()
+    if len(found.inner) == len(right) and all(map(is_right, found.inner, right)):
+        of = {"force_n": found.forces_n, "load_kg": found.loads_kg}
+        values = tuple(of[value.what][value.segment] for value in row.values)
+    return RowOutcome(row.name, seed, len(found.states), faults, values)
+
+
+def references(row: Row, seen: Seen) -> list[tuple[float, ...]]:
+    """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
+    return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, seen)) for b in row.inner]
+
+
+def _event(boundary: Boundary, seen: Seen) -> tuple[float, ...]:
+    if boundary.event is None:
+        return ()
+    if isinstance(boundary.event, str):
+        times = [point.t for point in seen.truth.points if point.kind == boundary.event]
+        near = [t for t in times if abs(t - boundary.t) <= SAME_EVENT_S]
+        return (min(near, key=lambda t: abs(t - boundary.t)),) if near else ()
+    t = seen.recording.t
+    inside = np.flatnonzero(np.abs(t - boundary.t) <= SAME_EVENT_S)
+    distance = np.linalg.norm(seen.recording.signals["pos"][inside] - boundary.event, axis=1)
+    return (float(t[inside[np.argmin(distance)]]),)
+
+
+def is_right(t: float, right: Sequence[float]) -> bool:
+    """Whether a time [s] is near one of those."""
+    return any(abs(t - one) <= TOLERANCE_S + ROUNDING_S for one in right)
+
+
+def differences(row: Row, found: Found, right: Sequence[Sequence[float]]) -> Iterator[str]:
+    """What a division has that the row has not, or the other way round."""
+    if len(found.inner) == len(row.inner):
+        for boundary, t, times in zip(row.inner, found.inner, right, strict=True):
+            if not is_right(t, times):
+                yield f"{boundary.t:.1f} {'early' if t < boundary.t else 'late'}"
+        for i, (want, have) in enumerate(zip(row.states, found.states, strict=bool(row.states))):
+            if want not in ("?", have):
+                yield f"{want} is {have} in segment {i + 1}"
+    else:
+        yield from _lost_and_extra(row, found.inner, right)
+
+
+def _lost_and_extra(row: Row, inner: Sequence[float], right: Sequence[Sequence[float]]) -> Iterator[str]:
+    partners = paired(inner, right)
+    for boundary, partner in zip(row.inner, partners, strict=True):
+        if partner is None:
+            yield f"no {boundary.t:.1f}"
+    edges = [0.0, *(boundary.t for boundary in row.inner), np.inf]
+    for a, b in pairwise(edges):
+        extra = sum(a <= t < b for i, t in enumerate(inner) if i not in partners)
+        if extra:
+            yield f"{extra} more after {a:.1f}"
+
+
+def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int | None]:
+    """Which found boundary is which of the row's, one to one: as many as possible, then the closest."""
+    distance = np.array([[min(abs(t - one) for one in times) for t in inner] for times in right])
+    partners: list[int | None] = [None] * len(right)
+    if not inner:
+        return partners
+    within = distance <= TOLERANCE_S + ROUNDING_S
+    gain = np.where(within, 1.0 + len(right) - distance, 0.0)
+    for i, j in zip(*best_pairs(gain), strict=True):
+        if within[i, j]:
+            partners[int(i)] = int(j)
+    return partners
+
+
+def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: bool = True) -> Found:
+    """Divide a whole recording at once, thesis 2.1.4, 4.1; without a threshold the best segmentation.
+
+    any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
+    thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
+    """
+    orientation = seen.observations[0].rotation is not None
+    online = filter_of(preset, capabilities_of(seen.recording), tared=seen.tared, orientation=orientation)
+    rows = [observed(one) for one in seen.observations]
+    hazard = Uniform(len(rows)) if any_length else online.hazard
+    offline = segment_offline(online.lattice, hazard, rows)
+    path = offline.path if threshold is None else offline.threshold_path(threshold)
+    starts = [ended.start for ended in path]
+    kinds = [verdict(online.lattice, ended).kind for ended in path]
+    joins = int(preset.continuous)
+    forces_n = np.array([row.force[2] for row in rows])
+    parts = [forces_n[a:b] for a, b in pairwise([*starts, len(rows)])]
+    return Found(
+        inner=tuple(seen.observations[start - joins].t for start in starts[1:]),
+        states="".join(STATES[kind.contact] for kind in kinds),
+        forces_n=tuple(float(part[-1]) for part in parts),
+        loads_kg=tuple(float(-part.mean() / GRAVITY) for part in parts),
+    )
+
+
+def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> RowOutcome:
+    began = perf_counter()
+    observations, looks = _looks(recording, row)
+    cycle_ms = 1e3 * (perf_counter() - began) / observations
+    since = standing_since(looks, right)
+    delays = tuple(None if t is None else t - times[-1] for t, times in zip(since, right, strict=True))
+    faults = tuple(f"no {b.t:.1f}" for b, t in zip(row.inner, since, strict=True) if t is None)
+    segments = len(looks[-1].changepoints) + 1
+    return RowOutcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
+
+
+def _looks(recording: Recording, row: Row) -> tuple[int, list[Look]]:
+    """How many observations there were, and what a session would have shown after every batch."""
+    latest = np.maximum.accumulate(recording.t)
+    looks: list[Look] = []
+    for view in views(recording, row.preset, threshold=row.threshold):
+        times = tuple(one.t for one in view.changepoints)
+        if not looks or looks[-1].changepoints != times:
+            looks.append(Look(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times)))
+    return view.observations, looks
+
+
+def standing_since(looks: Sequence[Look], right: Sequence[Sequence[float]]) -> list[float | None]:
+    """Since when each boundary has been there without a break [s]; None if it is not."""
+    since: list[float | None] = [None] * len(right)
+    for look in looks:
+        for i, partner in enumerate(paired(look.changepoints, right)):
+            since[i] = None if partner is None else look.t if since[i] is None else since[i]
+    return since

@@ -1,0 +1,33 @@
+"""What a robot may do while it runs a program, and where: one table for check, executor and exporters.
+
+The same numbers stand at the top of an exported script (`caesura_protocol.programs.safety`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_protocol.messages import Vector
+from caesura_protocol.programs.safety import DEFAULT, Safety
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where a program is run: limits, what stands there, and where the robot begins.
+
+    start: flange [m], None where it is not known; obstacles: from their surface down to the floor.
+    """
+
+    safety: Safety = DEFAULT
+    obstacles: Sequence[Surface] = field(default=())
+    start: Vector | None = None
+
+    def top_at(self, x: float, y: float) -> float | None:
+        """Height [m] of the fingertips at which they touch something at a place, if there is anything."""
+        return max((one.height_at(x, y) for one in self.obstacles if one.covers(x, y)), default=None)
+
+    def yields_at(self, x: float, y: float) -> float:
+        """Depth [m] by which what stands at a place can be pushed in."""
+        return max((one.yields_m for one in self.obstacles if one.covers(x, y)), default=0.0)

@@ -1,0 +1,76 @@
+"""The world of a scenario: what stands there, and the object that can be gripped. Fingers move in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_lab.execution.cell import Cell
+from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.teacher.motion_profiles import Array, Vector
+from caesura_lab.teacher.plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
+from caesura_lab.teacher.scenarios import Scenario
+from caesura_protocol.programs.safety import DEFAULT, Safety
+
+GRIP_REACH_M = 0.04  # the object is between the fingers within this distance from where it stands
+SETTLED_M = 1e-4
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object that stands on a surface: where the flange grips it (3,) [m], how wide and heavy it is."""
+
+    place: Vector
+    width_m: float
+    kg: float
+
+
+class World:
+    """What stands around the robot, and what its fingers do. What they let go stays where it is."""
+
+    def __init__(self, scenario: Scenario, load_kg: float) -> None:
+        self.surfaces: tuple[Surface, ...] = scenario.surfaces
+        self.start: Vector = scenario.start
+        self._thing = _thing_of(scenario, load_kg)
+        self.width_m = WIDTH_OPEN_M if self._thing else 0.0
+        self.held_kg = 0.0
+        self._goal_m, self._speed = self.width_m, 0.0
+
+    @property
+    def fingers_still(self) -> bool:
+        """Whether the fingers are where they were sent, or hold something."""
+        return abs(self.width_m - self._goal_m) < SETTLED_M
+
+    def send_fingers(self, width_m: float, speed_m_per_s: float) -> None:
+        """Move the fingers towards a width [m]; what is between them stops them, and opening lets it go."""
+        self._goal_m, self._speed = width_m, speed_m_per_s
+
+    def tick(self, flange: Array, dt: float) -> None:
+        """Move the fingers on."""
+        step = self._speed * dt
+        self.width_m += float(np.clip(self._goal_m - self.width_m, -step, step))
+        thing = self._thing
+        if thing is None:
+            return
+        if self.held_kg and self.width_m > thing.width_m + SETTLED_M:
+            x, y, z = flange.tolist()
+            self._thing, self.held_kg = Thing((x, y, z), thing.width_m, thing.kg), 0.0
+        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - thing.place) <= GRIP_REACH_M)
+        if near and self._goal_m < thing.width_m and self.width_m <= thing.width_m:
+            self.width_m = self._goal_m = thing.width_m
+            self.held_kg = thing.kg
+
+    def cell(self, safety: Safety = DEFAULT) -> Cell:
+        """Return the cell that a check is made for."""
+        return Cell(safety, self.surfaces, self.start)
+
+
+def _thing_of(scenario: Scenario, load_kg: float) -> Thing | None:
+    """What the scenario grips, where it grips it."""
+    place: Vector = scenario.start
+    for step in scenario.steps:
+        place = step.to or place
+        if step.kind == "grasp":
+            return Thing(place, WIDTH_OBJECT_M, load_kg)
+    return None

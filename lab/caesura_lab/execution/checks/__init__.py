@@ -1,0 +1,43 @@
+"""Pre-run checks of a task program: what cannot be run is refused before anything moves.
+
+Four looks, one module each: `values` at every app for itself, `order` at what holds before each app; once the
+numbers are sane, `reach` at the arm (joints, inverse kinematics along the way, what stands in it), and
+`fidelity` at what was taught and is not reproduced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.checks.fidelity import Taught, fidelity_findings
+from caesura_lab.execution.checks.preconditions import order_findings
+from caesura_lab.execution.checks.reachability import reach_findings
+from caesura_lab.execution.checks.value_ranges import value_findings
+from caesura_lab.execution.findings import CheckReport, Finding
+from caesura_protocol.messages import App
+from caesura_service.robot import Robot, load_panda
+
+__all__ = ["Taught", "check"]
+
+
+def check(
+    apps: Sequence[App],
+    cell: Cell | None = None,
+    taught: Taught | None = None,
+    robot: Robot | None = None,
+) -> CheckReport:
+    """Everything that is wrong with a program, app by app; deterministic.
+
+    cell: limits, what stands there and where the robot begins; taught: what is known of the demonstration.
+    """
+    cell = cell or Cell()
+    if not apps:
+        return CheckReport((Finding("error", None, None, "has no apps, there is nothing to run"),))
+    found = value_findings(apps, cell.safety)
+    broken = any(one.severity == "error" for one in found)
+    found += order_findings(apps)
+    if not broken:
+        found += reach_findings(apps, cell, robot or load_panda())
+        found += fidelity_findings(apps, taught, cell.safety)
+    return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

@@ -1,0 +1,53 @@
+"""What must hold before an app is run: a contact before a press, something in the fingers before a carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from caesura_lab.execution.findings import Finding
+from caesura_protocol.messages import App
+
+CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
+CARRIES = ("transport", "hold")
+
+
+def order_findings(apps: Sequence[App]) -> list[Finding]:
+    """Apps that what went before them does not allow, and what is never undone."""
+    found: list[Finding] = []
+    touching, holding = False, None
+    for index, app in enumerate(apps):
+        following = apps[index + 1] if index + 1 < len(apps) else None
+        grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
+        reason = _wrong(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
+        if reason:
+            found.append(Finding("error", index, app.kind, reason))
+        if app.kind == "grasp":
+            holding = index
+        elif app.kind == "gripper_move":
+            holding = None
+        touching = _touches(app, following, touching)
+    if holding is not None:
+        reason = "grasps what is never released: a Gripper Move must follow"
+        found.append(Finding("error", holding, apps[holding].kind, reason))
+    return found
+
+
+def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
+    if app.kind == "apply_force" and not touching:
+        return "presses without a contact: a Move To Contact must come before it"
+    if app.kind == "grasp" and holds:
+        return "grasps, but something is held already: a Gripper Move must come before it"
+    if app.kind == "gripper_move" and not holds and not grasps_later:
+        return "releases what was never grasped: a Grasp must come before it"
+    if app.kind in CARRIES and not holds:
+        return "carries, but nothing was grasped: a Grasp must come before it"
+    return None
+
+
+def _touches(app: App, following: App | None, before: bool) -> bool:
+    """Whether the robot stands on something after an app; a carry that a contact follows sets down."""
+    if app.kind == "move_to_contact":
+        return True
+    if app.kind in CARRIES:
+        return following is not None and following.kind in CONTACT_APPS
+    return before and app.kind in CONTACT_APPS

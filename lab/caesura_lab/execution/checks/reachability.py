@@ -1,0 +1,246 @@
+"""Can the arm do it? Joints, inverse kinematics along the way, speed, workspace, and what stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.checks.preconditions import CARRIES, CONTACT_APPS
+from caesura_lab.execution.findings import Finding
+from caesura_lab.execution.trajectories import course, press_direction
+from caesura_lab.teacher.guided_arm import POSTURE
+from caesura_lab.teacher.motion_profiles import Array
+from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.paths import Curve
+from caesura_protocol.plausibility import likely_length_unit
+from caesura_protocol.programs.safety import PLANNED_SHARE
+from caesura_protocol.rotations import matrix_of, quaternion_of
+from caesura_service.robot import Robot
+
+REACH_M, REACH_RAD = 1e-3, 1e-2
+STEP_M = 0.02  # of a way that is looked at
+JOINT_MARGIN_RAD = 0.05  # from a joint's end, so that no guard has to stop the robot there
+EDGE_M = 0.01  # from the edge of the workspace
+BEGINS_M = 1e-6  # a way may begin there
+ASTRAY_M = 0.03  # between a target and where its joints lead
+DEPTH_M = 0.003  # below the top of an obstacle
+LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
+DEPTH_PARTS = 8  # pieces of a leg in which its depth is summed
+SEEDS = (
+    POSTURE,
+    (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
+    (1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
+    (-1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
+)
+MOVES = ("cartesian_motion", "move_to_contact", "transport", "hold")
+
+
+@dataclass(frozen=True)
+class _Here:
+    """The arm before an app, as far as it is known: place (3,), rotation (3, 3), joints (7,), contact."""
+
+    place: Array | None
+    rotation: Array | None
+    joints: Array | None
+    touching: bool
+
+
+def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
+    """What the arm cannot do, and where it would go too fast, too far, or into something."""
+    look = _Looking(cell, robot)
+    here = _Here(None if cell.start is None else np.array(cell.start), None, None, touching=False)
+    found: list[Finding] = []
+    for index, app in enumerate(apps):
+        following = apps[index + 1] if index + 1 < len(apps) else None
+        some, here = look.at(index, app, following, here)
+        found += some
+    return found
+
+
+class _Looking:
+    def __init__(self, cell: Cell, robot: Robot) -> None:
+        self._cell, self._safety, self._robot = cell, cell.safety, robot
+        self._low = robot.lower_limits + JOINT_MARGIN_RAD
+        self._high = robot.upper_limits - JOINT_MARGIN_RAD
+        self._low_place = np.array(cell.safety.workspace_low) + EDGE_M - BEGINS_M
+        self._high_place = np.array(cell.safety.workspace_high) - EDGE_M + BEGINS_M
+
+    def at(self, index: int, app: App, following: App | None, here: _Here) -> tuple[list[Finding], _Here]:
+        """What is wrong with an app, and where the arm is after it."""
+        ends = app.kind == "move_to_contact" or (
+            app.kind in CARRIES and following is not None and following.kind in CONTACT_APPS
+        )
+        after = _after(app, here, touching=ends or (here.touching and app.kind in CONTACT_APPS))
+        reasons = [*self._joints(app), *self._place(app)]
+        joints = after.joints
+        if app.target is not None and not reasons:
+            joints, reason = self._reached(app, app.target, here)
+            reasons += [reason] if reason else []
+        path = None
+        if reasons:
+            after = replace(after, place=None)  # where it would be is not known
+        elif app.target is not None and here.place is not None and app.kind in (*MOVES, "apply_force"):
+            path = _path(app, here)
+        if app.kind == "apply_force":
+            reasons += self._press(app, here, path)
+        elif path is not None:
+            reasons += self._way(path, here, joints, ends=ends)
+        found = [Finding("error", index, app.kind, reason) for reason in reasons]
+        found += [] if path is None else self._pace(index, app, path)
+        return found, replace(after, joints=joints)
+
+    def _joints(self, app: App) -> Iterator[str]:
+        if app.joints is None:
+            return
+        q = np.array(app.joints)
+        low, high = self._robot.lower_limits, self._robot.upper_limits
+        for i in np.flatnonzero((q < low) | (q > high)):
+            yield f"joint {i + 1} at {q[i]:.3f} rad, limits {low[i]:.3f} to {high[i]:.3f} rad"
+            return
+        if app.target is not None:
+            astray = float(np.linalg.norm(self._robot.flange_pose(q).position_base - app.target))
+            if astray > ASTRAY_M:
+                yield (
+                    f"its joints lead {1000 * astray:.0f} mm away from its target, "
+                    f"at most {1000 * ASTRAY_M:.0f} mm are expected: one of them is wrong"
+                )
+
+    def _place(self, app: App) -> Iterator[str]:
+        if app.target is None:
+            return
+        low, high = self._safety.workspace_low, self._safety.workspace_high
+        likely = likely_length_unit(app.target)
+        guess = "" if likely is None else f": it is probably in {likely}"
+        for axis, value, least, most in zip("xyz", app.target, low, high, strict=True):
+            if not least + EDGE_M <= value <= most - EDGE_M:
+                limits = f"{least:g} to {most:g} m"
+                yield f"target {axis} {value:.3f} m is outside of the workspace, {limits}{guess}"
+
+    def _reached(self, app: App, target: Vector, here: _Here) -> tuple[Array | None, str | None]:
+        """Joints (7,) at the target, or why there are none."""
+        seeds = [*([] if app.joints is None else [np.array(app.joints)])]
+        seeds += [] if here.joints is None else [here.joints]
+        seeds += [np.array(seed) for seed in SEEDS]
+        best = (np.inf, np.inf)
+        for seed in seeds:
+            q, left, turn = self._robot.nearest_joints(target, _quaternion(app, here), seed)
+            if left < REACH_M and turn < REACH_RAD and self._inside(q):
+                return q, None
+            best = min(best, (left, turn))
+        if best[0] < REACH_M and best[1] < REACH_RAD:
+            return None, f"target {_mm(target)} is reached only with a joint at its limit"
+        return None, (
+            f"target {_mm(target)} is out of reach: the arm comes within {1000 * best[0]:.0f} mm and "
+            f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
+        )
+
+    def _pace(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
+        """A movement that was taught faster than the limits is done slower."""
+        speed, turn = path.peaks()
+        slower, seconds = self._safety.slower(speed, turn), float(path.t[-1])
+        if slower == 1.0:
+            return
+        limits = self._safety.speed_m_per_s, self._safety.turn_rad_per_s
+        peak, limit, unit = max(
+            zip((speed, turn), limits, ("m/s", "rad/s"), strict=True), key=lambda one: one[0] / one[1]
+        )
+        reason = (
+            f"reaches {peak:.2f} {unit} in its {seconds:.2f} s, {PLANNED_SHARE * limit:.2f} {unit} are "
+            f"allowed: it is slowed down to {slower * seconds:.2f} s"
+        )
+        yield Finding("warning", index, app.kind, reason, peak, PLANNED_SHARE * limit)
+
+    def _way(self, path: Curve, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
+        """Along the path to the target: is it within reach, and free?"""
+        longest = float(np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1).max())
+        points = path.sampled(max(1, int(np.ceil(longest / STEP_M))))
+        start, q = points[0, :3], joints
+        for pose in points[::-1]:
+            point = pose[:3]
+            turned = pose[3:] if len(pose) == 7 else _quaternion(None, here)
+            if reason := self._blocked(point, turned, start, here, ends=ends):
+                yield reason
+                return
+            if (point < self._low_place).any() or (point > self._high_place).any():
+                yield f"its way leads through {_mm(point)}, which is outside of the workspace"
+                return
+            if q is not None:
+                q, left, turn = self._robot.nearest_joints(point, turned, q)
+                if left > REACH_M or turn > REACH_RAD or not self._inside(q):
+                    yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
+                    return
+
+    def _blocked(self, point: Array, turned: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
+        """Why a pose of the flange is not free: its fingertips are in something."""
+        x, y, z = (point + FINGERS_BELOW_FLANGE_M * matrix_of(turned)[:, 2]).tolist()
+        top = self._cell.top_at(x, y)
+        if top is None or z >= top - DEPTH_M - (self._cell.yields_at(x, y) if ends else 0.0):
+            return None
+        aside = float(np.linalg.norm(point[:2] - start[:2]))
+        if here.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
+            return None
+        inside = 1000 * (top - z)
+        return f"its way leads through {_mm(point)}, {inside:.0f} mm inside of what stands there"
+
+    def _press(self, app: App, here: _Here, path: Curve | None) -> Iterator[str]:
+        force = np.array(app.force)
+        rotation = here.rotation if app.orientation is None else matrix_of(app.orientation)
+        if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
+            yield "pulls on what it touches: its force points away from the tool"
+        if path is None:
+            return
+        deep = _depth(path, force, rotation)
+        if deep > self._safety.search_m:
+            most = 1000 * self._safety.search_m
+            yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
+
+    def _inside(self, q: Array) -> bool:
+        return bool(((q >= self._low) & (q <= self._high)).all())
+
+
+def _after(app: App, here: _Here, *, touching: bool) -> _Here:
+    return _Here(
+        here.place if app.target is None else np.array(app.target),
+        here.rotation if app.orientation is None else matrix_of(app.orientation),
+        here.joints,
+        touching,
+    )
+
+
+def _path(app: App, here: _Here) -> Curve:
+    """The reproduced path from where the arm is; without a known rotation, from where it was taught."""
+    assert here.place is not None, "is asked for where the place is known"
+    rotation = here.rotation
+    if rotation is None:
+        taught = app.path.start.orientation if app.path is not None else None
+        rotation = matrix_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
+    return course(app, here.place, rotation, app.tn - app.t0)
+
+
+def _depth(path: Curve, force: Array, rotation: Array | None) -> float:
+    """How deep [m] a path presses: its way along the direction of the press, which turns with the tool."""
+    if rotation is None:
+        along = force / np.linalg.norm(force)
+        return float(np.max((path.values[:, :3] - path.values[0, :3]) @ along))
+    points = path.sampled(DEPTH_PARTS)
+    along = press_direction(rotation, force)
+    if points.shape[1] == 3:
+        return float(np.max((points - points[0]) @ along))
+    first = matrix_of(points[0, 3:]).T @ along
+    turned = np.array([matrix_of(pose[3:]) @ first for pose in points])
+    return float(np.max(np.cumsum(np.vecdot(np.diff(points[:, :3], axis=0), turned[1:]))))
+
+
+def _quaternion(app: App | None, here: _Here) -> Array:
+    if app is not None and app.orientation is not None:
+        given = np.array(app.orientation)
+        return np.asarray(given / np.linalg.norm(given), dtype=np.float64)
+    return np.array((1.0, 0.0, 0.0, 0.0)) if here.rotation is None else quaternion_of(here.rotation)
+
+
+def _mm(point: object) -> str:
+    return f"({', '.join(f'{1000 * x:.0f}' for x in np.asarray(point))}) mm"

@@ -1,0 +1,145 @@
+"""Each app for itself: numbers that are numbers, and within the limits that need no geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from caesura_lab.execution.findings import Finding
+from caesura_protocol.messages import App
+from caesura_protocol.programs.safety import Safety
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "cartesian_motion": ("target",),
+    "move_to_contact": ("target",),
+    "apply_force": ("force",),
+    "grasp": (),
+    "gripper_move": (),
+    "transport": ("target",),
+    "hold": (),
+}
+TAKES_TIME = ("cartesian_motion", "move_to_contact", "apply_force", "transport", "hold")
+NUMBERS = (
+    "t0",
+    "tn",
+    "target",
+    "orientation",
+    "joints",
+    "force",
+    "load_kg",
+    "load_sd_kg",
+    "gripper_width",
+    "confidence",
+)
+WIDTHS = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
+NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
+WIDTHS_OF_SCREW = {"axis": 3, "point": 3, "torque": 3}
+LEAST_S = 0.1
+ABSURD = 1e6  # no number of a program is larger, whatever its unit
+LEAST_PRESS_N = 1.0
+UNIT_TOLERANCE = 0.05  # of a quaternion's length
+WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
+FORCE_TOLERANCE_N = 1e-6
+
+
+def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
+    """What is wrong with the numbers of each app."""
+    found: list[Finding] = []
+    for index, app in enumerate(apps):
+        wrong = list(_not_numbers(index, app))
+        found += wrong or [*_missing(index, app), *_beyond(index, app, safety), *_still(index, app)]
+    for index, (before, app) in enumerate(pairwise(apps), start=1):
+        if app.t0 < before.t0:
+            reason = f"begins at {app.t0:.2f} s, before the app before it at {before.t0:.2f} s"
+            found.append(Finding("error", index, app.kind, reason, app.t0, before.t0))
+    return found
+
+
+def _not_numbers(index: int, app: App) -> Iterator[Finding]:
+    given: list[tuple[str, Any, int]] = [(name, getattr(app, name), WIDTHS.get(name, 1)) for name in NUMBERS]
+    if app.screw is not None:
+        numbers = ((name, WIDTHS_OF_SCREW.get(name, 1)) for name in NUMBERS_OF_SCREW)
+        given += [(f"screw.{name}", getattr(app.screw, name), width) for name, width in numbers]
+    for name, value, width in given:
+        if value is None:
+            continue
+        try:
+            values = np.asarray(value, dtype=np.float64).ravel()
+        except (TypeError, ValueError):
+            values = np.full(1, np.nan)
+        if values.size != width or not (np.abs(values) < ABSURD).all():
+            many = "a number" if width == 1 else f"{width} numbers"
+            expected = f"{many}, finite and below {ABSURD:g}"
+            yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
+
+
+def _missing(index: int, app: App) -> Iterator[Finding]:
+    for name in NEEDS[app.kind]:
+        if getattr(app, name) is None:
+            yield Finding("error", index, app.kind, f"has no {name}")
+
+
+def _still(index: int, app: App) -> Iterator[Finding]:
+    """Points of its path between which no time passes: there is no speed between these."""
+    if app.path is None:
+        return
+    times = [app.path.start.t, *(point.t for point in app.path.via), app.path.tn]
+    for before, t in pairwise(times):
+        if not before < t < np.inf:
+            reason = f"its path has a point at {t:g} s, expected after the point before it at {before:g} s"
+            yield Finding("error", index, app.kind, reason, t, before)
+
+
+def _beyond(index: int, app: App, safety: Safety) -> Iterator[Finding]:
+    """Numbers beyond their limits."""
+    for what in (*_ranges(app, safety), *_press_ranges(app, safety)):
+        if not what.least <= what.value <= what.most:
+            limit = what.least if what.value < what.least else what.most
+            unit = f" {what.unit}" if what.unit else ""
+            scale = 1000.0 if what.unit == "mm" else 1.0
+            reason = (
+                f"{what.name} {scale * what.value:.4g}{unit}, "
+                f"expected {scale * what.least:g} to {scale * what.most:g}{unit}"
+            )
+            yield Finding("error", index, app.kind, reason, what.value, limit)
+    if app.confidence < safety.least_confidence:
+        reason = f"confidence {app.confidence:.2f} is below {safety.least_confidence:g}: look at it first"
+        yield Finding("warning", index, app.kind, reason, app.confidence, safety.least_confidence)
+
+
+class _Range(NamedTuple):
+    """A number that must lie between two others."""
+
+    name: str
+    value: float
+    least: float
+    most: float
+    unit: str
+
+
+def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
+    least_s = LEAST_S if app.kind in TAKES_TIME else 0.0
+    yield _Range("duration", app.tn - app.t0, least_s, safety.duration_s, "s")
+    yield _Range("confidence", app.confidence, 0.0, 1.0, "")
+    if app.load_kg is not None:
+        yield _Range("load", app.load_kg, 0.0, safety.load_kg, "kg")
+    if app.gripper_width is not None:
+        widest = safety.gripper_width_m + WIDTH_TOLERANCE_M
+        yield _Range("gripper width", app.gripper_width, 0.0, widest, "mm")
+    if app.orientation is not None:
+        length = float(np.linalg.norm(app.orientation))
+        yield _Range("length of the orientation", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
+    if app.screw is not None:
+        length = float(np.linalg.norm(app.screw.axis))
+        yield _Range("length of the turn's axis", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
+
+
+def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:
+    if app.force is not None:
+        least_n = LEAST_PRESS_N if app.kind == "apply_force" else 0.0
+        newtons = float(np.linalg.norm(app.force))
+        if abs(newtons - safety.most_force_n) > FORCE_TOLERANCE_N:
+            yield _Range("force", newtons, least_n, safety.most_force_n, "N")

@@ -1,0 +1,129 @@
+"""Run a program on the simulated robot, and record what a bridge would have recorded.
+
+Apps follow each other as they were taught, with their times and the pauses between them. What cannot be done
+stops the robot, and the run says which app it was and why.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+import numpy as np
+
+from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.checks import Taught, check
+from caesura_lab.execution.findings import RefusedError
+from caesura_lab.execution.safety_monitor import Stopped
+from caesura_lab.execution.simulated_arm import Arm
+from caesura_lab.execution.skills import Acting
+from caesura_lab.execution.trajectories import ASTRAY_M
+from caesura_lab.teacher.guided_arm import Trace
+from caesura_lab.teacher.hand_force import aims_at
+from caesura_lab.teacher.person import Person
+from caesura_lab.teacher.plan import Plan
+from caesura_lab.teacher.scenarios import Scenario
+from caesura_lab.teacher.sensor import Sensors
+from caesura_protocol.messages import App, Vector, WrenchSource
+from caesura_protocol.programs.safety import DEFAULT, Safety
+from caesura_protocol.recording import Recording
+from caesura_service.robot import Robot, load_panda
+
+BEGIN_S, END_S, BRAKE_S = 0.6, 0.8, 0.3
+
+
+@dataclass(frozen=True)
+class Place:
+    """A simulated cell: what is taught there, and whose object and sensors they are."""
+
+    scenario: Scenario
+    person: Person
+    seed: int = 0
+    wrench_source: WrenchSource = "flange_sensor"
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a run went.
+
+    stopped: why it was stopped, None where it was not; at: the app during which, counted from 0; spans: when
+    each app that was begun began and ended [s].
+    """
+
+    trace: Trace
+    recording: Recording
+    stopped: str | None
+    at: int | None
+    spans: tuple[tuple[float, float], ...] = ()
+
+
+def execute(
+    apps: Sequence[App],
+    place: Place,
+    safety: Safety = DEFAULT,
+    *,
+    taught: Taught | None = None,
+    robot: Robot | None = None,
+) -> Done:
+    """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
+    robot = robot or load_panda()
+    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), taught, robot)
+    if not report.passed:
+        raise RefusedError(report)
+    return run(apps, place, safety, robot)
+
+
+def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robot | None = None) -> Done:
+    """Run apps that a check has passed; the same arguments give the same bytes."""
+    robot = robot or load_panda()
+    world = World(place.scenario, place.person.load_kg)
+    world.start = _start(apps, world.start)
+    acting = Acting(Arm(robot, world, friction=place.person.joint_friction), safety)
+    stopped, at = None, None
+    spans: list[tuple[float, float]] = []
+    try:
+        acting.stay(BEGIN_S)
+        for index, (app, following) in enumerate(zip_longest(apps, apps[1:])):
+            at, began = index, acting.arm.t
+            acting.run(app, following)
+            spans.append((began, acting.arm.t))
+            acting.pause(_pause(app, following, safety), following)
+        at = None
+        acting.let_go()
+        acting.stay(END_S)
+    except Stopped as reason:
+        stopped = str(reason)
+        acting.brake(BRAKE_S)
+    trace = acting.arm.trace()
+    return Done(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
+
+
+def _start(apps: Sequence[App], home: Vector) -> Vector:
+    """Where a robot waits [m] that has gone to the start of the first path; home, where that is elsewhere."""
+    path = apps[0].path if apps else None
+    near = path is not None and math.dist(path.start.position, home) <= ASTRAY_M
+    return path.start.position if path is not None and near else home
+
+
+def _pause(app: App, following: App | None, safety: Safety) -> float:
+    return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
+
+
+def _recorded(trace: Trace, place: Place, robot: Robot) -> Recording:
+    """What the sensors of the place's robot make of it."""
+    plan = _plan_of(trace, place)
+    sensors = Sensors(robot, plan, place.wrench_source, np.random.default_rng([place.seed, 1]))
+    signals = sensors.read(trace)
+    return Recording(trace.t, signals, wrench_source=place.wrench_source, name=f"{place.scenario.name}-run")
+
+
+def _plan_of(trace: Trace, place: Place) -> Plan:
+    """A plan of the run's length: sensors draw their noise for a whole demonstration."""
+    n = trace.t.size
+    three, one = np.zeros((n, 3)), np.zeros(n)
+    aims = aims_at((), trace.t)
+    return Plan(
+        place.scenario, place.person, three, three, three, three, three, one, aims, trace.width, trace.load_kg
+    )

@@ -1,0 +1,53 @@
+"""Looks at every tick whether the robot is within its limits, and stops it with the reason if it is not.
+
+It stops before a limit: a little before those of speed and force, and where place or joints would pass their
+limits in the time that it takes to brake.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from caesura_lab.execution.simulated_arm import Arm, ArmMeasurement
+from caesura_lab.teacher.motion_profiles import Array
+from caesura_protocol.programs.safety import STOP_SHARE, Safety
+
+EDGE_M = 0.002  # before the edge of the workspace
+JOINT_MARGIN_RAD = 0.02
+BRAKING_S = 0.08
+
+
+class Stopped(Exception):  # noqa: N818  (a stop is no error of the program that is running)
+    """The robot was stopped; the message says why, with value and limit."""
+
+
+class Guard:
+    """The limits of one run."""
+
+    def __init__(self, arm: Arm, safety: Safety) -> None:
+        self._safety = safety
+        self._low = np.array(safety.workspace_low) + EDGE_M
+        self._high = np.array(safety.workspace_high) - EDGE_M
+        self._lower, self._upper = arm.lower + JOINT_MARGIN_RAD, arm.upper - JOINT_MARGIN_RAD
+        self._joint_speeds = STOP_SHARE * arm.joint_speeds
+
+    def look(self, felt: ArmMeasurement) -> None:
+        """Raises Stopped where a limit is reached."""
+        self._scalar("speed", float(np.linalg.norm(felt.twist[:3])), self._safety.speed_m_per_s, "m/s")
+        self._scalar("turn", float(np.linalg.norm(felt.twist[3:])), self._safety.turn_rad_per_s, "rad/s")
+        self._scalar("force", float(np.linalg.norm(felt.force)), self._safety.felt_force_n, "N")
+        ahead = felt.position + BRAKING_S * felt.twist[:3]
+        self._between("position", ahead, self._low, self._high, "m")
+        self._between("joint", felt.q + BRAKING_S * felt.v, self._lower, self._upper, "rad")
+        self._between("joint speed", felt.v, -self._joint_speeds, self._joint_speeds, "rad/s")
+
+    def _scalar(self, what: str, value: float, limit: float, unit: str) -> None:
+        if value > STOP_SHARE * limit:
+            raise Stopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
+
+    def _between(self, what: str, values: Array, low: Array, high: Array, unit: str) -> None:
+        out = (values < low) | (values > high)
+        if out.any():
+            i = int(np.argmax(out))
+            span = f"{low[i]:.3f} to {high[i]:.3f} {unit}"
+            raise Stopped(f"{what} {i + 1}: {values[i]:.3f} {unit} reaches its limits, {span}")

@@ -1,0 +1,89 @@
+"""A session as an MCAP file (`formats.mcap_write`), its joints taken through the kinematics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from caesura_lab.export.session_export import SessionExport
+from caesura_protocol.formats.mcap_write import (
+    NOWHERE,
+    TRANSFORM_S,
+    UPRIGHT,
+    Array,
+    McapContent,
+    McapMessage,
+    Poses,
+    every,
+)
+from caesura_protocol.formats.mcap_write import entries as entries_of
+from caesura_protocol.formats.mcap_write import write_mcap as write
+from caesura_service.segmentation.pipeline import layout_of
+from caesura_service.signals import Layout
+from caesura_service.signals.flange import columns_of, flange_rows
+
+
+def write_mcap(path: Path, taught: SessionExport) -> int:
+    """Write the file, all of it or none; returns the number of messages. Raises OSError."""
+    return write(path, content_of(taught))
+
+
+def entries(taught: SessionExport) -> list[McapMessage]:
+    """Every message in order of time."""
+    return list(entries_of(content_of(taught)))
+
+
+def content_of(taught: SessionExport) -> McapContent:
+    """Return the content of a session's MCAP file."""
+    opening, view = taught.opening, taught.view
+    return McapContent(
+        station=taught.station,
+        session=opening.session,
+        preset=opening.preset or "",
+        recording=taught.recording,
+        began_s=taught.began_s,
+        columns=opening.columns,
+        poses=_poses(taught),
+        segments=tuple(view.segments),
+        phases=tuple(view.phases),
+        changepoints=tuple(view.changepoints),
+        gaps=view.gaps,
+        apps=tuple(view.apps),
+        notes=taught.notes,
+        force_limit_n=view.force_limit_n,
+        wrench_note=view.wrench.note,
+        complete=taught.complete,
+    )
+
+
+def _poses(taught: SessionExport) -> Poses:
+    """Where the flange was, TRANSFORM_S apart or more."""
+    opening = taught.opening.model_copy(update={"columns": taught.recording.columns})
+    layout = layout_of(opening)
+    times, values = _read(layout, taught.recording.matrix())
+    kept = every(times, TRANSFORM_S)
+    if not kept:
+        return NOWHERE
+    columns = columns_of(layout)
+    rows = flange_rows(layout, columns, values[kept])
+    upright = np.tile(UPRIGHT, (len(kept), 1))
+    turned = upright if columns.orientation is None else rows[:, columns.orientation]
+    return Poses(times[kept], rows[:, columns.position], turned)
+
+
+def _read(layout: Layout, samples: Array) -> tuple[Array, Array]:
+    """Times and columns in use, without the samples that the service refused."""
+    try:
+        return layout.read(samples)
+    except ValueError:
+        good = [row for row in np.split(samples, len(samples)) if _is_possible(layout, row)]
+        return layout.read(np.concatenate(good or [samples[:0]]))
+
+
+def _is_possible(layout: Layout, sample: Array) -> bool:
+    try:
+        layout.read(sample)
+    except ValueError:
+        return False
+    return True

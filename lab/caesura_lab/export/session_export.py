@@ -1,0 +1,107 @@
+"""A session with its samples, results and time of day, read from its journal.
+
+When it was. Samples carry the session's own clock, the journal the time of day at which each batch came. A
+batch cannot come before its last sample was taken, so the batch with the shortest travel time gives the
+best estimate of the session's zero as a time of day; no sample is placed later than it came.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.config import DEFAULT_PRESET
+from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
+from caesura_service.offline_segmentation import recording_of
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.events import Owner
+from caesura_service.publishing.session_state import Standing
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.segmentation.view import View
+from caesura_service.sessions.closed_pipeline import view_of
+from caesura_service.sessions.limits import Limits
+
+
+@dataclass(frozen=True)
+class SessionExport:
+    """One demonstration and what came of it."""
+
+    station: str
+    opening: Open  # the last one, with its preset filled in
+    recording: Recording  # as it was sent
+    began_s: float  # [s] time of day at the session's time 0
+    view: View
+    notes: tuple[str, ...]  # of the program
+    complete: bool  # the session is closed
+
+
+def taught_from(journal: Journal, station: str, session: str) -> SessionExport:
+    """A session of a journal. Raises RecordingError where it has no samples, JournalError."""
+    records = [_with_preset(record) for record in journal.replay(station, session)]
+    recording = recording_of(records)
+    outcome = journal.outcome(station, session)
+    whole = outcome is not None and not outcome.snapshot.status.gaps_before
+    view, notes, complete = _concluded(outcome) if outcome and whole else _replayed(records)
+    opening = [record.message for record in records if isinstance(record.message, Open)][-1]
+    return SessionExport(station, opening, recording, _began(records), view, notes, complete)
+
+
+def _with_preset(record: Record) -> Record:
+    """A service fills in its own choice before it records; a journal made otherwise may have none."""
+    message = record.message
+    if not isinstance(message, Open) or message.preset is not None:
+        return record
+    return record._replace(message=message.model_copy(update={"preset": DEFAULT_PRESET}))
+
+
+def _concluded(outcome: Outcome) -> tuple[View, tuple[str, ...], bool]:
+    """What was kept of a closed session."""
+    return view_of(outcome.snapshot), outcome.snapshot.program.notes, True
+
+
+def _replayed(records: Sequence[Record]) -> tuple[View, tuple[str, ...], bool]:
+    """What the service makes of the records, now as then."""
+    standing = _folded(records)
+    return standing.view, standing.heading.notes, not standing.is_open
+
+
+def _folded(records: Sequence[Record]) -> Standing:
+    journal = MemoryJournal(sys.maxsize)  # they are in memory already
+    for record in records:
+        journal.append(record)
+    registry = Registry(
+        owner=Owner("export", 0),
+        pipeline_factory=make_pipeline,
+        default_preset=DEFAULT_PRESET,
+        journal=journal,
+        limits=Limits(),
+    )
+    for failed in registry.restore():
+        raise RecordingError(f"{failed.station}/{failed.session} cannot be replayed: {failed.error}")
+    (standing,) = registry.board.standings()
+    return standing
+
+
+def _began(records: Sequence[Record]) -> float:
+    """[s] The earliest that a batch allows; never so early that the first sample lies before 1970."""
+    ends = [(record.at, times) for record in records if (times := _times(record)) is not None]
+    began = min(at - last for at, (_, last) in ends)
+    first = min(first for _, (first, _) in ends)
+    return max(began, math.ceil(-first))
+
+
+def _times(record: Record) -> tuple[float, float] | None:
+    """[s] First and last sample of a batch, session clock; None for what is none, or was refused."""
+    if not isinstance(record.message, SampleBatch):
+        return None
+    try:
+        times = unpack_samples(record.message)[:, 0]
+    except ProtocolError:
+        return None
+    return float(times.min()), float(times.max())

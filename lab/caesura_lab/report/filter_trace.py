@@ -1,0 +1,116 @@
+"""Runs a recording through conditioning and filter, one observation at a time, and stores every state.
+
+A session keeps what it needs to go on; a report shows what was known when. The steps are those of the
+session's pipeline, in the same order on the same samples, so that both arrive at the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.recording import Recording
+from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.offline_posterior import segment_offline
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.offline_segmentation import batches, opening_of
+from caesura_service.segmentation.pipeline import layout_of, observed
+from caesura_service.segmentation.segmenter import filter_of
+from caesura_service.signals import Conditioner, Observation
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# What is held against the online filter must be exact, which is quadratic. In a longer stretch, starts that
+# explain less than a share of what is known are followed no further.
+MOST_EXACT = 1200  # observations, two minutes
+PRUNE_RATIO = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What one observation left: the posterior of the current segment's start."""
+
+    starts: Indices  # (h,) observations
+    probabilities: Array  # (h,)
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Everything that was seen and believed on the way.
+
+    smoothed: (n,) probability that a segment starts at each observation, as the online filter had it last;
+    offline: the same from the whole recording at once; boundary_t: (n,) [s] where such a start lies in time.
+    """
+
+    observations: tuple[Observation, ...]
+    beliefs: tuple[Belief, ...]
+    smoothed: Array
+    offline: Array
+    boundary_t: Array
+
+
+def replay(recording: Recording, preset: str) -> Replay:
+    """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
+    chosen = PRESETS[preset]
+    conditioner = Conditioner(layout_of(opening_of(recording, preset)))
+    observations = tuple(_conditioned(recording, conditioner))
+    layout, tared = conditioner.layout, conditioner.tare is not None
+    online = filter_of(
+        chosen,
+        layout.source,
+        tared=tared,
+        orientation=layout.has_orientation,
+        torque=layout.has_torque,
+    )
+    beliefs = tuple(_believed(online, observations))
+    return Replay(
+        observations=observations,
+        beliefs=beliefs,
+        smoothed=online.smoothed,
+        offline=_offline(online, observations),
+        boundary_t=_boundary_times(observations, continuous=chosen.continuous),
+    )
+
+
+def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Observation]:
+    for samples in batches(recording):
+        yield from conditioner.push(samples).observations
+    yield from conditioner.finish().observations
+
+
+def _believed(online: Filter, observations: tuple[Observation, ...]) -> Iterator[Belief]:
+    for observation in observations:
+        online.step(observed(observation), boundary=observation.after_gap)
+        yield Belief(online.starts.copy(), np.minimum(online.posterior, 1.0))
+
+
+def _offline(online: Filter, observations: tuple[Observation, ...]) -> Array:
+    """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
+    seen = [observed(one) for one in observations]
+    cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]
+    parts = [
+        segment_offline(
+            online.lattice,
+            online.hazard,
+            seen[first:last],
+            prune_ratio=0.0 if last - first <= MOST_EXACT else PRUNE_RATIO,
+        ).changepoint_probability
+        for first, last in pairwise(cuts)
+    ]
+    return np.concatenate(parts)
+
+
+def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) -> Array:
+    """[s] A continuous segment begins midway from the sample before, unless samples are missing."""
+    joins = [continuous and i > 0 and not one.after_gap for i, one in enumerate(observations)]
+    return np.array(
+        [
+            0.5 * (observations[i - join].t + one.t)
+            for i, (one, join) in enumerate(zip(observations, joins, strict=True))
+        ]
+    )

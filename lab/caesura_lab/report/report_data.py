@@ -1,0 +1,148 @@
+"""The data of a report, as arrays and strings, without drawing.
+
+Times are the recording's own [s]. An observation that starts a segment and the boundary that this makes
+may lie one sample apart (see `Preset.continuous`); what is drawn over time uses the boundary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_lab.annotations import Truth
+from caesura_lab.report.filter_trace import Belief, Replay, replay
+from caesura_protocol.programs.safety import UNSET, CellSettings
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.segmentation.view import View
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+THRESHOLD = 0.2  # above which the thesis counts a changepoint (4.2)
+DELAYS_S = (0.2, 0.6, 1.2)  # after which run-length probabilities are looked at; the last two as in Fig. 4.19
+STEP_S = 0.1  # of the segmentation grid
+
+
+@dataclass(frozen=True, eq=False)
+class ReportSignals:
+    """What the segmentation saw. Base frame; n observations."""
+
+    t: Array  # (n,) [s]
+    position: Array  # (n, 3) [m] flange
+    speed: Array  # (n,) [m/s]
+    force: Array | None  # (n, 3) [N] on the robot, tared; None without a wrench
+    stretches: tuple[slice, ...]  # of observations without a gap between them
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """How probable a changepoint is at every time but the first, where a segment starts anyway."""
+
+    t: Array  # (n - 1,) [s]
+    online: Array  # (n - 1,) smoothed over the last seconds, as it stood when it left the filter's window
+    offline: Array  # (n - 1,) given the whole recording
+
+
+@dataclass(frozen=True, eq=False)
+class RunLengths:
+    """The posterior of the current segment's start, as the filter had it at every observation.
+
+    Entries of a sparse matrix: at observation `now` the segment had started at `start`.
+    """
+
+    t: Array  # (n,) [s] of the observations
+    start_t: Array  # (n,) [s] of the boundary that a start there makes
+    now: Indices  # (k,)
+    start: Indices  # (k,)
+    probability: Array  # (k,)
+
+    def after(self, delay_s: float) -> Array:
+        """(n,) P(the segment started here | data up to this and `delay_s` more); nan where there are none."""
+        result = np.full(self.t.size, np.nan)
+        steps = round(delay_s / STEP_S)
+        result[: max(self.t.size - steps, 0)] = 0.0
+        chosen = self.now - self.start == steps
+        result[self.start[chosen]] = self.probability[chosen]
+        return result
+
+    def image(self, most: int = 1500) -> Array:
+        """(m, m) start against time, evenly spaced from the first observation to the last, m at most `most`.
+
+        Each cell holds the largest probability that falls into it, 0 where there is none.
+        """
+        span = float(self.t[-1] - self.t[0])
+        size = min(most, round(span / STEP_S) + 1)
+        image = np.zeros((size, size))
+        cells = (_cell(self.start_t[self.start], self.t, size), _cell(self.t[self.now], self.t, size))
+        np.maximum.at(image, cells, self.probability)
+        return image
+
+
+@dataclass(frozen=True, eq=False)
+class ReportData:
+    """One recording under one preset."""
+
+    name: str
+    preset: str
+    signals: ReportSignals
+    changes: Changes
+    run_lengths: RunLengths
+    view: View
+    truth: Truth | None
+
+
+def gather(
+    recording: Recording, preset: str, truth: Truth | None = None, setting: CellSettings = UNSET
+) -> ReportData:
+    """Segment a recording and collect what there is to show; setting: what is asked of its program.
+
+    Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented, and for a
+    recording too short for a single observation.
+    """
+    view = segment_recording(recording, preset, setting=setting)
+    if not view.segments:
+        raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
+    replayed = replay(recording, preset)
+    return ReportData(
+        name=recording.name,
+        preset=preset,
+        signals=_signals(replayed, has_force=view.wrench.source != "none"),
+        changes=Changes(replayed.boundary_t[1:], replayed.smoothed[1:], replayed.offline[1:]),
+        run_lengths=_run_lengths(replayed),
+        view=view,
+        truth=truth,
+    )
+
+
+def _signals(replayed: Replay, *, has_force: bool) -> ReportSignals:
+    seen = replayed.observations
+    cuts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
+    return ReportSignals(
+        t=np.array([one.t for one in seen]),
+        position=np.array([one.position_base for one in seen]),
+        speed=np.array([one.speed for one in seen]),
+        force=np.array([one.force_base for one in seen]) if has_force else None,
+        stretches=tuple(slice(first, last) for first, last in pairwise(cuts)),
+    )
+
+
+def _run_lengths(replayed: Replay) -> RunLengths:
+    beliefs: tuple[Belief, ...] = replayed.beliefs
+    return RunLengths(
+        t=np.array([one.t for one in replayed.observations]),
+        start_t=replayed.boundary_t,
+        now=np.repeat(np.arange(len(beliefs)), [one.starts.size for one in beliefs]),
+        start=np.concatenate([one.starts for one in beliefs]),
+        probability=np.concatenate([one.probabilities for one in beliefs]),
+    )
+
+
+def _cell(times: Array, t: Array, size: int) -> Indices:
+    """Which of `size` cells, centred on evenly spaced times, each time falls into."""
+    span = max(float(t[-1] - t[0]), STEP_S)
+    result: Indices = np.rint((times - t[0]) / span * (size - 1)).astype(np.int64)
+    return np.clip(result, 0, size - 1)

@@ -1,0 +1,169 @@
+"""The tables of a report as strings, the same on paper and on a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from caesura_protocol.force_limit import force_in_words
+from caesura_protocol.messages import App, Segment, Vector
+from caesura_protocol.paths import path_in_words
+from caesura_protocol.turning import screw_in_words
+from caesura_service.segmentation.view import NO_GRIPPER, View
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """A heading, and the unit of what is below it."""
+
+    name: str
+    unit: str = ""
+    words: bool = False  # words are set flush left, numbers flush right
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells; `kinds` has the kind of segment that each row is about, if it is about one."""
+
+    title: str
+    columns: tuple[TableColumn, ...]
+    rows: tuple[tuple[str, ...], ...]
+    kinds: tuple[str | None, ...]
+    note: str = ""
+
+
+TARGET = tuple(TableColumn(name, "mm") for name in ("x", "y", "z"))
+FORCE = tuple(TableColumn(name, "N") for name in ("Fx", "Fy", "Fz"))
+SEGMENT_COLUMNS = (
+    TableColumn("#"),
+    TableColumn("kind", words=True),
+    TableColumn("from", "s"),
+    TableColumn("to", "s"),
+    TableColumn("lasts", "s"),
+    *TARGET,
+    *FORCE,
+    TableColumn("load", "kg"),
+    TableColumn("P(start)"),
+    TableColumn("P(kind)"),
+    TableColumn("runner-up", words=True),
+    TableColumn("log odds", "nat"),
+)
+APP_COLUMNS = (
+    TableColumn("#"),
+    TableColumn("app", words=True),
+    TableColumn("from", "s"),
+    TableColumn("to", "s"),
+    *TARGET,
+    TableColumn("path", "mm", words=True),
+    *FORCE,
+    TableColumn("size", "N", words=True),
+    TableColumn("load", "kg"),
+    TableColumn("opening", "mm"),
+    TableColumn("confidence"),
+    TableColumn("of segments", words=True),
+)
+SEGMENT_NOTE = (
+    "Base frame. x y z: flange at the segment's end. Fx Fy Fz: the environment on the robot there, tared. "
+    "P(start): that the segment starts there, give or take a sample. P(kind): of this kind, given the "
+    "boundaries. Log odds: of the kind over the runner-up, natural logarithm. ~ what may still change."
+)
+NOTHING = ("", "", "")
+APP_NOTE = (
+    "Base frame. x y z: where to. Path: its length, and how many via points it has. Fx Fy Fz: what the "
+    "robot exerts, after the limit. Opening: of the fingers."
+)
+
+
+def segments_table(view: View) -> Table:
+    """One segment a row."""
+    starts = [None, *(one.probability for one in view.changepoints)]
+    rows = [_segment(i, one, starts[i]) for i, one in enumerate(view.segments)]
+    return Table(
+        "Segments", SEGMENT_COLUMNS, tuple(rows), tuple(one.kind for one in view.segments), SEGMENT_NOTE
+    )
+
+
+def program_table(view: View) -> Table:
+    """One app a row, in the colour of its first segment."""
+    rows = tuple(_app(i, app) for i, app in enumerate(view.apps))
+    kinds = tuple(view.segments[app.segments[0]].kind if app.segments else None for app in view.apps)
+    return Table("Task program", APP_COLUMNS, rows, kinds, APP_NOTE)
+
+
+def notes(view: View) -> tuple[str, ...]:
+    """What a reader must know beside the numbers."""
+    gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
+    turns = (
+        f"Segment {index} turns by {screw_in_words(one.screw)}."
+        for index, one in enumerate(view.segments)
+        if one.screw is not None
+    )
+    light = (NO_GRIPPER,) if NO_GRIPPER in view.notes else ()
+    return (view.wrench.note, *light, *gaps, *turns)
+
+
+def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:
+    mark = "" if one.certainty == "final" else "~"
+    return (
+        str(index),
+        f"{mark}{one.kind}",
+        f"{one.t0:.2f}",
+        f"{mark}{one.tn:.2f}",
+        f"{one.tn - one.t0:.2f}",
+        *_millimetres(one.position_end),
+        *_newtons(one.force),
+        _load(one.load_kg, one.load_sd_kg),
+        "" if start_probability is None else f"{start_probability:.2f}",
+        f"{one.probability:.2f}",
+        one.runner_up or "",
+        "" if one.runner_up is None else f"{one.log_odds:.1f}",
+    )
+
+
+def _app(index: int, app: App) -> tuple[str, ...]:
+    return (
+        str(index),
+        app.kind.replace("_", " "),
+        f"{app.t0:.2f}",
+        f"{app.tn:.2f}",
+        *(NOTHING if app.target is None else _millimetres(app.target)),
+        path_in_words(app).replace(" mm", ""),
+        *(NOTHING if app.force is None else _newtons(app.force)),
+        force_in_words(app).replace(" N", ""),
+        _load(app.load_kg, app.load_sd_kg),
+        "" if app.gripper_width is None else f"{1000.0 * app.gripper_width:.0f}",
+        f"{app.confidence:.2f}",
+        ranges(app.segments),
+    )
+
+
+def _millimetres(position: Vector) -> tuple[str, ...]:
+    return tuple(_signed(1000.0 * x, 0) for x in position)
+
+
+def _newtons(force: Vector) -> tuple[str, ...]:
+    return tuple(_signed(x, 1) for x in force)
+
+
+def _signed(value: float, digits: int) -> str:
+    """A number with a real minus, and none before a zero."""
+    return f"{np.round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _load(kg: float | None, sd_kg: float | None) -> str:
+    if kg is None:
+        return ""
+    return f"{kg:.2f}" if sd_kg is None else f"{kg:.2f} ± {sd_kg:.2f}"
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """`1, 2, 3, 7` as `1–3, 7`."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}–{run[-1]}" for run in runs)

@@ -1,0 +1,94 @@
+"""A hand that controls its force where it touches: the thesis' human, a switching proportional controller.
+
+In free space it goes for a place, in contact for a force (3.6) and no longer for a place: "the desired
+position as already reached x_d = x" (3.2.2). The force is one first order response from the touch on (3.37),
+whenever that is, and so is letting go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_lab.teacher.motion_profiles import Array
+
+SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fast as its muscles
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a hand means to press with from a time on.
+
+    aside: (2,) share of the force that goes sideways; yields: it gives its place up to the surface that it
+    meets; waits: it presses only once it has met one.
+    """
+
+    start_s: float
+    force_n: float = 0.0
+    aside: tuple[float, float] = (0.0, 0.0)
+    yields: bool = False
+    waits: bool = False
+
+
+@dataclass(frozen=True)
+class Aims:
+    """Aims tick by tick: force (n,) [N], aside (n, 2), waits and yields (n,)."""
+
+    force: Array
+    aside: Array
+    waits: NDArray[np.bool_]
+    yields: NDArray[np.bool_]
+
+
+def aims_at(aims: Sequence[Aim], t: Array) -> Aims:
+    """The aim that holds at each of the times t (n,) [s]; none before the first."""
+    known = (Aim(0.0), *aims)
+    at = np.searchsorted([aim.start_s for aim in aims], t, side="right")
+    return Aims(
+        np.array([aim.force_n for aim in known])[at],
+        np.array([aim.aside for aim in known])[at],
+        np.array([aim.waits for aim in known])[at],
+        np.array([aim.yields for aim in known])[at],
+    )
+
+
+def goal_to_reach(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
+    """Force [N] to aim at so that a first order response goes from one force to another in a time; no pull.
+
+    The forces of the thesis' tables are those with which a segment ends (3.2.2).
+    """
+    left = exp(-rate_per_s * duration_s)
+    return max(0.0, (force_n - before_n * left) / (1.0 - left))
+
+
+class Effort:
+    """The controller, tick by tick.
+
+    force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.
+    """
+
+    def __init__(self, aims: Aims, rate_per_s: float, dt: float) -> None:
+        self._aims = aims
+        self._force_step = dt * rate_per_s
+        self._place_step = dt / SWITCH_S
+        self._met = False
+        self.force_n = 0.0
+        self.place = 1.0
+
+    def push(self, tick: int) -> Array:
+        """Force of the hand on the flange at a tick, (3,) [N]."""
+        x, y = self._aims.aside[tick]
+        return self.force_n * np.array([x, y, -1.0])
+
+    def feel(self, tick: int, normal_n: float) -> None:
+        """Go on by a tick in which a surface has pushed back with a force."""
+        waits, yields = bool(self._aims.waits[tick]), bool(self._aims.yields[tick])
+        self._met = normal_n > 0.0 or (yields and (self._met or not waits))
+        place = float(not (yields and self._met))
+        goal = float(self._aims.force[tick]) if self._met else 0.0
+        self.place += self._place_step * (place - self.place)
+        self.force_n += self._force_step * (goal - self.force_n)

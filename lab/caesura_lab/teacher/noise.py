@@ -1,0 +1,32 @@
+"""Noise with a spectrum: a tremor, an unrest, a drift. Unit variance, one row a tick, drawn at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import butter, sosfilt
+
+from caesura_lab.teacher.motion_profiles import Array
+
+BUTTERWORTH_2 = 1.11  # noise bandwidth of a second order filter over its nominal bandwidth
+
+
+def band_noise(
+    n: int, width: int, hertz: tuple[float, float], rate_hz: float, rng: np.random.Generator
+) -> Array:
+    """Noise between two frequencies, or below the second where the first is 0; (n, width)."""
+    low, high = hertz
+    if low > 0.0:
+        sos = butter(2, hertz, btype="bandpass", fs=rate_hz, output="sos")
+    else:
+        sos = butter(2, high, btype="lowpass", fs=rate_hz, output="sos")
+    noise: Array = sosfilt(sos, rng.normal(size=(n, width)), axis=0)
+    noise *= np.sqrt(rate_hz / (2.0 * BUTTERWORTH_2 * (high - low)))
+    return noise
+
+
+def wandering(n: int, width: int, seconds: float, rate_hz: float, rng: np.random.Generator) -> Array:
+    """Ornstein-Uhlenbeck process that forgets within some seconds, from 0; (n, width)."""
+    keep = np.exp(-1.0 / (rate_hz * seconds))
+    drive = np.sqrt(1.0 - keep**2) * rng.normal(size=(n, width))
+    wander: Array = sosfilt(np.array([[1.0, 0.0, 0.0, 1.0, -keep, 0.0]]), drive, axis=0)
+    return wander

@@ -1,0 +1,186 @@
+"""A simulated person who teaches a simulated Panda, live or as a whole.
+
+    teaching = Teaching("pick_and_place", seed=3)
+    for samples in teaching.chunks(0.02):     # (n, columns), time first
+        ...
+    truth = teaching.truth()
+
+Seed 0 is the thesis' own demonstration; every other seed is another person on another robot. The same
+arguments give the same bytes, however the demonstration is cut into chunks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_lab.teacher.guided_arm import Guiding, Trace
+from caesura_lab.teacher.habits import IDEAL
+from caesura_lab.teacher.motion_profiles import Array, Profile
+from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
+from caesura_lab.teacher.phases import phases_of
+from caesura_lab.teacher.plan import DT, make_plan
+from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
+from caesura_lab.teacher.screws import screws_of
+from caesura_lab.teacher.sensor import Sensors
+from caesura_lab.teacher.truth import TrueState, annotate
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WrenchSource
+from caesura_protocol.recording import Recording
+from caesura_service.robot import Robot, load_panda
+
+RATE_HZ = 1000.0
+CHUNK_S = 0.1
+Truth = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """A recording and what really happened in it."""
+
+    recording: Recording
+    truth: Truth
+
+
+class Teaching:
+    """One demonstration, simulated as it is read.
+
+    A scenario is one of `SCENARIOS`, by name, or one of your own. natural: the person of the seed has habits
+    (`with_habits`), where `person` names no other. columns: names of the sample columns, time
+    first; signals: names of the signals that they make up; duration_s: how long it will take.
+    Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        *,
+        seed: int = 0,
+        person: Person | None = None,
+        profile: Profile | None = None,
+        wrench_source: WrenchSource = "flange_sensor",
+        rate_hz: float = RATE_HZ,
+        tared: bool = True,
+        robot: Robot | None = None,
+        natural: bool = False,
+    ) -> None:
+        if isinstance(scenario, str) and scenario not in SCENARIOS:
+            raise ValueError(f"unknown scenario {scenario!r}, known: {list(SCENARIOS)}")
+        if not 1.0 <= rate_hz <= 1.0 / DT:
+            raise ValueError(f"rate is {rate_hz} Hz, expected 1 to {1.0 / DT:g} Hz")
+        rng = np.random.default_rng(seed)
+        drawn = THESIS if seed == 0 else draw_person(rng, f"person-{seed}")
+        person = person or (with_habits(drawn, habits_stream(seed)) if natural else drawn)
+        self.person = replace(person, profile=profile) if profile else person
+        self.scenario = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
+        self.seed, self.wrench_source = seed, wrench_source
+        robot = robot or load_panda()
+        plan = make_plan(self.scenario, self.person, rng)
+        self.duration_s = DT * plan.ticks
+        self._phases = plan.phases
+        self._guiding = Guiding(robot, plan)
+        self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
+        self._stride = 1.0 / (DT * rate_hz)
+        self._states: list[TrueState] = []
+        self.signals = _signals(wrench_source)
+        self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+
+    def chunks(self, seconds: float = CHUNK_S) -> Iterator[Array]:
+        """Simulate on, `seconds` at a time: samples (n, columns), as many as the rate gives."""
+        while not self._guiding.done:
+            trace = self._guiding.run(max(1, round(seconds / DT)))
+            self._states.append(self._state(trace))
+            read = self._sensors.read(trace)
+            matrix = np.column_stack([trace.t, *(read[s] for s in self.signals)])
+            chosen = matrix[self._reported(trace.t)]
+            if chosen.size:
+                yield chosen
+
+    def truth(self) -> Truth:
+        """What happened, once all chunks are read: the annotation format of real recordings, and more."""
+        if not self._guiding.done:
+            raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
+        names = [field.name for field in fields(TrueState)]
+        parts = [[getattr(state, name) for state in self._states] for name in names]
+        state = TrueState(*(np.concatenate(part) for part in parts))
+        truth = annotate(state, guided=self._guided)
+        screws = screws_of(self.scenario.surfaces, state, truth["segments"])
+        phases = phases_of(self._phases, truth["changepoints"], truth["window"][1])
+        return {
+            "file": f"{self.scenario.name}.npz",
+            "scenario": self.scenario.name,
+            "seed": self.seed,
+            "person": self.person.name,
+            "profile": self.person.profile,
+            "wrench_source": self.wrench_source,
+            "hand_force_in_wrench": self.wrench_source
+            in ("flange_sensor_with_hand", "joint_torque_estimate"),
+            **truth,
+            **({"phases": phases} if phases else {}),
+            **({"screws": screws} if screws else {}),
+        }
+
+    def _state(self, trace: Trace) -> TrueState:
+        """True state of a trace: of the flange, or of the fingertips and their turns."""
+        if not self.scenario.whole_pose:
+            return TrueState(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg)
+        return TrueState(trace.t, trace.tip_velocity, trace.normal, trace.load_kg, trace.twist[:, 3:])
+
+    @property
+    def _guided(self) -> bool:
+        return self.scenario.traced or self.scenario.whole_pose or self.person.habits != IDEAL
+
+    def _reported(self, t: Array) -> NDArray[np.bool_]:
+        """Ticks on which a sample is due: the first at or after each multiple of the period."""
+        tick = np.round(t / DT)
+        due: NDArray[np.bool_] = np.floor(tick / self._stride) > np.floor((tick - 1.0) / self._stride)
+        return due
+
+
+def teach(
+    scenario: str | Scenario,
+    *,
+    seed: int = 0,
+    person: Person | None = None,
+    profile: Profile | None = None,
+    wrench_source: WrenchSource = "flange_sensor",
+    rate_hz: float = RATE_HZ,
+    tared: bool = True,
+    robot: Robot | None = None,
+    natural: bool = False,
+) -> Demonstration:
+    """Simulate a whole demonstration. Arguments and errors as for `Teaching`."""
+    teaching = Teaching(
+        scenario,
+        seed=seed,
+        person=person,
+        profile=profile,
+        wrench_source=wrench_source,
+        rate_hz=rate_hz,
+        tared=tared,
+        robot=robot,
+        natural=natural,
+    )
+    return finish(teaching, list(teaching.chunks(1.0)))
+
+
+def finish(teaching: Teaching, chunks: list[Array]) -> Demonstration:
+    """Put all chunks of a teaching together."""
+    samples = np.concatenate(chunks)
+    widths = [len(COLUMNS_OF_SIGNAL[s]) for s in teaching.signals]
+    parts = np.split(samples[:, 1:], np.cumsum(widths)[:-1], axis=1)
+    signals = dict(zip(teaching.signals, parts, strict=True))
+    name = teaching.scenario.name
+    recording = Recording(
+        samples[:, 0], signals, wrench_source=teaching.wrench_source, hand_on_robot="yes", name=name
+    )
+    return Demonstration(recording, teaching.truth())
+
+
+def _signals(source: WrenchSource) -> tuple[str, ...]:
+    wrench = ("force", "torque") if source != "none" else ()
+    torques = ("tau",) if source == "joint_torque_estimate" else ()
+    return ("pos", "quat", "q", *wrench, *torques, "gripper")

@@ -1,0 +1,62 @@
+"""A mapping file: names and units of other software in Caesura's. TOML; `docs/recordings.md` has examples.
+
+Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
+common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from caesura_protocol.recording import OPTIONS, RecordingError
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A mapping file that was read; `name` is what errors call it."""
+
+    name: str
+    table: Mapping[str, Any]
+
+    @property
+    def options(self) -> dict[str, str]:
+        """What it says of the recording as a whole. Raises RecordingError for an unknown value."""
+        said = {key: self.table[key] for key in OPTIONS if key in self.table}
+        for key, value in said.items():
+            if value not in OPTIONS[key]:
+                raise self.wrong(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
+        return said
+
+    def part(self, key: str) -> Mapping[str, Any]:
+        """A table of the file, empty where it is not there."""
+        found = self.table.get(key, {})
+        if not isinstance(found, Mapping):
+            raise self.wrong(f"{key} is {found!r}, expected a table [{key}]")
+        return found
+
+    def known(self, where: str, found: Iterable[str], expected: Iterable[str]) -> None:
+        """Raise RecordingError for an unknown key: a typo must not pass in silence."""
+        unknown = sorted(set(found) - set(expected))
+        if unknown:
+            raise self.wrong(
+                f"{where}: unknown {', '.join(map(repr, unknown))}, known: {', '.join(expected)}"
+            )
+
+    def wrong(self, what: str) -> RecordingError:
+        """An error of this file."""
+        return RecordingError(f"{self.name}: {what}")
+
+
+def load_mapping(path: Path) -> Mapped:
+    """Read a mapping file. Raises RecordingError."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RecordingError(f"{path}: not a readable mapping file ({error})") from error
+    mapped = Mapped(path.name, table)
+    mapped.known("the top", table, (*OPTIONS, "delimiter", "decimal", "time", "columns", "topics", "domain"))
+    return mapped

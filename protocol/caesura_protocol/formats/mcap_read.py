@@ -1,0 +1,103 @@
+"""Reads Caesura's MCAP files: the samples as they were sent, bit for bit. Needs the extra `mcap`.
+
+JSON writes a float in the shortest form that reads as the same float, so nothing is lost on the way. Messages
+are taken in the order of the file, which is that of arrival; results and drawings are not read, for they
+follow from the samples.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+from zstandard import ZstdError
+
+from caesura_protocol.formats.channels import RobotState, Wrench
+from caesura_protocol.formats.mcap_write import METADATA
+from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.messages import Message
+from caesura_protocol.programs.safety import CellSettings
+
+ROS2 = "ros2"  # the profile of a rosbag2
+OPTIONS = ("wrench_source", "hand_on_robot", "force_frame", "length_unit", *CellSettings._fields)
+T = TypeVar("T")
+_TOPICS: Mapping[str, type[Message]] = {"/state": RobotState, "/wrench": Wrench}
+
+
+def read_mcap(path: Path) -> RawRecording:
+    """Return the samples of a file that Caesura wrote. Raises ValueError for any other."""
+    with path.open("rb") as stream:
+        return _translated(_content, stream)
+
+
+def profile_of(path: Path) -> str:
+    """Return `ros2` for a rosbag2, `""` for Caesura's. Raises ValueError for a file that is no MCAP."""
+    with path.open("rb") as stream:
+        return _translated(_profile, stream)
+
+
+def metadata_of(reader: McapReader) -> Mapping[str, str]:
+    """Return Caesura's metadata of the session. Raises ValueError where other software wrote the file."""
+    for record in reader.iter_metadata():
+        if record.name == METADATA:
+            return record.metadata
+    topics = sorted(channel.topic for channel in _channels(reader))
+    raise ValueError(
+        f"has no metadata {METADATA!r}, so it is neither Caesura's nor a rosbag2 (profile {ROS2!r}); "
+        f"its topics: {', '.join(topics) or 'none'}"
+    )
+
+
+def _translated(read: Callable[[IO[bytes]], T], stream: IO[bytes]) -> T:
+    try:
+        return read(stream)
+    except (McapError, ZstdError, struct.error, KeyError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def _profile(stream: IO[bytes]) -> str:
+    return str(make_reader(stream).get_header().profile)
+
+
+def _channels(reader: McapReader) -> list[Any]:
+    summary = reader.get_summary()
+    return [] if summary is None else list(summary.channels.values())
+
+
+def _content(stream: IO[bytes]) -> RawRecording:
+    reader = make_reader(stream, validate_crcs=True)
+    said = metadata_of(reader)
+    arrays: dict[str, Array] = {}
+    for topic, rows in _rows(reader).items():
+        for name, values in _columns(topic, rows):
+            if name != "t" or "t" not in arrays:
+                arrays[name] = values
+            elif not np.array_equal(arrays["t"], values):
+                raise ValueError(f"{topic} has {len(values)} samples at other times than /state has")
+    return RawRecording(arrays, {key: said[key] for key in OPTIONS if key in said}, [])
+
+
+def _rows(reader: McapReader) -> dict[str, list[dict[str, Any]]]:
+    """The messages of each topic with samples, in the order of the file."""
+    rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in _TOPICS}
+    for _, channel, message in reader.iter_messages(topics=list(_TOPICS), log_time_order=False):
+        rows[channel.topic].append(json.loads(message.data))
+    return rows
+
+
+def _columns(topic: str, rows: list[dict[str, Any]]) -> Iterator[tuple[str, Array]]:
+    """The signals of a topic by name. Raises ValueError where a sample has other ones than the first."""
+    if not rows:
+        return
+    names = [name for name in _TOPICS[topic].model_fields if name in rows[0]]
+    for index, row in enumerate(rows):
+        if row.keys() != rows[0].keys():
+            raise ValueError(f"{topic}, sample {index}: has {sorted(row)}, expected {sorted(rows[0])}")
+    for name in names:
+        yield name, np.array([row[name] for row in rows], dtype=np.float64)

@@ -1,0 +1,251 @@
+"""A demonstration as an MCAP file, which Foxglove and Rerun open. Needs the extra `mcap`.
+
+Every message is JSON with a JSON Schema beside it. Its log time is the session's clock set on the time of
+day; both are in the file's metadata, with the station, the preset and the units. A segment, a phase, a
+changepoint and a gap stand where they begin, the program at the end, the path at the beginning.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from operator import itemgetter
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from mcap.writer import Writer
+from numpy.typing import NDArray
+
+from caesura_protocol.distribution import installed_version
+from caesura_protocol.formats.channels import (
+    BASE,
+    CHANNELS,
+    FLANGE,
+    RobotState,
+    TaskProgram,
+    Wrench,
+    schema_of,
+)
+from caesura_protocol.messages import App, Changepoint, Gap, Message, Phase, Segment
+from caesura_protocol.recording import Recording
+
+Array = NDArray[np.float64]
+
+NS = 10**9
+TRANSFORM_S, PATH_S = 0.01, 0.1  # between two frames that are drawn, and two points of the path
+METADATA = "caesura"  # the name of the file's metadata record
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)  # where no orientation is known
+
+
+class Poses(NamedTuple):
+    """Where the flange was: times (n,) [s], positions (n, 3) [m], orientations (n, 4) x y z w, base frame."""
+
+    t: Array
+    positions: Array
+    orientations: Array
+
+
+NOWHERE = Poses(np.empty(0), np.empty((0, 3)), np.empty((0, 4)))
+
+
+@dataclass(frozen=True)
+class McapContent:
+    """The content of an MCAP file: samples, results and metadata of one session."""
+
+    station: str
+    session: str
+    preset: str
+    recording: Recording
+    began_s: float  # [s] time of day at the session's time 0
+    columns: tuple[str, ...]  # as they were sent
+    poses: Poses = NOWHERE
+    segments: tuple[Segment, ...] = ()
+    phases: tuple[Phase, ...] = ()
+    changepoints: tuple[Changepoint, ...] = ()
+    gaps: tuple[Gap, ...] = ()
+    apps: tuple[App, ...] = ()
+    notes: tuple[str, ...] = ()  # of the program
+    force_limit_n: float | None = None  # [N] of the cell
+    wrench_note: str = ""
+    complete: bool = False  # the session is closed
+    more: dict[str, str] = field(default_factory=dict)  # the caller's metadata
+
+
+class McapMessage(NamedTuple):
+    """A message and where it goes."""
+
+    t: float  # [s] session clock
+    topic: str
+    fields: dict[str, Any]
+
+
+def write_mcap(path: Path, content: McapContent) -> int:
+    """Write the file, all of it or none; returns the number of messages. Raises OSError."""
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        with unfinished.open("wb") as stream:
+            count = _write(stream, content)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return count
+
+
+def entries(content: McapContent) -> Iterator[McapMessage]:
+    """Every message in order of time."""
+    streams = [
+        _samples(content, "/state", RobotState),
+        _samples(content, "/wrench", Wrench),
+        *_drawn(content),
+    ]
+    return heapq.merge(*streams, _results(content), key=itemgetter(0))
+
+
+def poses_of(recording: Recording) -> Poses:
+    """Where the recording says the flange was, TRANSFORM_S apart or more; joints alone do not say it here."""
+    position = recording.signals.get("pos")
+    if position is None:
+        return NOWHERE
+    metres = position * {"m": 1.0, "cm": 1e-2, "mm": 1e-3}[recording.length_unit]
+    turned = recording.signals.get("quat", np.tile(UPRIGHT, (recording.t.size, 1)))
+    kept = every(recording.t, TRANSFORM_S)
+    return Poses(recording.t[kept], metres[kept], turned[kept])
+
+
+def every(times: Array, step_s: float) -> list[int]:
+    """Samples at least so far apart, in order of time, the first one among them."""
+    kept: list[int] = []
+    due = -np.inf
+    for index, t in enumerate(times.tolist()):
+        if t >= due:
+            kept.append(index)
+            due = t + step_s
+    return kept
+
+
+def _write(stream: IO[bytes], content: McapContent) -> int:
+    writer = Writer(stream)
+    writer.start(profile="", library=f"caesura {installed_version()}")
+    channels = {topic: _channel(writer, topic) for topic in CHANNELS}
+    writer.add_metadata(METADATA, _metadata(content))
+    count = 0
+    for entry in entries(content):
+        when = _nanoseconds(entry.t, content.began_s)
+        data = json.dumps(entry.fields, separators=(",", ":"), allow_nan=False).encode()
+        writer.add_message(channels[entry.topic], when, data, publish_time=when, sequence=count)
+        count += 1
+    writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def _channel(writer: Writer, topic: str) -> int:
+    schema = json.dumps(schema_of(topic)).encode()
+    registered = writer.register_schema(name=CHANNELS[topic][0], encoding="jsonschema", data=schema)
+    return writer.register_channel(topic=topic, message_encoding="json", schema_id=registered)
+
+
+def _metadata(content: McapContent) -> dict[str, str]:
+    recording = content.recording
+    return {
+        "station": content.station,
+        "session": content.session,
+        "preset": content.preset,
+        "complete": json.dumps(content.complete),
+        "wrench_note": content.wrench_note,
+        **recording.stated_options,
+        "columns": " ".join(content.columns),
+        "units": "/state and /wrench as sent: pos in length_unit, q rad, force N in force_frame, torque and "
+        "tau Nm; everything else: s, m, N, kg in the base frame",
+        "clock": "log time is began_s + t; t is the session's own clock",
+        "began_s": repr(content.began_s),
+        **content.more,
+    }
+
+
+# --- messages -------------------------------------------------------------------------------------------
+
+
+def _samples(content: McapContent, topic: str, model: type[Message]) -> Iterator[McapMessage]:
+    """What of a model's fields the session has, sample by sample, in order of arrival."""
+    signals = {name: content.recording.signals.get(name) for name in model.model_fields}
+    columns = {name: _values(values) for name, values in signals.items() if values is not None}
+    if not columns:
+        return
+    times = np.maximum.accumulate(content.recording.t)  # in the order of the merge; `t` is as it came
+    rows = zip(times.tolist(), content.recording.t.tolist(), *columns.values(), strict=True)
+    for when, t, *row in rows:
+        yield McapMessage(when, topic, {"t": t, **dict(zip(columns, row, strict=True))})
+
+
+def _values(signal: Array) -> list[Any]:
+    """Numbers of a signal with one column, else lists of them."""
+    return (signal[:, 0] if signal.shape[1] == 1 else signal).tolist()  # type: ignore[no-any-return]
+
+
+def _results(content: McapContent) -> list[McapMessage]:
+    end = float(content.recording.t.max())
+    program = TaskProgram(
+        complete=content.complete, apps=content.apps, notes=content.notes, force_limit_n=content.force_limit_n
+    )
+    said: Iterable[tuple[float, str, Message]] = (
+        *((one.t0, "/segments", one) for one in content.segments),
+        *((one.t0, "/phases", one) for one in content.phases),
+        *((one.t, "/changepoints", one) for one in content.changepoints),
+        *((one.t0, "/gaps", one) for one in content.gaps),
+        (end, "/program", program),
+    )
+    made = [
+        McapMessage(t, topic, message.model_dump(mode="json", exclude_none=True))
+        for t, topic, message in said
+    ]
+    return sorted(made, key=itemgetter(0))
+
+
+def _drawn(content: McapContent) -> tuple[list[McapMessage], list[McapMessage]]:
+    """The flange's frame as it goes, and its whole path."""
+    times, positions, orientations = content.poses
+    if not times.size:
+        return [], []
+    poses = [(_xyz(p), _xyzw(o)) for p, o in zip(positions.tolist(), orientations.tolist(), strict=True)]
+    frames = [
+        McapMessage(t, "/tf", _transform(_stamp(t, content.began_s), *pose))
+        for t, pose in zip(times.tolist(), poses, strict=True)
+    ]
+    points = [{"position": p, "orientation": o} for p, o in (poses[i] for i in every(times, PATH_S))]
+    stamp = _stamp(float(times[0]), content.began_s)
+    path = McapMessage(float(times[0]), "/path", {"timestamp": stamp, "frame_id": BASE, "poses": points})
+    return frames, [path]
+
+
+def _transform(stamp: dict[str, int], position: Any, rotation: Any) -> dict[str, Any]:
+    return {
+        "timestamp": stamp,
+        "parent_frame_id": BASE,
+        "child_frame_id": FLANGE,
+        "translation": position,
+        "rotation": rotation,
+    }
+
+
+def _xyz(vector: list[float]) -> dict[str, float]:
+    return dict(zip("xyz", vector, strict=True))
+
+
+def _xyzw(quaternion: list[float]) -> dict[str, float]:
+    return dict(zip("xyzw", quaternion, strict=True))
+
+
+# --- time -----------------------------------------------------------------------------------------------
+
+
+def _nanoseconds(t: float, began_s: float) -> int:
+    """Time of day of a session time. The two apart: together they would lose what is below 0.2 µs."""
+    return round(began_s * NS) + round(t * NS)
+
+
+def _stamp(t: float, began_s: float) -> dict[str, int]:
+    sec, nsec = divmod(_nanoseconds(t, began_s), NS)
+    return {"sec": sec, "nsec": nsec}

@@ -1,0 +1,217 @@
+"""Read a recording from a file: npz, csv, MCAP or a rosbag2."""
+
+from __future__ import annotations
+
+import csv
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from zipfile import BadZipFile, is_zipfile
+
+import numpy as np
+
+from caesura_protocol.distribution import needing
+from caesura_protocol.formats.column_mapping import load_mapping
+from caesura_protocol.formats.foreign_csv import read_foreign_csv
+from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
+from caesura_protocol.plausibility import UNITS
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import (
+    ARRAYS,
+    STATED,
+    Recording,
+    RecordingError,
+    declared_units,
+    did_you_mean,
+    unit_remedy,
+)
+
+# What a file that is no recording makes numpy, zipfile and csv raise.
+_UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFile, zlib.error, csv.Error)
+
+
+def load_recording(
+    path: Path,
+    *,
+    wrench_source: str | None = None,
+    hand_on_robot: str | None = None,
+    length_unit: str | None = None,
+    time_unit: str | None = None,
+    angle_unit: str | None = None,
+    force_unit: str | None = None,
+    mapping: Path | None = None,
+    check_units: bool = True,
+) -> Recording:
+    """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
+
+    Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
+    options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
+    a csv or a rosbag2 of other software (`formats.mapping`).
+    time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
+    A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
+    another unit (`caesura_protocol.plausibility`).
+    Raises RecordingError for anything that is not a recording, BadSource where an extra is missing.
+    """
+    stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
+    arrays, options, ignored = _read(path, mapping, wrench_source)
+    if "t" not in arrays:
+        raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
+    if "force_base" in arrays:
+        arrays["force"], options["force_frame"] = arrays["force_base"], "base"
+        if arrays.pop("torque", None) is not None:  # it has the frame of `force`
+            ignored = [*ignored, "torque"]
+    overrides = {
+        "wrench_source": wrench_source,
+        "hand_on_robot": hand_on_robot,
+        "length_unit": length_unit,
+    }
+    options |= {key: value for key, value in overrides.items() if value is not None}
+    if (
+        "force" not in arrays
+        and "tau" not in arrays
+        and options.get("wrench_source", "none") in WRENCH_SOURCES
+    ):
+        options["wrench_source"] = "none"
+    for quantity, name in _CONVERTED.items():
+        if quantity in stated and name in arrays:
+            arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
+    signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
+    asked = {key: _positive(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
+    recording = Recording(
+        arrays["t"],
+        signals,
+        name=path.name,
+        ignored=tuple(ignored),
+        declared_units=tuple(stated),
+        setting=CellSettings(**asked),
+        **options,  # type: ignore[arg-type]
+    )
+    if check_units and (found := recording.implausible) is not None:
+        raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
+    return recording
+
+
+def _positive(path: Path, key: str, value: str) -> float:
+    """A number that a file states. Raises RecordingError where it is none above 0."""
+    try:
+        number = float(value)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < np.inf:
+        raise RecordingError(f"{path}: {key} is {value!r}, expected a number above 0")
+    return number
+
+
+_CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force"}
+
+
+def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+    if not path.exists() and path.suffix.lower() in _READERS:
+        raise RecordingError(f"{path}: no such file")
+    reader = _READERS.get(path.suffix.lower())
+    if path.is_dir():
+        reader = _read_rosbag if (path / "metadata.yaml").exists() else None
+    if reader is None:
+        found = "a directory without metadata.yaml" if path.is_dir() else f"suffix {path.suffix!r}"
+        known = ", ".join(_READERS)
+        raise RecordingError(f"{path}: {found}, expected one of {known}, or the directory of a rosbag2")
+    try:
+        return reader(path, mapping, wrench_source)
+    except RecordingError:
+        raise
+    except _UNREADABLE as error:
+        why = " ".join(str(error).split())
+        kind = f"{path.suffix[1:]} file" if path.is_file() else "rosbag2"
+        raise RecordingError(f"{path}: not a readable {kind} ({why})") from error
+
+
+def _as_matrix(values: Array) -> Array:
+    return values[:, None] if values.ndim == 1 else values
+
+
+def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+    _no_mapping(path, mapping)
+    if not is_zipfile(path):
+        raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {key: np.asarray(file[key], dtype=np.float64) for key in ARRAYS if key in file.files}
+        options = {key: str(file[key]) for key in STATED if key in file.files}
+        ignored = [key for key in file.files if key not in {*ARRAYS, *STATED}]
+    return RawRecording(arrays, options, ignored)
+
+
+def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+    if mapping is not None:
+        return read_foreign_csv(path, load_mapping(mapping))
+    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
+    comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
+    stated = {key.strip(): value.strip() for key, separator, value in comments if separator}
+    rows = list(csv.reader(line for line in lines if line and not line.startswith("#")))
+    if len(rows) < 2:
+        raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
+    column = _columns([name.strip() for name in rows[0]], rows[1:])
+    arrays = {
+        signal: np.column_stack([column[name] for name in names])
+        for signal, names in COLUMNS_OF_SIGNAL.items()
+        if _is_whole(names, column)
+    }
+    if "t" in column:
+        arrays["t"] = column["t"]
+    known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
+    options = {key: value for key, value in stated.items() if key in STATED}
+    # Other comments are for people, unless they look like an option.
+    mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
+    return RawRecording(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+
+
+def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
+    """The table by column. Raises ValueError where it is not rectangular or not of numbers."""
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise ValueError(f"column {twice[0]} comes twice")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(header):
+            raise ValueError(
+                f"sample {number} has {len(row)} values, expected {len(header)} as in the header"
+            )
+    return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
+
+
+def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
+    """Is the whole signal there? Raises ValueError where a part of it is."""
+    missing = [name for name in names if name not in column]
+    found = [name for name in names if name in column]
+    if found and missing:
+        raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
+    return not missing
+
+
+def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+    """Read Caesura's MCAP, or a rosbag2 that is one file."""
+    with needing("mcap", path):
+        from caesura_protocol.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
+    if profile_of(path) == ROS2:
+        return _read_rosbag(path, mapping, wrench_source)
+    _no_mapping(path, mapping)
+    return read_mcap(path)
+
+
+def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+    with needing("ros2", path):
+        from caesura_protocol.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
+    return read_rosbag(path, None if mapping is None else load_mapping(mapping), wrench_source)
+
+
+def _no_mapping(path: Path, mapping: Path | None) -> None:
+    if mapping is not None:
+        raise RecordingError(f"{path}: says itself what is what; {mapping} is for csv files and rosbag2")
+
+
+_Reader = Callable[[Path, Path | None, str | None], RawRecording]
+_READERS: Mapping[str, _Reader] = {
+    ".npz": _read_npz,
+    ".csv": _read_csv,
+    ".mcap": _read_mcap,
+    ".db3": _read_rosbag,
+}

@@ -1,0 +1,118 @@
+"""Which topic carries which signal, found by type, or as a mapping states.
+
+Of two topics with the same signal the better one is taken (`_RANK`): a sensor's wrench before the estimate of
+the robot, the robot's whole state before joints and poses of others. Two of the same type are an error that
+names both: only the user can choose one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
+from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
+from caesura_protocol.messages import ESTIMATE
+from caesura_protocol.recording import RecordingError
+
+_RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
+
+
+class Topic(NamedTuple):
+    """A topic of which messages are read."""
+
+    name: str
+    type: str
+    rule: TopicRule
+
+
+@dataclass(frozen=True)
+class TopicSelection:
+    """What is taken from where."""
+
+    topic_of: Mapping[str, str]  # by signal
+    options: Mapping[str, str]  # of the recording
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """What a row has."""
+        return tuple(self.topic_of)
+
+    def taken(self, topic: Topic, message: Any) -> Values:
+        """What of a message is taken."""
+        told = values_of(topic.type, message, topic.rule)
+        return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
+
+
+def plan_of(
+    heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_source: str | None
+) -> TopicSelection:
+    """From some first messages of every topic. Raises RecordingError."""
+    topics = {topic.name: topic for topic, _ in heard}
+    told: dict[str, set[str]] = {}
+    for topic, message in heard:
+        for signal in values_of(topic.type, message, topic.rule):
+            told.setdefault(signal, set()).add(topic.name)
+    topic_of = {signal: _best(signal, names, topics) for signal, names in told.items()}
+    if not {"pos", "q"} & topic_of.keys():
+        raise RecordingError(
+            f"no topic carries the pose or the joints of the robot; "
+            f"there are {_listed(topics.values())}, expected one of {FRANKA_STATE}, {POSE}, {JOINT_STATE}"
+        )
+    if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
+        del topic_of["quat"]
+    return TopicSelection(topic_of, _options(topic_of, heard, mapped, wrench_source))
+
+
+def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
+    ranked = sorted(names, key=lambda name: _RANK[topics[name].type], reverse=True)
+    best = [name for name in ranked if _RANK[topics[name].type] == _RANK[topics[ranked[0]].type]]
+    if len(best) > 1:
+        raise RecordingError(
+            f"{' and '.join(sorted(best))} both carry {signal}: name the one that is meant in a mapping, "
+            f'for example [topics."{min(best)}"]'
+        )
+    return best[0]
+
+
+def _options(
+    topic_of: Mapping[str, str],
+    heard: Sequence[tuple[Topic, Any]],
+    mapped: Mapped | None,
+    wrench_source: str | None,
+) -> dict[str, str]:
+    said = {} if mapped is None else mapped.options
+    of = topic_of.get("force") or topic_of.get("tau")
+    if of is None:
+        return {"wrench_source": "none", **said}
+    topic, message = next((topic, message) for topic, message in heard if topic.name == of)
+    return {
+        **{key: said[key] for key in ("hand_on_robot",) if key in said},
+        "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),
+        "force_frame": said.get("force_frame") or _frame_of(topic, message),
+    }
+
+
+def _source_of(topic: Topic) -> str:
+    if topic.type == FRANKA_STATE:
+        return ESTIMATE
+    raise RecordingError(
+        f"{topic.name}: where is this wrench measured? Say wrench_source in a mapping or --wrench-source: "
+        "flange_sensor, flange_sensor_with_hand or joint_torque_estimate"
+    )
+
+
+def _frame_of(topic: Topic, message: Any) -> str:
+    frame = frame_of(topic.type, message)
+    if frame is None:
+        raise RecordingError(
+            f"{topic.name}: is the frame {message.header.frame_id!r} that of the flange or that of the base? "
+            "Say force_frame in a mapping: base or flange"
+        )
+    return frame
+
+
+def _listed(topics: Any) -> str:
+    return ", ".join(f"{topic.name} ({topic.type})" for topic in topics) or "none"

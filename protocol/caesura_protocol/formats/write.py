@@ -1,0 +1,59 @@
+"""A recording as a file, by its suffix. What is read back is the same, bit for bit."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.recording import Recording
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Where to write it: all of it is there in the end, or none."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_csv(path: Path, recording: Recording) -> None:
+    """One column a component, options in leading comments; numbers as short as reads as equal."""
+    with _whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        for key, value in recording.stated_options.items():
+            stream.write(f"# {key}: {value}\n")
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow(recording.columns)
+        rows.writerows([map(repr, row) for row in recording.matrix().tolist()])
+
+
+def write_npz(path: Path, recording: Recording) -> None:
+    """Arrays by signal."""
+    with _whole(path) as part:
+        recording.save(part)
+
+
+WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, ".csv": write_csv}
+
+
+def check_writable(path: Path, *others: str) -> None:
+    """Raise CaesuraError for a suffix without a writer or a path without write permission.
+
+    others: suffixes that have a writer elsewhere.
+    """
+    known = (*WRITERS, *others)
+    if path.suffix not in known:
+        raise CaesuraError(f"cannot write {path}: suffix {path.suffix!r}, expected one of {', '.join(known)}")
+    directory = path.resolve().parent
+    if not directory.is_dir():
+        raise CaesuraError(f"cannot write {path}: no such directory")
+    if path.is_dir():
+        raise CaesuraError(f"cannot write {path}: it is a directory")
+    if not os.access(path if path.exists() else directory, os.W_OK):
+        raise CaesuraError(f"cannot write {path}: permission denied")

@@ -1,0 +1,159 @@
+"""A program as a behaviour tree for BehaviorTree.CPP 4: one sequence, one action an app, typed ports.
+
+Lists of numbers are written with semicolons, as it reads a `std::vector<double>`. What an action
+does is the business of the node registered under its name (https://www.behaviortree.dev, "The XML format").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from caesura_protocol.force_limit import is_limited
+from caesura_protocol.messages import AppKind, AppPath
+from caesura_protocol.paths import turning_at_points
+from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.turning import torque_about_axis
+
+DOUBLE, DOUBLES = "double", "std::vector<double>"
+TREE = "Task"
+
+
+class Port(NamedTuple):
+    """An input of an action: name, C++ type, and what it is."""
+
+    name: str
+    type: str
+    meaning: str
+
+
+TARGET = Port("target", DOUBLES, "x;y;z of the flange in the base frame [m]")
+ORIENTATION = Port("orientation", DOUBLES, "x;y;z;w of the flange in the base frame")
+JOINTS = Port("joints", DOUBLES, "the joints as they were taught [rad]")
+SECONDS = Port("seconds", DOUBLE, "how long it took when it was taught [s]")
+FORCE = Port("force", DOUBLES, "x;y;z that the robot exerts, base frame [N]")
+WIDTH = Port("width", DOUBLE, "between the fingers [m]")
+LOAD = Port("load", DOUBLE, "what is carried [kg]")
+SPEED = Port("max_speed", DOUBLE, "limit of the flange's speed [m/s]")
+TURN = Port("max_turn", DOUBLE, "limit of the flange's rate of turn [rad/s]")
+MOST = Port("max_force", DOUBLE, "force at which to stop [N]")
+CONTACT = Port("contact_force", DOUBLE, "force from which a contact is one [N]")
+SEARCH = Port("search", DOUBLE, "how far past the target a contact is looked for [m]")
+
+VIA = Port(
+    "via",
+    DOUBLES,
+    "via points from the start of the path on, each t;x;y;z;qx;qy;qz;qw;vx;vy;vz: [s] since the start, pose, "
+    "velocity [m/s]; nan for what is not known",
+)
+TURNING = Port(
+    "turning", DOUBLES, "x;y;z of the rate of turn at the start and each via point, base frame [rad/s]"
+)
+ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the path [s]")
+LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
+TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
+
+AXIS = Port("axis", DOUBLES, "x;y;z of unit length: what is turned about, in the base frame")
+POINT = Port("axis_point", DOUBLES, "x;y;z of a point of that axis [m]")
+ANGLE = Port("angle", DOUBLE, "about that axis [rad]")
+PITCH = Port("pitch", DOUBLE, "along the axis in one whole turn [m]")
+TORQUE = Port("torque", DOUBLE, "taught about the axis, above 0 in the direction of the turn [Nm]")
+
+PATH = (VIA, TURNING, ARRIVES, LENGTH, SPEED, TURN)
+SCREW = (AXIS, POINT, ANGLE, PITCH, TORQUE)
+PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST)
+PORTS: Mapping[AppKind, tuple[Port, ...]] = MappingProxyType(
+    {
+        "cartesian_motion": PLACE,
+        "move_to_contact": (*PLACE, CONTACT, SEARCH),
+        "apply_force": (FORCE, TAUGHT, TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST),
+        "grasp": (WIDTH,),
+        "gripper_move": (WIDTH,),
+        "transport": (*PLACE, LOAD),
+        "hold": (*PLACE, LOAD),
+    }
+)
+
+
+def behaviour_tree(program: ProgramFile) -> str:
+    """The XML text, with a model of every action that it uses."""
+    root = Xml.Element("root", {"BTCPP_format": "4", "main_tree_to_execute": TREE})
+    tree = Xml.SubElement(root, "BehaviorTree", {"ID": TREE})
+    name = f"{program.station}/{program.session}, revision {program.revision}"
+    sequence = Xml.SubElement(tree, "Sequence", {"name": name})
+    for index, app in enumerate(program.apps):
+        given = {"name": f"{index} {app.kind}"} | _inputs(app, program)
+        Xml.SubElement(sequence, action_name(app.kind), given)
+    models = Xml.SubElement(root, "TreeNodesModel")
+    for kind in sorted({app.kind for app in program.apps}):
+        _model(models, kind)
+    Xml.indent(root, "  ")
+    return Xml.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def action_name(kind: AppKind) -> str:
+    """As it is registered: move_to_contact is MoveToContact."""
+    return kind.title().replace("_", "")
+
+
+def _model(models: Xml.Element, kind: AppKind) -> None:
+    action = Xml.SubElement(models, "Action", {"ID": action_name(kind)})
+    for port in PORTS[kind]:
+        Xml.SubElement(action, "input_port", {"name": port.name, "type": port.type}).text = port.meaning
+
+
+def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
+    """What is known of the ports of an app's action, as text."""
+    safety, screw = program.safety, app.screw
+    values: dict[str, Sequence[float] | float | None] = {
+        TARGET.name: app.target,
+        ORIENTATION.name: app.orientation,
+        JOINTS.name: app.joints,
+        SECONDS.name: app.tn - app.t0,
+        FORCE.name: app.force,
+        TAUGHT.name: app.force_taught if is_limited(app) else None,
+        VIA.name: None if app.path is None else _via(app.path),
+        TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
+        ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
+        LENGTH.name: None if app.path is None else app.path.length_m,
+        AXIS.name: None if screw is None else screw.axis,
+        POINT.name: None if screw is None else screw.point,
+        ANGLE.name: None if screw is None else screw.angle,
+        PITCH.name: None if screw is None else screw.pitch_m,
+        TORQUE.name: None if screw is None else torque_about_axis(screw),
+        WIDTH.name: app.gripper_width,
+        LOAD.name: app.load_kg,
+        SPEED.name: safety.speed_m_per_s,
+        TURN.name: safety.turn_rad_per_s,
+        MOST.name: safety.felt_force_n,
+        CONTACT.name: safety.contact_n,
+        SEARCH.name: safety.search_m,
+    }
+    ports = [(port.name, values[port.name]) for port in PORTS[app.kind]]
+    return {name: _text(value) for name, value in ports if value is not None}
+
+
+def _via(path: AppPath) -> list[float]:
+    """All numbers of its start and via points, one after the other."""
+    unknown = (math.nan,) * 4
+    return [
+        number
+        for one in (path.start, *path.via)
+        for number in (
+            one.t - path.start.t,
+            *one.position,
+            *(one.orientation or unknown),
+            *(one.velocity or unknown[:3]),
+        )
+    ]
+
+
+def _text(value: Sequence[float] | float) -> str:
+    if isinstance(value, float | int):
+        return f"{value:.6g}"
+    return ";".join(f"{x:.6g}" for x in value)

@@ -1,0 +1,171 @@
+"""A task program as a file: what a robot needs to run it, and what an engineer needs to judge it.
+
+`version` is the format's; the program's own number is `revision`. Units stand in the file. Reading takes also
+what `caesura program --json` and `caesura segment --json` write.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.force_limit import with_force_limit
+from caesura_protocol.messages import MAX_GAPS, App, AppKind, Gap, Name, Phase, Program, WrenchReport
+from caesura_protocol.programs.groups import Group, groups_of
+from caesura_protocol.programs.safety import DEFAULT, Safety
+
+FORMAT: Literal["caesura.program"] = "caesura.program"
+VERSION: Literal[2] = 2
+Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "target": "m, flange in the base frame",
+        "orientation": "quaternion x y z w, flange in the base frame",
+        "joints": "rad",
+        "path": "as target and orientation; its times are those of the demonstration",
+        "screw": "axis and a point of it (m) in the base frame, rad, m in one turn, Nm that the robot exerts",
+        "force": "N that the robot exerts, base frame",
+        "load": "kg",
+        "gripper_width": "m between the fingers",
+        "time": "s of the demonstration",
+    }
+)
+PRECONDITIONS: Mapping[AppKind, tuple[Precondition, ...]] = MappingProxyType(
+    {
+        "cartesian_motion": ("reachable",),
+        "move_to_contact": ("reachable",),
+        "apply_force": ("in_contact",),
+        "grasp": ("not_holding",),
+        "gripper_move": (),
+        "transport": ("reachable", "holding"),
+        "hold": ("reachable", "holding"),
+    }
+)
+
+
+class BadProgramError(CaesuraError, ValueError):
+    """The file is no task program; the message names the file, the place in it and what was expected."""
+
+
+class ProgramStep(App):
+    """An app, and what must hold before it is run."""
+
+    preconditions: tuple[Precondition, ...] = ()
+
+
+class ProgramFile(BaseModel):
+    """The document. Readers ignore fields that they do not know; version 1 has neither paths nor gaps."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    format: Literal["caesura.program"] = FORMAT
+    version: Literal[1, 2] = VERSION
+    units: dict[str, str] = Field(default_factory=lambda: dict(UNITS))
+    station: Name
+    session: Name
+    instance: Name
+    epoch: int = 0
+    revision: int = 0  # version of the program: it rises with every change
+    t: float = 0.0  # [s] up to which the demonstration was seen
+    complete: bool = True
+    safety: Safety = DEFAULT
+    apps: tuple[ProgramStep, ...]
+    notes: tuple[str, ...] = ()
+    gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
+    wrench: WrenchReport | None = None
+    groups: tuple[Group, ...] = ()  # the apps of each phase
+
+    def as_json(self) -> str:
+        """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
+        return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
+
+
+def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase] = ()) -> ProgramFile:
+    """A program from the wire as a document; the cell's force limit is that of the program, if it has one.
+
+    phases: those of its session, by which its apps are grouped.
+    """
+    if program.force_limit_n is not None:
+        safety = safety.model_copy(update={"force_n": program.force_limit_n})
+    return ProgramFile(
+        station=program.station,
+        session=program.session,
+        instance=program.instance,
+        epoch=program.epoch,
+        revision=program.version,
+        t=program.t,
+        complete=program.complete,
+        safety=safety,
+        apps=tuple(_step(app) for app in program.apps),
+        notes=program.notes,
+        gaps=program.gaps,
+        wrench=program.wrench,
+        groups=groups_of(program.apps, phases),
+    )
+
+
+def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT) -> ProgramFile:
+    """The program of a recording that no station taught; the name is made one that a session may have."""
+    name = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-_")[:64] or "recording"
+    t = max((app.tn for app in apps), default=0.0)
+    steps = tuple(_step(app) for app in apps)
+    return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=steps)
+
+
+def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
+    """The program in another cell: no app exerts more than its limit."""
+    most = safety.force_n
+    steps = program.apps if most is None else tuple(with_force_limit(app, most) for app in program.apps)
+    return program.model_copy(update={"safety": safety, "apps": steps})
+
+
+def read_document(path: Path) -> ProgramFile:
+    """Read a program. Raises BadProgramError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadProgramError(f"{path}: cannot be read as JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise BadProgramError(f"{path}: holds a {type(content).__name__}, expected an object")
+    try:
+        return _parsed(content, path.stem)
+    except ValidationError as error:
+        raise BadProgramError(f"{path}: {_first(error, content)}") from error
+
+
+def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
+    if "format" in content:
+        return ProgramFile.model_validate(content)
+    if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
+        apps = [App.model_validate(app) for app in content["program"]]
+        phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
+        safety = Safety(force_n=content.get("force_limit_n"))
+        taught = {key: content[key] for key in ("notes", "gaps", "wrench") if key in content}
+        written = document_of_apps(tuple(apps), name, safety)
+        groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}
+        return ProgramFile.model_validate(written.model_dump() | taught | groups)
+    return document(Program.model_validate(content))
+
+
+def _first(error: ValidationError, content: dict[str, Any]) -> str:
+    """The first thing that is wrong, with the app that it is in."""
+    one = error.errors()[0]
+    place = ".".join(str(part) for part in one["loc"])
+    if len(one["loc"]) > 1 and one["loc"][0] == "apps":
+        index = int(one["loc"][1])
+        app = content["apps"][index]
+        kind = app.get("kind", "?") if isinstance(app, dict) else "?"
+        place = f"app {index} ({kind}): {'.'.join(str(part) for part in one['loc'][2:])}"
+    return f"{place}: {one['msg']}, got {one['input']!r:.80}"
+
+
+def _step(app: App) -> ProgramStep:
+    return ProgramStep.model_validate(app.model_dump() | {"preconditions": PRECONDITIONS[app.kind]})

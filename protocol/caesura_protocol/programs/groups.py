@@ -1,0 +1,77 @@
+"""Apps grouped by the phase that they were taught in, each group with a name that may be changed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import App, Phase, PhaseName
+
+LONGEST_NAME = 64  # [characters], as the field says
+AppNumber = Annotated[int, Field(ge=0)]
+
+
+class Group(BaseModel):
+    """Apps `first` to `last` of a program, counted from 0, and what the skill is called."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    first: AppNumber
+    last: AppNumber
+    name: PhaseName
+
+
+def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]:
+    """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
+
+    An app belongs to the phase of its first segment; one without segments to the phase in whose time it lies.
+    A single phase makes no group.
+    """
+    groups: list[Group] = []
+    if len(phases) < 2:
+        return ()
+    counts: Counter[str] = Counter()
+    owners = [_phase_of(app, phases) for app in apps]
+    for number, phase in enumerate(phases):
+        members = [index for index, owner in enumerate(owners) if owner == number]
+        if members:
+            counts[phase.kind] += 1
+            name = phase.name or f"{phase.kind} {counts[phase.kind]}"
+            groups.append(Group(first=members[0], last=members[-1], name=name))
+    return tuple(groups)
+
+
+def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
+    """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 0.
+
+    Raises CaesuraError for any other text, for a group that is not there, and for a name of several groups.
+    """
+    found = list(groups)
+    for given in names:
+        old, separator, new = (part.strip() for part in given.partition("="))
+        known = [one.name for one in found]
+        number = known.index(old) if old in known else int(old) if old.isdecimal() else -1
+        if not separator or not 0 <= number < len(found):
+            there = ", ".join(f"{i} {name!r}" for i, name in enumerate(known)) or "none"
+            raise CaesuraError(f"cannot name {given!r}: expected GROUP=NAME with one of the groups {there}")
+        if known.count(old) > 1:
+            numbers = " or ".join(str(i) for i, name in enumerate(known) if name == old)
+            raise CaesuraError(
+                f"cannot name {given!r}: {known.count(old)} groups have that name, use {numbers}"
+            )
+        if not 1 <= len(new) <= LONGEST_NAME:
+            raise CaesuraError(f"cannot name {given!r}: expected a name of 1 to {LONGEST_NAME} characters")
+        found[number] = found[number].model_copy(update={"name": new})
+    return tuple(found)
+
+
+def _phase_of(app: App, phases: Sequence[Phase]) -> int:
+    """The number of the last phase that begins no later than the app."""
+    begun = (
+        phase.first_segment <= app.segments[0] if app.segments else phase.t0 <= app.t0 for phase in phases
+    )
+    return max(sum(begun) - 1, 0)

@@ -1,0 +1,87 @@
+"""Safety limits of a program, shared by check, simulation and exported script."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import Vector
+
+PLANNED_SHARE = 0.9  # of a limit of speed or turn that a movement may reach
+STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is stopped
+
+
+class Safety(BaseModel):
+    """Limits of speed, force and place. A speed is the flange's, a force what the robot exerts or feels."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    speed_m_per_s: Annotated[float, Field(gt=0.0)] = 0.6  # never faster
+    contact_speed_m_per_s: float = 0.03  # where a contact is looked for: a rigid one is met with it
+    turn_rad_per_s: Annotated[float, Field(gt=0.0)] = (
+        2.5  # of the flange: a Panda's own limit (libfranka, Cartesian rotation)
+    )
+    force_n: Annotated[float, Field(gt=0.0)] | None = (
+        None  # the cell's limit of what a program may ask for; None: it has none
+    )
+    felt_force_n: float = 30.0  # of anything, before the robot stops
+    contact_n: float = 4.0  # from which a contact is one
+    search_m: float = 0.04  # past its target that a contact is looked for
+    load_kg: float = 3.0  # what the Panda carries
+    grasp_force_n: float = 20.0
+    gripper_m_per_s: float = 0.05
+    gripper_width_m: float = 0.08
+    workspace_low: Vector = (-0.75, -0.75, -0.05)  # [m] of the flange
+    workspace_high: Vector = (0.75, 0.75, 0.9)
+    duration_s: float = 60.0  # of an app
+    pause_s: float = 10.0  # between two apps; a longer one is shortened
+    least_confidence: float = 0.5  # below it an app is named
+
+    @property
+    def most_force_n(self) -> float:
+        """[N] that a program may ask for: the cell's limit, and less than what stops the robot."""
+        stops = STOP_SHARE * self.felt_force_n
+        return stops if self.force_n is None else min(self.force_n, stops)
+
+    def slower(self, speed_m_per_s: float, turn_rad_per_s: float) -> float:
+        """Factor of time, 1 or more, with which a movement of such peaks keeps to the limits."""
+        fastest = max(speed_m_per_s / self.speed_m_per_s, turn_rad_per_s / self.turn_rad_per_s)
+        return max(1.0, fastest / PLANNED_SHARE)
+
+
+DEFAULT = Safety()
+
+
+class CellSettings(NamedTuple):
+    """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
+
+    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad].
+    """
+
+    force_limit_n: float | None = None
+    path_tolerance_m: float | None = None
+    path_tolerance_rad: float | None = None
+
+    def over(self, other: CellSettings) -> CellSettings:
+        """Return this setting, completed by another where it states nothing."""
+        return CellSettings(
+            *(theirs if own is None else own for own, theirs in zip(self, other, strict=True))
+        )
+
+
+UNSET = CellSettings()
+
+
+def read_safety(path: Path) -> Safety:
+    """The limits of a cell: a JSON object with those that are not the default. Raises CaesuraError."""
+    try:
+        return Safety.model_validate_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CaesuraError(f"cannot read {path}: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise CaesuraError(f"{path}: {place}: {first['msg']}, got {first['input']!r:.80}") from error

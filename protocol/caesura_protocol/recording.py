@@ -1,0 +1,205 @@
+"""A recording: everything one robot reported during one demonstration.
+
+The same names are used in npz, csv and MCAP files, on the wire and in a live source, so that a recording and
+a live robot have one form for a reader. A signal is a matrix with one row a sample:
+
+    pos (n, 3)   flange position in the base frame, in `length_unit`
+    quat (n, 4)  flange orientation in the base frame, x y z w
+    q (n, 7)     joint positions [rad]
+    force (n, 3) force of the environment on the robot [N], in `force_frame`
+    torque (n, 3) its moment [Nm]
+    tau (n, 7)   external joint torques [Nm]
+    gripper (n, 1) opening between the fingers [m]
+
+At least one of `pos` and `q` must be there; where both are, `pos` is segmented. What else a file holds is
+not read, but named in `Recording.ignored`: an option with a typo in it must not pass in silence.
+
+A recording states where its wrench is measured (`wrench_source`) and whether a person guides this robot by
+hand (`hand_on_robot`). A source that is not stated is None: the service then assumes that the guiding hand is
+in the force, and the results say so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import (
+    COLUMNS_OF_SIGNAL,
+    FORCE_FRAMES,
+    HANDS_ON_ROBOT,
+    LENGTH_UNITS,
+    WRENCH_SOURCES,
+    ForceFrame,
+    HandOnRobot,
+    LengthUnit,
+    Quantity,
+    WrenchSource,
+)
+from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, implausible
+from caesura_protocol.programs.safety import UNSET, CellSettings
+
+Array = NDArray[np.float64]
+
+
+class RecordingError(CaesuraError, ValueError):
+    """The file is not a recording; the message names the file, the value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One demonstration.
+
+    t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
+    wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
+    ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
+    which no robot reports are believed. setting: what its cell asks of the program.
+    Raises RecordingError where a shape, a name, a unit or a time is off.
+    """
+
+    t: Array
+    signals: Mapping[str, Array]
+    wrench_source: WrenchSource | None = None
+    force_frame: ForceFrame = "base"
+    length_unit: LengthUnit = "m"
+    name: str = field(default="recording", compare=False)
+    ignored: tuple[str, ...] = field(default=(), compare=False)
+    hand_on_robot: HandOnRobot = "unknown"
+    declared_units: tuple[Quantity, ...] = field(default=(), compare=False)
+    setting: CellSettings = UNSET
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+        if self.t.ndim != 1 or self.t.size == 0:
+            raise RecordingError(f"{self.name}: t has shape {self.t.shape}, expected (n,) with n >= 1")
+        if not np.isfinite(self.t).all():
+            first = int(np.flatnonzero(~np.isfinite(self.t))[0])
+            raise RecordingError(
+                f"{self.name}: sample {first}: t is {self.t[first]}, expected a finite number"
+            )
+        if not {"pos", "q"} & set(self.signals):
+            raise RecordingError(
+                f"{self.name}: has {sorted(self.signals)}, expected at least one of pos and q"
+            )
+        for signal, values in self.signals.items():
+            if signal not in COLUMNS_OF_SIGNAL:
+                raise RecordingError(
+                    f"{self.name}: unknown signal {signal!r}, known: {list(COLUMNS_OF_SIGNAL)}"
+                )
+            expected = (self.t.size, len(COLUMNS_OF_SIGNAL[signal]))
+            if values.shape != expected:
+                raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
+            if not np.isfinite(values).all():
+                row, column = np.argwhere(~np.isfinite(values))[0]
+                name = COLUMNS_OF_SIGNAL[signal][column]
+                raise RecordingError(
+                    f"{self.name}: sample {row}: {name} is {values[row, column]}, expected a finite number"
+                )
+        self._check_options()
+
+    def _check_options(self) -> None:
+        for key, known in OPTIONS.items():
+            if not is_option(key, getattr(self, key)):
+                raise RecordingError(
+                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
+                )
+        if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
+            raise RecordingError(f"{self.name}: {wrong}")
+
+    @property
+    def has_wrench(self) -> bool:
+        """Whether forces or joint torques are there."""
+        return "force" in self.signals or "tau" in self.signals
+
+    @property
+    def implausible(self) -> Implausible | None:
+        """The first quantity that is probably in another unit than the recording states, or None."""
+        return implausible(self.t, self.signals, length_unit=self.length_unit, declared=self.declared_units)
+
+    @property
+    def stated_options(self) -> dict[str, str]:
+        """Options by name, without those that the recording does not state."""
+        values = {key: getattr(self, key) for key in OPTIONS}
+        asked = {key: repr(value) for key, value in self.setting._asdict().items() if value is not None}
+        return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of `matrix`, as they stand on the wire."""
+        return ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+
+    def matrix(self) -> Array:
+        """All samples as one (n, columns) matrix, time first."""
+        return np.column_stack([self.t, *self.signals.values()])
+
+    def save(self, path: Path) -> None:
+        """Write the recording as npz."""
+        arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
+        options = {key: np.array(value) for key, value in self.stated_options.items()}
+        np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
+
+
+OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "wrench_source": WRENCH_SOURCES,
+    "hand_on_robot": HANDS_ON_ROBOT,
+    "force_frame": FORCE_FRAMES,
+    "length_unit": LENGTH_UNITS,
+}
+STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
+NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
+
+
+def is_option(key: str, value: str | None) -> bool:
+    """Whether an option of this name may have this value; a wrench_source of None is not stated."""
+    return value in OPTIONS[key] or (key, value) == ("wrench_source", None)
+
+
+def contradiction(wrench_source: str | None, hand_on_robot: str) -> str | None:
+    """Error text where the wrench source and the statement of the hand contradict each other, else None."""
+    if (wrench_source, hand_on_robot) != ("flange_sensor_with_hand", "no"):
+        return None
+    return (
+        "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "
+        "hand_on_robot 'yes' or 'unknown', or wrench_source 'flange_sensor' or 'joint_torque_estimate'"
+    )
+
+
+ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")  # names of the arrays of a file
+
+
+def declared_units(**units: str | None) -> dict[Quantity, str]:
+    """Units that were declared, by quantity. Raises RecordingError for one that does not exist."""
+    declared: dict[Quantity, str] = {}
+    for quantity, known in UNITS.items():
+        if (unit := units.get(quantity)) is None:
+            continue
+        if unit not in known:
+            raise RecordingError(f"{quantity}_unit is {unit!r}, expected one of {list(known)}")
+        declared[quantity] = unit
+    return declared
+
+
+def unit_remedy(found: Implausible, length_unit: str) -> str:
+    """What a user states to have the samples taken, as they are or in the likely unit."""
+    option = f"--{found.quantity}-unit"
+    stated = length_unit if found.quantity == "length" else WIRE_UNIT[found.quantity]
+    believed = f"{option} {stated} if the values are right"
+    return f"State {believed}" if found.likely is None else f"State {option} {found.likely}, or {believed}"
+
+
+def did_you_mean(name: str) -> str | None:
+    """The name that an ignored one looks like, if any.
+
+    >>> did_you_mean("length_units"), did_you_mean("vel")
+    ('length_unit', None)
+    """
+    columns = (column for names in COLUMNS_OF_SIGNAL.values() for column in names if len(column) > 2)
+    close = get_close_matches(name.lower(), [*ARRAYS, *STATED, *columns], n=1, cutoff=0.8)
+    return close[0] if close else None

@@ -1,0 +1,1 @@
+"""The network as both sides use it: Zenoh, and its twin in memory."""

@@ -1,0 +1,175 @@
+"""A transport within one process, with the contract of the real one, for tests and examples.
+
+A MemoryNetwork is what a router is to Zenoh; each MemoryTransport is one session with it. `lose` makes the
+network drop what matches, as DROP does to a full queue, without an error for the sender.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
+
+from caesura_protocol.codec import Encoded, decode_error
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
+
+
+def intersect(one: str, other: str) -> bool:
+    """Do two key expressions meet? A `*` stands for one part of a key.
+
+    >>> intersect("caesura/v1/station/*/alive", "caesura/v1/station/cell-1/alive")
+    True
+    """
+    ours, theirs = one.split("/"), other.split("/")
+    pairs = zip(ours, theirs, strict=False)
+    return len(ours) == len(theirs) and all("*" in pair or pair[0] == pair[1] for pair in pairs)
+
+
+class MemoryNetwork:
+    """All declarations of all its transports."""
+
+    def __init__(self) -> None:
+        self.subscribers: list[tuple[str, Inbox]] = []
+        self.queryables: list[tuple[str, Inbox]] = []
+        self.watchers: list[tuple[str, Inbox]] = []
+        self.tokens: list[str] = []
+        self.lose: Callable[[Delivery], bool] = lambda delivery: False
+        self.lock = threading.RLock()
+
+    def transport(self) -> MemoryTransport:
+        """A new session with this network."""
+        return MemoryTransport(self)
+
+
+class MemoryTransport:
+    """A session with a MemoryNetwork; meets the Transport contract."""
+
+    endpoint: str = "memory"
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._network = network
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing to give back: declarations end with their context managers."""
+
+    def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
+        """Deliver to every subscriber of the key."""
+        del priority  # one process, one order
+        delivery = Delivery(key, *content)
+        if not self._network.lose(delivery):
+            self._offer(self._network.subscribers, key, delivery)
+
+    def query(
+        self,
+        key: str,
+        content: Encoded | None = None,
+        *,
+        parameters: str = "",
+        timeout_s: float = QUERY_TIMEOUT_S,
+    ) -> QueryReplies:
+        """Ask every queryable of the key and wait until each has ended its question."""
+        with self._network.lock:
+            asked = [inbox for known, inbox in self._network.queryables if intersect(known, key)]
+        questions = [MemoryQuestion(key, parameters, content) for _ in asked]
+        for inbox, question in zip(asked, questions, strict=True):
+            inbox.offer(question)
+        late = [question for question in questions if not question.ended.wait(timeout_s)]
+        refusals = [refusal for question in questions for refusal in question.refusals]
+        return QueryReplies(
+            tuple(reply for question in questions for reply in question.replies),
+            (*refusals, *(unanswered() for _ in late)),
+        )
+
+    def alive(self, key: str) -> tuple[str, ...]:
+        """Keys of the tokens that exist now, sorted."""
+        with self._network.lock:
+            return tuple(sorted({token for token in self._network.tokens if intersect(key, token)}))
+
+    @contextmanager
+    def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
+        """Enqueue a Delivery for everything that is put on the key."""
+        with self._declared(self._network.subscribers, key, inbox):
+            yield
+
+    @contextmanager
+    def answer(self, key: str, inbox: Inbox) -> Iterator[None]:
+        """Enqueue a Question for every query on the key."""
+        with self._declared(self._network.queryables, key, inbox):
+            yield
+
+    @contextmanager
+    def token(self, key: str) -> Iterator[None]:
+        """Be seen on the key."""
+        with self._network.lock:
+            self._network.tokens.append(key)
+            self._offer(self._network.watchers, key, TokenChange(key, alive=True))
+        try:
+            yield
+        finally:
+            with self._network.lock:
+                self._network.tokens.remove(key)
+                self._offer(self._network.watchers, key, TokenChange(key, alive=False))
+
+    @contextmanager
+    def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
+        """Enqueue a TokenChange for every token that is there, comes or goes."""
+        with self._declared(self._network.watchers, key, inbox):
+            for token in self.alive(key):
+                inbox.offer(TokenChange(token, alive=True))
+            yield
+
+    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: Delivery | TokenChange) -> None:
+        with self._network.lock:
+            inboxes = [inbox for known, inbox in declared if intersect(known, key)]
+        for inbox in inboxes:
+            inbox.offer(item)
+
+    @contextmanager
+    def _declared(self, declared: list[tuple[str, Inbox]], key: str, inbox: Inbox) -> Iterator[None]:
+        with self._network.lock:
+            declared.append((key, inbox))
+        try:
+            yield
+        finally:
+            with self._network.lock:
+                declared.remove((key, inbox))
+
+
+class MemoryQuestion:
+    """A question within the process; collects its answers until it is ended."""
+
+    def __init__(self, key: str, parameters: str, content: Encoded | None) -> None:
+        self.key = key
+        self.parameters = parameters
+        self.content = content
+        self.replies: list[Delivery] = []
+        self.refusals: list[ProtocolError] = []
+        self.ended = threading.Event()
+
+    def reply(self, key: str, answer: Encoded) -> None:
+        """Send one answer."""
+        self.replies.append(Delivery(key, *answer))
+
+    def refuse(self, error: Encoded) -> None:
+        """Send a refusal."""
+        self.refusals.append(decode_error(*error))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.ended.set()

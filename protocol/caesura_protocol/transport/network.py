@@ -1,0 +1,70 @@
+"""The interface of a transport; `transport` implements it with Zenoh, `memory` without a network."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Literal, NamedTuple, Protocol
+
+from caesura_protocol.codec import Encoded
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.transport.inbox import Delivery, Inbox
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+ENDPOINT_VARIABLE = "CAESURA_CONNECT"  # of the environment: the endpoint where none is given
+QUERY_TIMEOUT_S = 2.0
+Priority = Literal["data_high", "data", "data_low"]
+
+
+class QueryReplies(NamedTuple):
+    """What came back from a query. An empty one means: no queryable is there, or the query is forbidden."""
+
+    replies: tuple[Delivery, ...]
+    refusals: tuple[ProtocolError, ...]
+
+
+class IncompleteAnswerError(ProtocolError):
+    """The answer to a query, or a part of it, did not arrive: the same query may succeed at once."""
+
+
+def unanswered() -> IncompleteAnswerError:
+    """Return the refusal of a query that a queryable received and did not answer in time."""
+    return IncompleteAnswerError("overloaded", "no answer within the time of the query: ask again")
+
+
+class Transport(Protocol):
+    """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
+
+    @property
+    def endpoint(self) -> str:
+        """Where it is connected, as errors name it."""
+
+    def close(self) -> None:
+        """Leave the network; everything declared through this session goes with it."""
+
+    def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
+        """Publish, without ever blocking; what a full queue drops is dropped silently."""
+
+    def query(
+        self,
+        key: str,
+        content: Encoded | None = None,
+        *,
+        parameters: str = "",
+        timeout_s: float = QUERY_TIMEOUT_S,
+    ) -> QueryReplies:
+        """Ask, and wait for every answer or the timeout, which is a refusal: see `unanswered`."""
+
+    def alive(self, key: str) -> tuple[str, ...]:
+        """Keys of the liveliness tokens that exist now, sorted."""
+
+    def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a Delivery for everything that is put on the key."""
+
+    def answer(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a Question for every query on the key."""
+
+    def token(self, key: str) -> AbstractContextManager[None]:
+        """Be seen on the key."""
+
+    def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+        """Enqueue a TokenChange for every token that is there, comes or goes."""

@@ -1,0 +1,184 @@
+"""The filter compiled: `OnlineFilter` in all that it shows, many times as fast.
+
+The same observations give the same state, bit for bit. `OnlineFilter` is the reference, to which it agrees to
+1e-9, and stands in where a lattice holds a model that `kernels` does not know.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.best_path_window import Ended, FinalPath, Starts
+from caesura_service.changepoint.hazard import Geometric, Hazard
+from caesura_service.changepoint.kernels import steps
+from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
+from caesura_service.changepoint.kernels.layout import (
+    FORCE,
+    FREE,
+    HOLDING,
+    ROTATION,
+    TORSION,
+    Model,
+    State,
+    fresh_state,
+    with_more_nodes,
+)
+from caesura_service.changepoint.kernels.unpacking import table_of
+from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.run_length_filter import check_finite, check_start
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.smoothed_probabilities import Smoothed, Smoothing
+
+Array = NDArray[np.float64]
+
+__all__ = ["CompiledFilter", "can_compile", "compile_now"]
+
+FIRST_LENGTHS = 64  # samples of a segment that the tables reach at first
+
+
+class CompiledFilter(Smoothed):
+    """See `OnlineFilter`. Raises ValueError for a lattice that cannot be compiled."""
+
+    def __init__(self, lattice: Lattice, hazard: Hazard, parameters: FilterParameters | None = None) -> None:
+        if not can_compile(lattice):
+            raise ValueError(f"no compiled twin for one of {[*lattice.channels]}, use OnlineFilter")
+        self.lattice = lattice
+        self.hazard = hazard
+        self.parameters = parameters or FilterParameters()
+        self.count = 0
+        self.final = FinalPath(len(lattice.kinds))
+        self.boundaries: list[int] = []
+        self._smoothing = Smoothing()
+        model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
+        sizes = len(lattice.kinds), len(lattice.log_transition), len(lattice.channels), fields_of(lattice)
+        self._keep(model, fresh_state(model.settings, *sizes, profiled_of(lattice)))
+        self._room = 0  # steps until it has to be looked whether tables and nodes suffice
+
+    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+        """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
+
+        changepoint: whether a segment starts here, where that is given. Raises ValueError where a value is
+        not finite; nothing has changed then.
+        """
+        now = self._state.now
+        now[:FORCE], now[FORCE:ROTATION], now[HOLDING], now[ROTATION:TORSION], now[TORSION:HOLDING] = observed
+        if not self._room:
+            self._make_room()
+        known = steps.UNKNOWN if changepoint is None else int(changepoint)
+        after_gap = bool(boundary and self.count)
+        settled, certain = steps.step(self._here, after_gap, known)
+        if certain == steps.REFUSED:
+            check_finite(observed, self.count)
+        self._room -= 1
+        if after_gap:
+            self.boundaries.append(self.count)
+        self.count += 1
+        window = self._state.smoothed[: self.count]
+        self._smoothing.leave(self._left if self.count > self.parameters.window else (), window)
+        if settled:
+            self._settle()
+        if certain >= 0:
+            self.condition(certain)
+
+    def condition(self, start: int) -> None:
+        """Take it for certain that a segment starts at observation `start`; what lies before it is final.
+
+        Raises ValueError for a start that is final already, or out of the window.
+        """
+        check_start(start, self.root, self.count, self.parameters)
+        self._smoothing.decide(start)
+        self._make_room()
+        steps.condition(self._here, start)
+        self._settle()
+        self._room = 0
+
+    @property
+    def root(self) -> int:
+        """The latest start that every living hypothesis descends from."""
+        return int(self._state.node_start[self._state.counters["root"][0]])
+
+    @property
+    def capped(self) -> int:
+        """Steps on which the cap bit."""
+        return int(self._state.counters["capped"][0])
+
+    @property
+    def starts(self) -> Starts:
+        """(h,) ascending."""
+        return self._state.starts[: self._living].copy()
+
+    @property
+    def kind_log_evidence(self) -> Array:
+        """(h, kinds) log evidence of each kind."""
+        return self._state.kinds[:, : self._living].T.copy()
+
+    @property
+    def log_evidence(self) -> Array:
+        """(h, groups) the same over the kinds of a group, to the power of the lattice."""
+        return self._state.evidence[:, : self._living].T.copy()
+
+    @property
+    def log_joint(self) -> Array:
+        """(h,) log joint of each hypothesis and everything so far."""
+        return self._state.joint[: self._living].copy()
+
+    def map_path(self) -> list[Ended]:
+        """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
+        state, living = self._state, slice(self._living)
+        survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
+        scores = (state.priors[1, :, living] + survived + state.plain[:, living]).T
+        best, group = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
+        node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
+        before = int(state.node_group[node])
+        path = [Ended(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]
+        while node not in (root, FREE):
+            parent, group = int(state.node_parent[node]), before
+            before = int(state.node_group[parent])
+            start = int(state.node_start[parent])
+            path.append(Ended(start, state.node_kinds[node].copy(), group, before))
+            node = parent
+        return path[::-1]
+
+    @property
+    def _living(self) -> int:
+        """Hypotheses, which stand in the first places."""
+        return int(self._state.counters["living"][0])
+
+    def _keep(self, model: Model, state: State) -> None:
+        """From now on."""
+        self._model, self._state, self._table = model, state, table_of(model, state)
+        self._here, self._left = self._table.ctypes.data, state.counters["left"]
+
+    def _settle(self) -> None:
+        """Take over what has become final."""
+        count = self._state.counters["settled"][0]
+        state = self._state
+        settled = (getattr(state, f"settled_{name}")[:count] for name in ("start", "kinds", "group"))
+        self.final.extend(Ended(int(s), kinds, int(group)) for s, kinds, group in zip(*settled, strict=True))
+
+    def _make_room(self) -> None:
+        """For some steps, and for a decision after each of them."""
+        spare, each = self.parameters.window + 2, len(self.lattice.log_transition) + 1
+        while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare * each:
+            self._keep(self._model, with_more_nodes(self._state))
+        nodes = (self._state.node_start.size - int(self._state.counters["nodes"][0])) // each - spare
+        longest = self.count - int(self._state.starts[0]) if self._living else 0
+        reach = self._model.log_mass.size
+        if longest + 2 * spare > reach:
+            longer = model_of(self.lattice, self.hazard, self.parameters, 2 * (longest + 2 * spare))
+            self._keep(longer, self._state)
+            reach = self._model.log_mass.size
+        self._room = min(nodes, reach - longest - 3)
+
+
+def compile_now() -> None:
+    """Have everything compiled, or loaded if it has been before. All lattices share it."""
+    still = Walk("position", scale=1.0)
+    lattice = Lattice({"still": still}, (Kind("steady", "steady", "free", ("still",)),))
+    small = CompiledFilter(lattice, Geometric(10.0), FilterParameters(window=2, certain=1.0))
+    for _ in range(3):
+        small.step(Observed(np.zeros(3), np.zeros(3)))
+    small.condition(2)

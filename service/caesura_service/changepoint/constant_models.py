@@ -1,0 +1,196 @@
+"""Channels that keep one value: rest, free space, a carried load, and what the gripper holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.models import (
+    AXES,
+    Channel,
+    Noise,
+    Observed,
+    Origin,
+    Rows,
+    append,
+    log_absence,
+    signal,
+)
+from caesura_service.changepoint.profile_model import origin_of
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81  # [m/s²], as the thesis has it
+_Z = 2
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The channel keeps a value that is known: where it started (steady) or zero (no contact).
+
+    Thesis (3.60), (3.65); origins as in Profiled.
+    """
+
+    channel: Channel
+    noise: Noise
+    origin: Origin = "first"
+
+    def empty(self) -> Rows:
+        """Rows: n, origin, y, Σy²."""
+        return np.zeros(0, np.int64), *(np.zeros((0, AXES)) for _ in range(3))
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        z = signal(observed, self.channel)
+        start = append(rows[1], origin_of(self.origin, rows, z))
+        n, before, squares = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3))
+        y = z - start
+        return n + 1, start, y, squares + self.noise.fresh(y, before, n, self.origin) ** 2
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        n, _, _, squares = rows
+        whitened = n - 1 + int(self.origin == "previous")
+        total: Array = self.noise.log_evidence(n, squares, whitened=whitened).sum(axis=1)
+        return total
+
+
+@dataclass(frozen=True)
+class Biased:
+    """Free space as a real sensor shows it: an unknown constant force with a prior of scale `bias` [N].
+
+    The mean and the deviations from it are independent: the deviations have the noise's density over n − 1
+    values, the mean is normal with variance bias² + floor²/n. Mean and deviations are those of whitened
+    values, weighted as generalised least squares does.
+
+    `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a steady
+    press is no bias, however steady it is. The weight is at most 1. z is what the weight of a load between
+    `least_kg` and `most_kg` leaves of the force: a load is no contact either, so its weight decides between
+    a load and free space once, by the mean, and not anew at every sample.
+    """
+
+    noise: Noise
+    bias: float
+    absence: float = 0.0
+    least_kg: float = 0.0
+    most_kg: float = 0.0
+
+    def empty(self) -> Rows:
+        """Rows: n, f, Σ w², Σ w c, Σ c², Σ log absence, with w the whitened force and c the whitened one."""
+        n, vector, scalar = np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros(0)
+        return n, vector, vector, vector, scalar, scalar
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        n, before, squares, total, weight = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in range(5))
+        force = np.broadcast_to(observed.force, before.shape)
+        w = self.noise.fresh(force, before, n, "zero")
+        c = self.noise.fresh(np.ones(n.size), np.ones(n.size), n, "zero")
+        beyond = weightless(observed.force, self.least_kg, self.most_kg)
+        absent = append(rows[5], 0.0) + log_absence(beyond @ beyond, self.absence)
+        return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2, absent
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        n, _, squares, total, weight, absent = rows
+        mean, ssr = total / weight[:, None], np.maximum(squares - total**2 / weight[:, None], 0.0)
+        deviations = self.noise.log_evidence(n - 1, ssr, whitened=n - 1).sum(axis=1)
+        density = self.mean_log_density(mean, self.noise.floor**2 / weight[:, None])
+        result: Array = deviations - 0.5 * AXES * np.log(weight) + density + absent
+        return result
+
+    def mean_log_density(self, mean: Array, variance: Array) -> Array:
+        """(h,) log density of the mean force (h, 3) [N], itself known to some variance (h, 1) [N²]."""
+        total: Array = _normal(mean, self.bias**2 + variance).sum(axis=1)
+        return total
+
+
+@dataclass(frozen=True)
+class Laden(Biased):
+    """A load hangs on the gripper: the force is its weight, (0, 0, −m g), give or take the sensor's bias.
+
+    The load is log-uniform between `least_kg` and `most_kg`, with normal shoulders as wide as the bias.
+    """
+
+    least_kg: float = 0.2
+    most_kg: float = 3.0
+
+    def mean_log_density(self, mean: Array, variance: Array) -> Array:
+        """(h,) sideways as in free space, downwards the load's density."""
+        sideways = _normal(mean[:, :_Z], self.bias**2 + variance).sum(axis=1)
+        down, lowest, highest = -mean[:, _Z], self.least_kg * GRAVITY, self.most_kg * GRAVITY
+        inside = np.clip(down, lowest, highest)
+        shoulder2 = self.bias**2 + variance[:, 0]
+        mass = np.log(highest / lowest) + np.sqrt(0.5 * np.pi * shoulder2) * (1.0 / lowest + 1.0 / highest)
+        density: Array = sideways - np.log(inside) - np.log(mass) - 0.5 * (down - inside) ** 2 / shoulder2
+        return density
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The thesis' transport: the weight of a load of max(m_min, mean), known for certain. (3.52), (3.60)."""
+
+    noise: Noise
+    least_kg: float
+
+    def empty(self) -> Rows:
+        """Rows: n, Σf, Σf²."""
+        return np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros((0, AXES))
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        n, total, squares = (append(array, np.zeros(array.shape[1:])) for array in rows)
+        return n + 1, total + observed.force, squares + observed.force**2
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        n, total, squares = rows
+        weight = np.minimum(total[:, _Z] / n, -self.least_kg * GRAVITY)
+        ssr = squares.copy()
+        ssr[:, _Z] += n * weight**2 - 2.0 * weight * total[:, _Z]
+        result: Array = self.noise.log_evidence(n, np.maximum(ssr, 0.0)).sum(axis=1)
+        return result
+
+
+@dataclass(frozen=True)
+class Held:
+    """Whether the gripper holds something: a two-state chain.
+
+    probability: that it does when the segment starts; change: that this flips from one observation to the
+    next. The chain makes a long segment one piece of evidence, not one a sample. Unknown says nothing.
+    """
+
+    probability: float
+    change: float = 0.005
+
+    def empty(self) -> Rows:
+        """Rows: log evidence, the last known state (nan before one)."""
+        return np.zeros(0), np.zeros(0)
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        told, before = append(rows[0], 0.0), append(rows[1], np.nan)
+        if np.isnan(observed.holding):
+            return told, before
+        first = self.probability if observed.holding else 1.0 - self.probability
+        flip = np.where(before == observed.holding, 1.0 - self.change, self.change)
+        likelihood = np.where(np.isnan(before), first, flip)
+        return told + np.log(likelihood), np.full(before.size, observed.holding)
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        return np.asarray(rows[0], np.float64)
+
+
+def weightless(force: Array, least_kg: float, most_kg: float) -> Array:
+    """(3,) what the weight of a load between these two [kg] leaves of a force (3,) [N]."""
+    weight = np.clip(-force[_Z], least_kg * GRAVITY, most_kg * GRAVITY)
+    left: Array = force + np.array([0.0, 0.0, weight])
+    return left
+
+
+def _normal(value: Array, variance: Array) -> Array:
+    density: Array = -0.5 * (value**2 / variance + np.log(2.0 * np.pi * variance))
+    return density

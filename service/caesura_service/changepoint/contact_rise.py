@@ -1,0 +1,49 @@
+"""Neither free space nor a load begins with a rise of the force: that is how a contact begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.constant_models import weightless
+from caesura_service.changepoint.models import AXES, Observed, Rows, append
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoRise:
+    """A weight of at most 1 on the start of free space: exp(−rise²/2 scale²).
+
+    The rise is by how much the force [N], within `reach` observations after the first, exceeds that of the
+    observation before the start; a force that falls has none. A bias may be large, and it wanders slowly. So
+    free space may read as much as a light contact, and still not begin where the force sets in. The first
+    observation of all has nothing before it.
+
+    scale [N]: by which the force of a free movement varies within these observations. most_kg [kg]: the
+    weight of a load up to this is left out of the force, since a load sets in without a contact.
+    """
+
+    scale: float
+    reach: int = 3
+    most_kg: float = 0.0
+
+    def empty(self) -> Rows:
+        """Rows: n, force before the start, largest rise, last force."""
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, AXES))
+
+    def extend(self, rows: Rows, observed: Observed) -> Rows:
+        """Take one observation."""
+        force = weightless(observed.force, 0.0, self.most_kg)
+        last = rows[3][-1] if len(rows[0]) else force
+        n, before = append(rows[0], 0), append(rows[1], np.sqrt(last @ last))
+        risen = append(rows[2], 0.0)
+        risen = np.where(n <= self.reach, np.maximum(risen, np.sqrt(force @ force) - before), risen)
+        return n + 1, before, risen, np.tile(force, (len(n), 1))
+
+    def log_evidence(self, rows: Rows) -> Array:
+        """(h,)."""
+        weight: Array = -0.5 * (rows[2] / self.scale) ** 2
+        return weight

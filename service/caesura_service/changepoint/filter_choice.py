@@ -1,0 +1,28 @@
+"""Which filter works on a lattice: the compiled one where it can, the reference where it cannot."""
+
+from __future__ import annotations
+
+from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.numba_support import has_kernels
+
+
+def filter_for(lattice: Lattice, hazard: Hazard, parameters: FilterParameters) -> Filter:
+    """A filter at its beginning. A third party's channel model has no compiled twin, and needs none."""
+    if not has_kernels():
+        return OnlineFilter(lattice, hazard, parameters)
+    from caesura_service.changepoint.compiled_filter import CompiledFilter, can_compile  # noqa: PLC0415
+
+    made = CompiledFilter if can_compile(lattice) else OnlineFilter
+    return made(lattice, hazard, parameters)
+
+
+def prepare() -> None:
+    """Compile what is not compiled yet, so that no session has to wait for it."""
+    if has_kernels():
+        from caesura_service.changepoint.compiled_filter import compile_now  # noqa: PLC0415
+
+        compile_now()

@@ -1,0 +1,215 @@
+"""The metrics for Prometheus, read from immutable standings at each scrape: nothing is stored twice.
+
+Labels are bounded. `station` takes at most as many values as the registry has stations (`Limits.stations`,
+256 by default), `code` as many as the protocol has codes; no session name is a label.
+docs/operations.md lists every metric; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from prometheus_client import CollectorRegistry, GCCollector, PlatformCollector, ProcessCollector
+from prometheus_client.metrics_core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+)
+from prometheus_client.registry import Collector
+
+from caesura_protocol.keys import ROOT
+from caesura_protocol.messages import Budget, JournalReport, ServiceStatus, StationBudgets
+from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.station_counters import Counted
+from caesura_service.ownership.session_index import Board
+from caesura_service.publishing.session_state import Standing
+
+Family = CounterMetricFamily | GaugeMetricFamily
+
+
+@dataclass(frozen=True)
+class MetricsSource:
+    """What is asked for numbers; from any thread."""
+
+    registry: WatchedRegistry
+    status: Callable[[], ServiceStatus]
+    is_ready: Callable[[], bool]  # has it joined the network, and can it be found?
+    budgets: Callable[[str], StationBudgets]  # of a station
+
+
+# (metric, what it says, how it is read): of each station that the instance has, what it has done
+OF_STATION: tuple[tuple[str, str, Callable[[Counted], float]], ...] = (
+    ("caesura_batches", "Batches processed.", lambda one: one.batches),
+    ("caesura_samples", "Samples processed.", lambda one: one.samples),
+    ("caesura_observations", "Observations on the segmentation grid.", lambda one: one.observations),
+    ("caesura_duplicates", "Batches that came again and were ignored.", lambda one: one.duplicates),
+    ("caesura_repeats", "Samples ignored because their time did not advance.", lambda one: one.repeats),
+    ("caesura_gaps", "Gaps declared in results.", lambda one: one.gaps),
+    ("caesura_gap_seconds", "Session time that lies in gaps.", lambda one: one.gap_s),
+    ("caesura_lost", "Batches given up or refused; each lies in a gap.", lambda one: one.lost),
+    (
+        "caesura_station_dropped",
+        "Batches for which the queue had no room; they are asked for again.",
+        lambda one: one.dropped,
+    ),
+    (
+        "caesura_station_work_seconds",
+        "Time of the thread that does the work that went into what the station sent.",
+        lambda one: one.work_s,
+    ),
+    ("caesura_replays", "Questions to the bridge for batches that were missing.", lambda one: one.replays),
+)
+
+# of each station's current session
+OF_SESSION: tuple[tuple[str, str, Callable[[Standing], float]], ...] = (
+    ("caesura_session_open", "1 while the current session takes samples.", lambda one: one.is_open),
+    ("caesura_session_hypotheses", "Living hypotheses.", lambda one: one.view.hypotheses),
+    ("caesura_session_segments", "Segments found.", lambda one: len(one.view.segments)),
+    (
+        "caesura_session_waiting",
+        "1 while a batch is missing and asked for.",
+        lambda one: one.is_open and one.waiting_for is not None,
+    ),
+)
+
+OF_INSTANCE: tuple[tuple[type[Family], str, str, Callable[[ServiceStatus], float]], ...] = (
+    (CounterMetricFamily, "caesura_messages", "Messages taken from the queue.", lambda one: one.messages),
+    (
+        CounterMetricFamily,
+        "caesura_dropped",
+        "Batches for which the queue had no room; they are asked for again.",
+        lambda one: one.dropped,
+    ),
+    (
+        GaugeMetricFamily,
+        "caesura_overloaded",
+        "1 while more arrives than it can do; said before anything is dropped.",
+        lambda one: one.overloaded,
+    ),
+    (GaugeMetricFamily, "caesura_queue_messages", "Messages that wait.", lambda one: one.queue),
+    (
+        GaugeMetricFamily,
+        "caesura_queue_capacity_messages",
+        "Messages that may wait.",
+        lambda one: one.queue_capacity,
+    ),
+)
+
+OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
+    ("caesura_journal_bytes", "Size of all sessions in the journal.", lambda one: one.size),
+    ("caesura_journal_limit_bytes", "Size past which closed sessions go.", lambda one: one.size_limit),
+    ("caesura_journal_waiting_bytes", "Not yet written.", lambda one: one.waiting),
+    ("caesura_journal_trouble", "1 while nothing can be written.", lambda one: one.trouble is not None),
+)
+
+
+class ServiceCollector(Collector):
+    """Makes every metric of Caesura from the present state."""
+
+    def __init__(self, observed: MetricsSource, clock: Callable[[], float] = time.monotonic) -> None:
+        """clock: [s] that of the counting."""
+        self._observed = observed
+        self._clock = clock
+
+    def collect(self) -> Iterable[Metric]:
+        """Every family, once for each scrape."""
+        status, board = self._observed.status(), self._observed.registry.board
+        yield _info(status)
+        yield GaugeMetricFamily(
+            "caesura_ready", "1 once it has joined the network and can be found.", self._observed.is_ready()
+        )
+        for kind, name, says, of_status in OF_INSTANCE:
+            yield kind(name, says, of_status(status))
+        if status.journal is not None:
+            for name, says, of_journal in OF_JOURNAL:
+                yield GaugeMetricFamily(name, says, of_journal(status.journal))
+        yield _refused(status)
+        yield from _sessions(status, board)
+        yield from self._stations(board)
+        yield from self._budgets(board)
+        yield self._durations()
+
+    def _stations(self, board: Board) -> Iterator[Metric]:
+        counting, now = self._observed.registry.counting, self._clock()
+        counted = counting.of_station
+        for name, says, of_station in OF_STATION:
+            values = {station: of_station(counted.get(station, Counted())) for station in board.sessions}
+            yield _labelled(CounterMetricFamily(name, says, labels=["station"]), values)
+        current = {standing.station: standing for standing in board.current()}
+        for name, says, of_session in OF_SESSION:
+            values = {station: of_session(standing) for station, standing in current.items()}
+            yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
+        ages = {
+            station: now - (counted.get(station, Counted()).received_s or counting.began)
+            for station, standing in current.items()
+            if standing.is_open
+        }
+        says = "Since a batch of the open session last came, or since the start; none without one."
+        yield _labelled(GaugeMetricFamily("caesura_last_batch_age_seconds", says, labels=["station"]), ages)
+        yield GaugeMetricFamily(
+            "caesura_worker_age_seconds",
+            "Since the thread that does the work last came round.",
+            now - counting.turned,
+        )
+
+    def _budgets(self, board: Board) -> Iterator[Metric]:
+        labels = ["station", "budget"]
+        used = GaugeMetricFamily(
+            "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
+        )
+        refused = CounterMetricFamily(
+            "caesura_budget_refused", "Messages held back because a budget was used up.", labels=labels
+        )
+        for station in sorted(board.sessions):
+            for use, budget in self._observed.budgets(station):
+                if isinstance(budget, Budget):
+                    used.add_metric([station, use], budget.used / budget.at_once)
+                    refused.add_metric([station, use], budget.refused)
+        yield from (used, refused)
+
+    def _durations(self) -> Metric:
+        durations = self._observed.registry.counting.durations
+        family = HistogramMetricFamily("caesura_batch_seconds", "Work on a batch, from queue to results.")
+        family.add_metric([], durations.cumulative(), durations.total_s)
+        return family
+
+
+def metrics_of(observed: MetricsSource) -> CollectorRegistry:
+    """Return Caesura's metrics and the process': memory, processor time, open files, garbage."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(ServiceCollector(observed))
+    ProcessCollector(registry=registry)
+    PlatformCollector(registry=registry)
+    GCCollector(registry=registry)
+    return registry
+
+
+def _info(status: ServiceStatus) -> Metric:
+    labels = {
+        "instance_name": status.instance,  # `instance` is Prometheus' own
+        "version": status.version,
+        "protocol": ROOT,
+        "journal": status.journal.kind if status.journal else "none",
+    }
+    return InfoMetricFamily("caesura", "What this is.", labels)
+
+
+def _refused(status: ServiceStatus) -> Metric:
+    family = CounterMetricFamily("caesura_refused", "Messages refused.", labels=["code"])
+    return _labelled(family, dict(status.refused.items()))
+
+
+def _sessions(status: ServiceStatus, board: Board) -> Iterator[Metric]:
+    family = GaugeMetricFamily("caesura_sessions", "Sessions that can be asked for.", labels=["state"])
+    yield _labelled(family, {"open": status.sessions_open, "closed": status.sessions_closed})
+    yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(board.sessions))
+
+
+def _labelled(family: Family, values: Mapping[str, float]) -> Metric:
+    for label, value in sorted(values.items()):
+        family.add_metric([label], value)
+    return family

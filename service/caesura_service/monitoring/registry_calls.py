@@ -1,0 +1,40 @@
+"""The effects of one call of the registry, for counters and log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from caesura_protocol.messages import Refusal
+from caesura_service.publishing.events import Incoming, Output
+from caesura_service.publishing.session_state import Standing
+
+
+class Change(NamedTuple):
+    """A session before and after; None where it was not there."""
+
+    before: Standing | None
+    after: Standing | None
+
+
+class RegistryCall(NamedTuple):
+    """One message, command or tick.
+
+    station: None where the key has none, or where it concerns all. refused: how many refusals it
+    made, of which `refusal` is the last.
+    """
+
+    station: str | None
+    message: Incoming | None
+    changes: Sequence[Change]
+    outputs: Sequence[Output]
+    refused: int
+    refusal: Refusal | None
+    took_s: float
+
+
+def changes_between(before: Mapping[str, Standing], after: Mapping[str, Standing]) -> list[Change]:
+    """Every session that is not what it was, by name; what stayed is left out."""
+    names = before if before.keys() == after.keys() else dict.fromkeys((*before, *after))
+    pairs = [(before.get(name), after.get(name)) for name in names]
+    return [Change(old, new) for old, new in pairs if old is not new]

@@ -1,0 +1,143 @@
+"""Counters of each station since the start of the process.
+
+The registry's thread counts, any thread reads: each number is replaced by a greater one, fifty times a second
+for each station, so that nothing else is. A station that is no longer here is dropped with its numbers, so
+there are never more than the registry has stations.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
+from itertools import accumulate
+
+from caesura_protocol.messages import Gap, SampleBatch
+from caesura_service.monitoring.registry_calls import Change, RegistryCall
+from caesura_service.publishing.events import AskReplay
+from caesura_service.publishing.session_state import Tally
+from caesura_service.segmentation.view import View
+
+BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
+
+
+@dataclass(slots=True)
+class Counted:
+    """Counts of one station. received_s: when its last batch came [s, the counter's clock]."""
+
+    batches: int = 0
+    samples: int = 0
+    observations: int = 0
+    duplicates: int = 0
+    repeats: int = 0
+    gaps: int = 0
+    gap_s: float = 0.0
+    lost: int = 0  # batches
+    dropped: int = 0  # batches
+    replays: int = 0
+    work_s: float = 0.0  # of the thread that does the work
+    received_s: float | None = None
+
+    def add(self, change: Change) -> None:
+        """Count what a change adds. A session that is taken up as it was adds nothing."""
+        before, after = change.before, change.after
+        if before is None or after is None:
+            return
+        if after.tally is not before.tally:
+            self._add_tally(before.tally, after.tally)
+        if after.view is not before.view:
+            self._add_view(before.view, after.view)
+
+    def _add_tally(self, old: Tally, new: Tally) -> None:
+        self.batches += _grown(old.batches, new.batches)
+        if new[1:] != old[1:]:
+            self.duplicates += _grown(old.duplicates, new.duplicates)
+            self.lost += _grown(old.lost, new.lost)
+            self.dropped += _grown(old.dropped, new.dropped)
+
+    def _add_view(self, old: View, new: View) -> None:
+        self.samples += _grown(old.samples, new.samples)
+        self.repeats += _grown(old.repeats, new.repeats)
+        self.observations += _grown(old.observations, new.observations)
+        if new.gaps is not old.gaps:
+            fresh = new.gaps[len(old.gaps) :]
+            self.gaps += len(fresh)
+            self.gap_s += _seconds(fresh)
+
+
+@dataclass(slots=True)
+class Durations:
+    """A histogram of how long steps took."""
+
+    counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))  # the last is past them all
+    total_s: float = 0.0
+
+    def add(self, took_s: float) -> None:
+        """Count one step more."""
+        self.counts[bisect_left(BUCKETS_S, took_s)] += 1
+        self.total_s += took_s
+
+    def cumulative(self) -> list[tuple[str, float]]:
+        """(upper bound, how many took no longer), as Prometheus counts them."""
+        bounds = [*(str(bound) for bound in BUCKETS_S), "+Inf"]
+        return list(zip(bounds, map(float, accumulate(self.counts)), strict=True))
+
+
+class Counting:
+    """Folds steps into numbers."""
+
+    def __init__(self, began: float) -> None:
+        """began: [s] when this process did."""
+        self.began = began
+        self.turned = began  # [s] when the registry's thread last came round
+        self.durations = Durations()
+        self._of_station: dict[str, Counted] = {}
+
+    @property
+    def of_station(self) -> Mapping[str, Counted]:
+        """As of now, by station."""
+        return dict(self._of_station)
+
+    def hear(self, station: str, known: Container[str], took_s: float, now: float) -> None:
+        """Count a batch of which there is nothing to say yet."""
+        self.turned = now
+        self.durations.add(took_s)
+        self._counted(station, known).received_s = now
+
+    def spend(self, station: str, known: Container[str], seconds: float) -> None:
+        """Count what the work on what a station sent took."""
+        if station in known:
+            self._counted(station, known).work_s += seconds
+
+    def take(self, step: RegistryCall, known: Container[str], now: float) -> None:
+        """Count a step. known: the stations that the registry has."""
+        self.turned = now
+        if isinstance(step.message, SampleBatch):
+            self.durations.add(step.took_s)
+        for output in step.outputs:
+            if isinstance(output, AskReplay) and output.station in known:
+                self._counted(output.station, known).replays += 1
+        if step.station is not None and step.station in known:
+            self._count(step.station, step, known, now)
+
+    def _count(self, station: str, step: RegistryCall, known: Container[str], now: float) -> None:
+        counted = self._counted(station, known)
+        for change in step.changes:
+            counted.add(change)
+        if isinstance(step.message, SampleBatch) and not step.refused:
+            counted.received_s = now
+
+    def _counted(self, station: str, known: Container[str]) -> Counted:
+        """Return the counts of a station; a new one takes the place of stations that have left."""
+        if station not in self._of_station:
+            self._of_station = {name: one for name, one in self._of_station.items() if name in known}
+            self._of_station[station] = Counted()
+        return self._of_station[station]
+
+
+def _grown(before: int, after: int) -> int:
+    return after - before if after > before else 0
+
+
+def _seconds(gaps: tuple[Gap, ...]) -> float:
+    return sum(gap.tn - gap.t0 for gap in gaps)

@@ -1,0 +1,145 @@
+"""Segments a recording without a network, in the same batches as a bridge would send.
+
+What comes out is, number for number, what a session over the wire would have said at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.batching import Batcher
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Open, SampleBatch
+from caesura_protocol.programs.safety import UNSET, CellSettings
+from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.journal import Record
+from caesura_service.segmentation.pipeline import layout_of, make_pipeline
+from caesura_service.segmentation.view import View
+from caesura_service.sessions.batch_validation import samples_of
+from caesura_service.sessions.limits import Limits
+from caesura_service.signals import WrenchCapabilities
+
+BATCH_SAMPLES = 20
+
+
+def opening_of(recording: Recording, preset: str | None = None, setting: CellSettings = UNSET) -> Open:
+    """What a bridge states of the recording; what `setting` leaves open is as the recording states it."""
+    return Open(
+        session="file",
+        columns=recording.columns,
+        wrench_source=recording.wrench_source,
+        hand_on_robot=recording.hand_on_robot,
+        force_frame=recording.force_frame,
+        length_unit=recording.length_unit,
+        preset=preset,
+        **setting.over(recording.setting)._asdict(),
+        declared_units=recording.declared_units,
+    )
+
+
+def capabilities_of(recording: Recording) -> WrenchCapabilities:
+    """What the recording's wrench supports. Raises ValueError for columns that cannot be segmented."""
+    return layout_of(opening_of(recording)).source
+
+
+def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
+    """The samples (n, columns) of a recording as a service gets them. Raises ProtocolError `malformed`."""
+    batcher = Batcher(recording.columns, BATCH_SAMPLES)
+    for seq, rows in enumerate([*batcher.push(recording.matrix()), *batcher.flush()]):
+        batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
+        yield samples_of(batch, recording.columns, Limits())
+
+
+def views(
+    recording: Recording,
+    preset: str = "default",
+    *,
+    threshold: float | None = None,
+    setting: CellSettings = UNSET,
+) -> Iterator[View]:
+    """What is known after every batch of a recording, and last of all after its end.
+
+    threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values
+    that cannot be segmented.
+    """
+    pipeline = make_pipeline(opening_of(recording, preset, setting), preset, threshold=threshold)
+    taken = 0
+    for samples in batches(recording):
+        try:
+            pipeline.push(samples)
+        except ValueError as error:
+            raise ValueError(f"from sample {taken} on: {error}") from error
+        taken += len(samples)
+        yield pipeline.view
+    pipeline.finish()
+    yield pipeline.view
+
+
+def recording_of(records: Iterable[Record]) -> Recording:
+    """The samples that a session has taken, in order. Raises RecordingError where there are none."""
+    opening: Open | None = None
+    taken: dict[int, NDArray[np.float64]] = {}
+    for record in records:
+        match record.message:
+            case Open():
+                opening = record.message
+            case SampleBatch() as batch if opening is not None:
+                with suppress(ProtocolError):  # it was refused when it came
+                    taken[batch.seq] = samples_of(batch, opening.columns, Limits())
+    if opening is None or not taken:
+        raise RecordingError("the session has no samples")
+    matrix = np.concatenate([taken[seq] for seq in sorted(taken)])
+    column = {name: index for index, name in enumerate(opening.columns)}
+    return Recording(
+        t=matrix[:, 0],
+        signals={
+            signal: matrix[:, [column[name] for name in names]]
+            for signal, names in COLUMNS_OF_SIGNAL.items()
+            if set(names) <= column.keys()
+        },
+        wrench_source=opening.wrench_source,
+        hand_on_robot=opening.hand_on_robot,
+        force_frame=opening.force_frame,
+        length_unit=opening.length_unit,
+        declared_units=opening.declared_units,
+        setting=CellSettings(opening.force_limit_n, opening.path_tolerance_m, opening.path_tolerance_rad),
+        name=opening.session,
+    )
+
+
+def segment_recording(
+    recording: Recording,
+    preset: str = "default",
+    *,
+    threshold: float | None = None,
+    setting: CellSettings = UNSET,
+    progress: Callable[[int], None] = lambda samples: None,
+) -> View:
+    """Segment a whole recording; progress is called with the number of samples taken. As `views`."""
+    for view in views(recording, preset, threshold=threshold, setting=setting):
+        progress(view.samples)
+    return view
+
+
+def as_json(view: View) -> dict[str, Any]:
+    """Return the view as plain values, for scripts."""
+    return {
+        "segments": [segment.model_dump(mode="json") for segment in view.segments],
+        "phases": [phase.model_dump(mode="json") for phase in view.phases],
+        "changepoints": [changepoint.model_dump(mode="json") for changepoint in view.changepoints],
+        "program": [app.model_dump(mode="json") for app in view.apps],
+        "force_limit_n": view.force_limit_n,
+        "notes": list(view.notes),
+        "gaps": [gap.model_dump(mode="json") for gap in view.gaps],
+        "wrench": view.wrench.model_dump(mode="json"),
+        "delay_s": view.delay_s,
+        "samples": view.samples,
+        "repeats": view.repeats,
+        "observations": view.observations,
+    }

@@ -1,0 +1,91 @@
+"""Closed sessions with an edit waiting: folded again from the journal, a record at a time.
+
+A session that is served from its outcome has no pipeline. Folding an hour takes seconds, for which the
+other stations do not wait: until it is done, the client is asked to retry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+from caesura_protocol.errors import ProtocolError
+from caesura_service.journal import JournalError, Key
+from caesura_service.ownership.session_copies import Copies, Journals
+from caesura_service.ownership.takeover import Takeover
+from caesura_service.publishing.events import NotTaken, Output, Owner
+from caesura_service.sessions.session import Session
+
+
+class Reviving:
+    """What is under way, by station and session."""
+
+    def __init__(self, takeover: Takeover, journals: Journals) -> None:
+        self._takeover = takeover
+        self._journals = journals
+        self._under_way: dict[Key, Generator[list[Output], None, None]] = {}
+        self._failed: dict[Key, str] = {}
+
+    @property
+    def is_busy(self) -> bool:
+        """Is there something to do?"""
+        return bool(self._under_way)
+
+    def ask(self, station: str, session: Session, owner: Owner) -> ProtocolError:
+        """Begin, or go on; return the answer to the client that edits the session.
+
+        Raises ProtocolError `conflict` where it cannot be had, JournalError.
+        """
+        key = (station, session.name)
+        if key not in self._under_way:
+            if (why := self._failed.pop(key, None)) is not None:
+                raise ProtocolError("conflict", f"the session cannot be corrected: {why}", value=session.name)
+            copies = self._journals.of(station, session.name).get(session.name)
+            if copies is None:
+                why = "the journal no longer has the session's samples: it cannot be corrected"
+                raise ProtocolError("conflict", why, value=session.name)
+            self._under_way[key] = self._revive(key, session, copies, owner)
+        why = "the session is being rebuilt from the journal: try again"
+        return ProtocolError("overloaded", why, value=session.name)
+
+    def step(self) -> list[Output]:
+        """Do the next little thing, and say what comes of it."""
+        if not self._under_way:
+            return []
+        key, work = next(iter(self._under_way.items()))
+        try:
+            return next(work)
+        except StopIteration:
+            self._under_way.pop(key, None)
+        except Exception as error:
+            self._under_way.pop(key, None)
+            self._failed[key] = f"{type(error).__name__}: {error}"
+            return [NotTaken(*key, error)]
+        return []
+
+    def leave(self, station: str) -> None:
+        """Its sessions are another's, or others than they were."""
+        for key in [key for key in self._under_way if key[0] == station]:
+            self._under_way.pop(key).close()
+
+    def _revive(
+        self, key: Key, session: Session, copies: Copies, owner: Owner
+    ) -> Generator[list[Output], None, None]:
+        work = self._takeover.rebuilt(copies, owner)
+        while True:
+            try:
+                said = next(work)
+            except StopIteration as done:
+                rebuilt: Session | None = done.value
+                break
+            for one in said:
+                if isinstance(one, NotTaken):
+                    self._failed[key] = str(one.error)
+            yield said
+        if rebuilt is None:
+            return
+        if rebuilt.is_open or rebuilt.revision != session.revision:
+            raise JournalError(
+                f"its records end at revision {rebuilt.revision}, {rebuilt.standing.state}; "
+                f"expected revision {session.revision}, closed"
+            )
+        session.revive(rebuilt)

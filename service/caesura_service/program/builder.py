@@ -1,0 +1,353 @@
+"""From segments and gripper events to apps. Rules: thesis 4.2.5.
+
+- A motion becomes Cartesian Motion, or Move To Contact where contact follows.
+- A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
+  during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
+- A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
+- A turn in place is a motion, a sliding or a transport, by what the tool touches. Its app carries the axis,
+  the advance and the torque that the robot exerts.
+- Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
+  outside any contact is an app of its own.
+- What moves has the path from where it began to its target (`paths`).
+- What was not observed makes an app less sure (`gaps`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, takewhile
+from types import MappingProxyType
+
+import numpy as np
+
+from caesura_protocol.messages import App, AppKind, Contact, Gap, Segment, Vector
+from caesura_protocol.turning import exerted
+from caesura_service.program.gaps import observed_share
+from caesura_service.program.paths import Paths
+from caesura_service.program.segment_interpretation import (
+    ARRIVES_M,
+    PUSHES_BACK_N,
+    Grip,
+    Moment,
+    MomentAt,
+    ProgramSegment,
+    gives_way,
+    kept_steps,
+    length,
+    observed,
+    pushed_in,
+)
+
+LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
+SETTLES_S = 0.15  # after a turn, until the hand is still
+INSERTED_M = 0.01  # from which depth on what is pushed in before a release is an app of its own
+GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+UNCHANGED: Mapping[str, object] = MappingProxyType({})
+STILL_PRESSED = 0.7  # of a force: who presses less is letting go
+
+TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
+GRIP_APPS: dict[str, AppKind] = {
+    "grasp": "grasp",
+    "release": "gripper_move",
+    "open": "gripper_move",
+    "close": "gripper_move",
+}
+
+
+def task_program(
+    steps: Sequence[ProgramSegment],
+    grips: Sequence[Grip],
+    moment_at: MomentAt,
+    *,
+    least_s: float = 0.3,
+    force_limit_n: float | None = None,
+    paths: Paths | None = None,
+    gaps: Sequence[Gap] = (),
+    known: Sequence[Grip] | None = None,
+) -> tuple[App, ...]:
+    """The apps of a demonstration, in time order.
+
+    least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
+    force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
+    time order; known: every grip, where `grips` are those of these steps alone.
+    """
+    kept = kept_steps(steps, grips if known is None else known, moment_at, least_s)
+    groups = [list(group) for _, group in groupby(kept, key=_group_key)]
+    rest = list(grips)
+    apps: list[App] = []
+    for number, group in enumerate(groups):
+        following = groups[number + 1][0] if number + 1 < len(groups) else None
+        build = _BUILDERS.get(_group_key(group[0]))
+        if build is not None:
+            apps += build(_Group(group, following, rest, moment_at, force_limit_n, paths))
+    apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
+    return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
+
+
+def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
+    """As sure as it can be with what is missing of it."""
+    share = observed_share(app.t0, app.tn, gaps)
+    return app if share == 1.0 else app.model_copy(update={"confidence": app.confidence * share})
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Consecutive segments that make up one thing, and what is needed to build its apps."""
+
+    steps: list[ProgramSegment]
+    following: ProgramSegment | None
+    grips: list[Grip]  # not yet used; those that belong to a contact are taken out
+    moment_at: MomentAt
+    force_limit_n: float | None
+    paths: Paths | None
+
+    def moving(
+        self,
+        kind: AppKind,
+        step: ProgramSegment,
+        end: _End | None = None,
+        changes: Mapping[str, object] = UNCHANGED,
+    ) -> App:
+        """An app over a step with the path to its end, which may lie elsewhere."""
+        t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
+        path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
+        screw = exerted(step.segment.screw) if step.segment.kind == "turning" else None
+        return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
+
+    def app(self, kind: AppKind, steps: Sequence[ProgramSegment], **changes: object) -> App:
+        """An app over some of the steps that ends where they end."""
+        first, last = steps[0].segment, steps[-1].segment
+        moment = self.moment_at(last.tn)
+        fields: dict[str, object] = {
+            "kind": kind,
+            "t0": first.t0,
+            "tn": last.tn,
+            "target": last.position_end,
+            "orientation": moment.orientation,
+            "joints": moment.joints,
+            "force": None,
+            "force_taught": None,
+            "load_kg": None,
+            "load_sd_kg": None,
+            "gripper_width": None,
+            "confidence": min(step.confidence for step in steps),
+            "segments": tuple(step.index for step in steps),
+        }
+        return App.model_validate(fields | changes)
+
+    def touch(self) -> _End | None:
+        """Where the contact that follows was made."""
+        approach, following = self.steps[-1].segment, self.following
+        if following is None:
+            return None
+        return self.touched(following, observed(approach.t0, approach.tn))
+
+    def rest(self, step: ProgramSegment) -> _End | None:
+        """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
+        following = self.following
+        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
+            return None
+        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
+        return _End(t, _where(self.moment_at(t)))
+
+    def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:
+        """Where what pushes back in a contact did so first, which may be at the end of the approach [s].
+
+        Where nothing pushes back, at its first observation.
+        """
+        least = _along(contact.base, contact.force) + PUSHES_BACK_N
+
+        def pushes(t: float) -> bool:
+            return _along(self.moment_at(t).force, contact.force) >= least
+
+        times = observed(contact.segment.t0, contact.segment.tn)
+        early = list(takewhile(pushes, reversed(approach)))
+        t = early[-1] if early else next(filter(pushes, times), times[0])
+        return _End(t, _where(self.moment_at(t)))
+
+    def pressed(self, hardest: ProgramSegment) -> _End | None:
+        """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
+        times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
+        least = _along(hardest.base, force) + STILL_PRESSED * length(force)
+        held = (t for t in reversed(times) if _along(self.moment_at(t).force, force) >= least)
+        t = next(held, None)
+        return None if t is None else _End(t, _where(self.moment_at(t)))
+
+
+@dataclass(frozen=True)
+class _End:
+    """When [s] and where an app ends that does not end with its segment."""
+
+    t: float
+    where: dict[str, object]
+
+
+def _motions(group: _Group) -> Iterable[App]:
+    """One app a movement; the last one is stopped by the contact that follows."""
+    touches = _meets(group)
+    for step in group.steps:
+        if touches and step is group.steps[-1]:
+            yield group.moving("move_to_contact", step, group.touch())
+        elif step.segment.kind == "turning" and (end := group.rest(step)) is not None:
+            yield group.moving("cartesian_motion", step, end, {"tn": end.t})
+        else:
+            yield group.moving("cartesian_motion", step)
+
+
+def _turns(group: _Group) -> Iterable[App]:
+    """A rest is left out, but for a turn in it."""
+    for step in group.steps:
+        turning = group.paths and group.paths.turning(step.segment.t0, step.segment.tn)
+        if group.paths and turning:
+            t0, tn = turning
+            where = _where(group.moment_at(tn))
+            path = group.paths.between(t0, tn)
+            yield group.app("cartesian_motion", [step], t0=t0, tn=tn, path=path, **where)
+
+
+def _contacts(group: _Group) -> Iterable[App]:
+    """What the gripper does during the contact, or else the force; both where a peg is pushed in first."""
+    inserted = _inserted(group)
+    if inserted:
+        yield _press(replace(group, steps=inserted))
+        group = replace(group, steps=group.steps[len(inserted) :])
+    t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
+    hardest = _hardest(group.steps)
+    mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
+    for grip in mine:
+        group.grips.remove(grip)
+        confidence = min(step.confidence for step in group.steps)
+        gripping = _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
+    first = group.steps[0]
+    if _arrives(first) and not mine:
+        yield group.moving("move_to_contact", first, group.touched(first))
+    if not mine and length(hardest.force) >= LEAST_CONTACT_N:
+        yield _press(group)
+
+
+def _arrives(step: ProgramSegment) -> bool:
+    """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
+    segment = step.segment
+    return segment.kind == "sliding" and gives_way(segment) and pushed_in(segment) > ARRIVES_M
+
+
+def _meets(group: _Group) -> bool:
+    """Does its last movement end at the contact that follows?"""
+    following = group.following
+    if following is None or not following.touches:
+        return False
+    t0, tn = following.segment.t0 - GRIP_SLACK_S, following.segment.tn + GRIP_SLACK_S
+    return not _arrives(following) or any(t0 <= grip.t <= tn for grip in group.grips)
+
+
+def _press(group: _Group) -> App:
+    """The hardest press of its steps; with its path where it turns or pushes something in."""
+    hardest = _hardest(group.steps)
+    changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
+    if end is not None:
+        changes |= end.where
+        t0 = group.steps[0].segment.t0
+        if group.paths is not None and group.paths.turning(t0, end.t):
+            changes["path"] = group.paths.between(t0, end.t)
+    return group.app("apply_force", group.steps, **changes)
+
+
+def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
+    held = [step for step in steps if step.segment.kind == "contact"] or steps
+    return max(held, key=lambda step: length(step.force))
+
+
+def _inserted(group: _Group) -> list[ProgramSegment]:
+    """Steps that push something in before the fingers first move, such as a peg into its hole."""
+    first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
+    before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
+    depth = sum(pushed_in(step.segment) for step in before)
+    return before if depth > INSERTED_M else []
+
+
+def _slides(group: _Group) -> Iterable[App]:
+    """One app a stroke, with its own target."""
+    for step in group.steps:
+        yield group.moving("apply_force", step, changes=_forces(step.force, group.force_limit_n))
+
+
+def _carries(group: _Group) -> Iterable[App]:
+    """One app a stretch, all with the average load of the whole carry."""
+    weighed = [step for step in group.steps if step.segment.load_kg is not None]
+    load: dict[str, object] = {}
+    if weighed:
+        load = {
+            "load_kg": _average(weighed, lambda segment: segment.load_kg or 0.0),
+            "load_sd_kg": _average(weighed, lambda segment: segment.load_sd_kg or 0.0),
+        }
+    sets_down = _meets(group)
+    for step in group.steps:
+        end = group.touch() if sets_down and step is group.steps[-1] else None
+        yield group.moving("hold" if step.segment.kind == "hold" else "transport", step, end, load)
+
+
+_BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
+    "motion": _motions,
+    "steady": _turns,
+    "contact": _contacts,
+    "sliding": _slides,
+    "transport": _carries,
+    "hold": _carries,
+}
+
+
+def _average(steps: Sequence[ProgramSegment], value: Callable[[Segment], float]) -> float:
+    """Of a number of segments, weighted by time."""
+    return sum(step.seconds * value(step.segment) for step in steps) / sum(step.seconds for step in steps)
+
+
+def _group_key(step: ProgramSegment) -> str:
+    """Transport and hold are one carry; pushing in what gives way is part of the press."""
+    kind, contact = step.segment.kind, step.segment.contact
+    if kind == "turning":
+        return TURNS_AS[contact]
+    if kind == "sliding" and gives_way(step.segment):
+        return "contact"
+    return "transport" if kind == "hold" else kind
+
+
+def _where(moment: Moment) -> dict[str, object]:
+    return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
+
+
+def _along(force: Vector | None, direction: Vector) -> float:
+    """[N] of a force in a direction; 0 where it is not known."""
+    if force is None:
+        return 0.0
+    return sum(a * b for a, b in zip(force, direction, strict=True)) / max(length(direction), 1e-12)
+
+
+def _grip_app(
+    grip: Grip, t0: float, tn: float, moment_at: MomentAt, confidence: float, segments: Sequence[int]
+) -> App:
+    moment = moment_at(grip.t)
+    return App(
+        kind=GRIP_APPS[grip.kind],
+        t0=t0,
+        tn=tn,
+        target=moment.position,
+        orientation=moment.orientation,
+        joints=moment.joints,
+        force=None,
+        force_taught=None,
+        load_kg=None,
+        load_sd_kg=None,
+        gripper_width=moment.gripper_width if grip.width is None else grip.width,
+        confidence=confidence,
+        segments=tuple(segments),
+    )
+
+
+def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:
+    """What the robot exerts: the opposite of what acts on it, scaled to the limit where there is one."""
+    taught = -np.asarray(on_robot)
+    scale = 1.0 if limit_n is None else min(1.0, limit_n / max(length(taught), 1e-12))
+    return {"force": tuple((scale * taught).tolist()), "force_taught": tuple(taught.tolist())}

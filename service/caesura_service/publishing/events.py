@@ -1,0 +1,118 @@
+"""The inputs of a session beside wire messages, and its outputs. Pure values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    Ack,
+    Changepoints,
+    Close,
+    Edit,
+    Heartbeat,
+    Open,
+    Posterior,
+    Program,
+    SampleBatch,
+    Segments,
+    SessionStatus,
+)
+from caesura_service.segmentation.view import Pipeline
+
+#: Builds what is behind a session from its opening and the service's own preset. Raises ProtocolError.
+PipelineFactory = Callable[[Open, str], Pipeline]
+
+
+@dataclass(frozen=True)
+class Owner:
+    """Who speaks: results carry the instance and its epoch, and readers keep the highest epoch."""
+
+    instance: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class ReplayEnded:
+    """The bridge's answer to an AskReplay is complete, or never came."""
+
+    session: str
+    first: int  # the batch that was asked for
+    answered: bool  # at least one batch came and none was dropped on the way
+    evicted: bool = False  # the bridge said so
+    oldest: int | None = None  # the oldest batch that it still has, where it said so
+
+
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | ReplayEnded
+
+
+@dataclass(frozen=True)
+class Publish:
+    """A result for all subscribers."""
+
+    message: Changepoints | Segments | Posterior | SessionStatus | Program
+
+
+@dataclass(frozen=True)
+class AskReplay:
+    """Batches `first` to `last`, both included, are missing."""
+
+    station: str
+    session: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The reply to a command; one for each."""
+
+    reply: Ack | ProtocolError
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A message was refused and counted; its sender gets no answer."""
+
+    error: ProtocolError
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The session ended by an internal error. For the log."""
+
+    station: str
+    session: str
+    error: Exception
+
+
+@dataclass(frozen=True)
+class SessionDeleted:
+    """The journal no longer keeps a session: it cannot be queried. For the log."""
+
+    station: str
+    session: str
+    why: str
+
+
+@dataclass(frozen=True)
+class NotTaken:
+    """A session of a station was not taken up, or not as far as it is known to have come. For the log."""
+
+    station: str
+    session: str
+    error: Exception
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The station now belongs to this instance. For the log."""
+
+    station: str
+    epoch: int
+    sessions: int
+    open: int
+
+
+Output = Publish | AskReplay | Answer | Refused | Failed | SessionDeleted | NotTaken | Taken

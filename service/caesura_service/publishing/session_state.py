@@ -1,0 +1,164 @@
+"""The published state of a session: immutable, so that any thread reads it without a lock.
+
+The messages of a snapshot are made from it at a query, not at every batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.messages import (
+    MAX_GAPS,
+    App,
+    Changepoints,
+    Posterior,
+    Program,
+    Refusal,
+    Segments,
+    SessionStatus,
+    Snapshot,
+)
+from caesura_service.publishing.events import Owner
+from caesura_service.publishing.lifecycle import State
+from caesura_service.segmentation.encoded_log import since
+from caesura_service.segmentation.view import View
+
+Stream = Literal["status", "changepoints", "segments", "posterior"]
+
+
+class Tally(NamedTuple):
+    """What has been counted. The first three count for the session, the rest for this process."""
+
+    batches: int = 0
+    lost: int = 0
+    gaps_before: int = 0  # what is known of a closed session's gaps beside those of its view
+    dropped: int = 0
+    duplicates: int = 0
+    refused: Mapping[ErrorCode, int] = MappingProxyType({})
+    last_refusal: Refusal | None = None
+
+    def with_refusal(self, error: ProtocolError) -> Tally:
+        """One refusal more."""
+        counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
+        return self._replace(refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
+
+
+class Standing(NamedTuple):
+    """A session at one moment."""
+
+    station: str
+    session: str
+    owner: Owner
+    preset: str
+    state: State
+    view: View
+    tally: Tally
+    waiting_for: int | None  # the batch that is missing
+    last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
+    heading: Program  # the task program without its apps
+    apps: Sequence[App]  # of the task program
+    revision: int = 0  # edits so far
+    undoable: bool = False
+    redoable: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Does it take samples?"""
+        return self.state == "open"
+
+    def after(self, batches: int, samples: int) -> Standing:
+        """So many more, of which there is nothing else to say."""
+        return self._replace(
+            view=self.view._replace(samples=self.view.samples + samples),
+            tally=self.tally._replace(batches=self.tally.batches + batches),
+        )
+
+    def header(self, stream: Stream) -> dict[str, Any]:
+        """What a result of this stream begins with, as the last one that was published."""
+        return {
+            "station": self.station,
+            "session": self.session,
+            "instance": self.owner.instance,
+            "epoch": self.owner.epoch,
+            "seq": self.last_seq[stream],
+            "t": time_of(self.view),
+        }
+
+
+def time_of(view: View) -> float:
+    """[s] The last observation; 0 before the first."""
+    return view.t if math.isfinite(view.t) else 0.0
+
+
+def status_of(standing: Standing) -> SessionStatus:
+    """How the session is doing."""
+    view, tally = standing.view, standing.tally
+    return SessionStatus(
+        **standing.header("status"),
+        state="open" if standing.is_open else "closed",
+        preset=standing.preset,
+        wrench=view.wrench,
+        delay_s=view.delay_s,
+        batches=tally.batches,
+        samples=view.samples,
+        observations=view.observations,
+        duplicates=tally.duplicates,
+        repeats=view.repeats,
+        waiting_for=standing.waiting_for,
+        gaps=view.gaps[-MAX_GAPS:],
+        gaps_before=tally.gaps_before + max(0, len(view.gaps) - MAX_GAPS),
+        refused=dict(tally.refused),
+        last_refusal=tally.last_refusal,
+        hypotheses=view.hypotheses,
+        capped=view.capped,
+        length_unit=view.length_unit,
+        lost=tally.lost,
+        dropped=tally.dropped,
+        revision=standing.revision,
+        undoable=standing.undoable,
+        redoable=standing.redoable,
+    )
+
+
+def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
+    """The changepoints from the `first` on."""
+    bare = Changepoints(**standing.header("changepoints"), first=first, changepoints=())
+    return bare.model_copy(update={"changepoints": since(standing.view.changepoints, first)})
+
+
+def segments_of(standing: Standing, first: int = 0, first_phase: int = 0) -> Segments:
+    """The segments from the `first` on, and the phases from the `first_phase` on."""
+    bare = Segments(**standing.header("segments"), first=first, segments=(), first_phase=first_phase)
+    view = standing.view
+    return bare.model_copy(
+        update={"segments": since(view.segments, first), "phases": since(view.phases, first_phase)}
+    )
+
+
+def posterior_of(standing: Standing) -> Posterior:
+    """The posterior of the current segment's start."""
+    return Posterior(
+        **standing.header("posterior"),
+        starts=standing.view.posterior_starts,
+        probabilities=standing.view.posterior_probabilities,
+    )
+
+
+def program_of(standing: Standing) -> Program:
+    """The task program. Its apps are as they are kept, and go over the wire like that."""
+    return standing.heading.model_copy(update={"apps": standing.apps})
+
+
+def snapshot_of(standing: Standing) -> Snapshot:
+    """Everything so far, with the last sequence number of each stream."""
+    return Snapshot(
+        status=status_of(standing),
+        changepoints=changepoints_of(standing),
+        segments=segments_of(standing),
+        posterior=posterior_of(standing) if standing.last_seq["posterior"] >= 0 else None,
+        program=program_of(standing),
+    )

@@ -1,0 +1,75 @@
+"""The final segments and changepoints of a session, stored so that a view does not rebuild them.
+
+What the program still looks back at is kept as it is, what lies before that in a fifth of the memory.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from caesura_protocol.messages import Changepoint, Segment
+from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.time_slices import give_way
+
+_AT_ONCE = 100  # parts that are read before others have their turn
+
+
+class SegmentEntry(NamedTuple):
+    """Observations start to end, the end not included, and what is shown of them."""
+
+    start: int
+    end: int
+    segment: Segment
+    changepoint: Changepoint  # its start; the first part's is never shown
+
+
+class Settled:
+    """The first parts of a demonstration, in order."""
+
+    def __init__(self) -> None:
+        self._starts = array("q", [0])  # of those that are packed, and of the first that is not
+        self._segments = Kept(Segment)
+        self._changepoints = Kept(Changepoint)
+        self._parts: list[SegmentEntry] = []  # behind those
+
+    def __len__(self) -> int:
+        return len(self._segments) + len(self._parts)
+
+    def take(self, parts: Iterable[SegmentEntry], quiet: int) -> None:
+        """These have settled too; no later program asks what came before part number `quiet`."""
+        self._parts += parts
+        count = max(min(quiet - len(self._segments), len(self._parts)), 0)
+        packed, self._parts = self._parts[:count], self._parts[count:]
+        self._starts.extend(part.end for part in packed)
+        self._changepoints.extend(part.changepoint for part in packed)
+        self._segments.extend(part.segment for part in packed)
+
+    def since(self, number: int) -> list[SegmentEntry]:
+        """The parts from this number on."""
+        count = len(self._segments)
+        if number >= count:
+            return self._parts[number - count :]
+        parts: list[SegmentEntry] = []
+        for first in range(number, count, _AT_ONCE):
+            parts += self._read(first, min(first + _AT_ONCE, count))
+            give_way()
+        return parts + self._parts
+
+    def _read(self, start: int, stop: int) -> Iterator[SegmentEntry]:
+        """Packed parts from start to stop, which is not included."""
+        spans = pairwise(self._starts[start : stop + 1])
+        shown = zip(self._segments.read(start, stop), self._changepoints.read(start, stop), strict=True)
+        return (SegmentEntry(*span, *one) for span, one in zip(spans, shown, strict=True))
+
+    def segments(self, rest: Sequence[SegmentEntry]) -> Sequence[Segment]:
+        """Of all parts; rest: those that have not settled."""
+        return MessageSequence(self._segments, (part.segment for part in (*self._parts, *rest)))
+
+    def changepoints(self, rest: Sequence[SegmentEntry]) -> Sequence[Changepoint]:
+        """Likewise; one fewer, for the first part has none."""
+        return MessageSequence(
+            self._changepoints, (part.changepoint for part in (*self._parts, *rest)), first=1
+        )

@@ -1,0 +1,70 @@
+"""The load of a stretch: its vertical force against that of free space before and after.
+
+A sensor's bias wanders by newtons within a recording, a 60 g object weighs 0.6 N: so the force while
+something is carried is compared with free space on either side of it, not with zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from caesura_service.changepoint.constant_models import GRAVITY
+from caesura_service.changepoint.segments import Stretch
+from caesura_service.segmentation.observation_store import History
+
+LEAST_BASELINE = 3  # observations of free space that a baseline needs
+EDGE = 2  # observations at either end of a stretch that belong to the transition
+DEPENDENT = 4.0  # forces stay alike for 0.2 s, so that many observations count as one
+MOST_BIASES = 1.3  # free space that reads more than this many scales of the bias is something else
+WANDER_N = 0.5  # what it may have wandered by where there is free space on one side only
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is carried [kg], and the standard deviation of that."""
+
+    kg: float
+    sd_kg: float
+
+
+def is_baseline(stretch: Stretch, history: History, bias_n: float) -> bool:
+    """Is this free space to compare with: long enough, and no force that its bias [N] cannot account for?"""
+    if stretch.verdict.kind.contact != "free" or stretch.end - stretch.start < LEAST_BASELINE:
+        return False
+    return abs(_vertical(stretch, history)[0]) <= MOST_BIASES * bias_n
+
+
+def weigh(stretches: Sequence[Stretch], index: int, history: History, bias_n: float) -> Load | None:
+    """The load of a stretch in which something is carried; None for any other.
+
+    bias_n [N]: scale of what free space may read.
+    """
+    if stretches[index].verdict.kind.contact != "transport":
+        return None
+    mean, variance = _vertical(stretches[index], history)
+    sides = (reversed(stretches[:index]), stretches[index + 1 :])
+    nearest = [next((s for s in side if is_baseline(s, history, bias_n)), None) for side in sides]
+    baselines = [_vertical(s, history) for s in nearest if s is not None]
+    means, variances = [m for m, _ in baselines], [v for _, v in baselines]
+    zero, noise = (sum(values) / max(len(values), 1) for values in (means, variances))
+    sd = math.hypot(math.sqrt(variance + noise), _bias_sd(means, bias_n))
+    return Load(max(-(mean - zero) / GRAVITY, 0.0), sd / GRAVITY)
+
+
+def _bias_sd(means: list[float], bias_n: float) -> float:
+    match means:
+        case []:
+            return bias_n
+        case [_]:
+            return WANDER_N
+    return abs(means[1] - means[0]) / math.sqrt(12.0)
+
+
+def _vertical(stretch: Stretch, history: History) -> tuple[float, float]:
+    """Mean vertical force [N] away from the edges, and the variance of that mean [N²]."""
+    edge = EDGE if stretch.end - stretch.start > 3 * EDGE else 0
+    start, end = stretch.start + edge, stretch.end - edge
+    mean, variance = history.vertical_force(start, end)
+    return mean, variance * DEPENDENT / (end - start)

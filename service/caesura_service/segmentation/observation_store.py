@@ -1,0 +1,236 @@
+"""The observations of a session, stored compactly as rows of numbers, old ones in a file."""
+
+from __future__ import annotations
+
+import math
+import struct
+from bisect import bisect_left
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.changepoint.held_torque import torsion_of
+from caesura_service.changepoint.models import Observed
+from caesura_service.program import Moment
+from caesura_service.segmentation.overflow_file import Log
+from caesura_service.segmentation.screwing import Course
+from caesura_service.signals import Observation
+from caesura_service.signals.tare import TARED_BIAS_N
+
+Array = NDArray[np.float64]
+Row = tuple[float, ...]
+
+_T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
+_SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
+_ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
+_SCALE, _ROTATION, _TORQUE, _COLUMNS = 23, slice(24, 27), slice(27, 30), 30
+_ROW = struct.Struct(f"{_COLUMNS}d")
+_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * 7, (0.0,) * 3
+_NO_TORQUE = (np.nan,) * 3
+ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+SAME_S = 1e-3  # two times this close are the same
+TURN_LOOKS = 200  # at a turn, 20 s
+POSES = 1200  # of a path, two minutes: of a longer one some are left out
+PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
+EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
+
+
+class History:
+    """Rows of observations, with running sums of the vertical force so that any mean costs the same."""
+
+    def __init__(self) -> None:
+        self._log, self._count = Log(), 0  # observations
+        self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
+        self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))
+        self._forces = lru_cache(PRESSES_AT_HAND)(partial(_read_forces, self._log))
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def t_last(self) -> float:
+        """[s] the last observation; −inf before the first."""
+        return self.t(self._count - 1) if self._count else -np.inf
+
+    def append(self, observation: Observation) -> None:
+        """Keep one more observation."""
+        force = observation.force_base.tolist()
+        self._sum += force[2]
+        self._sum2 += force[2] * force[2]
+        orientation, joints, width = observation.orientation, observation.joints, observation.gripper_width
+        self._log.append(
+            _ROW.pack(
+                observation.t,
+                *observation.position_base.tolist(),
+                *force,
+                self._sum,
+                self._sum2,
+                holding(observation),
+                observation.after_gap,
+                np.nan if width is None else width,
+                *(_NO_ORIENTATION if orientation is None else orientation),
+                *(_NO_JOINTS if joints is None else joints),
+                force_scale(observation),
+                *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
+                *(_NO_TORQUE if observation.torque_base is None else observation.torque_base.tolist()),
+            )
+        )
+        self._count += 1
+
+    def observed(self, index: int) -> Observed:
+        """What the segment models see of an observation."""
+        row = self._row(index)
+        force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
+        torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
+        torsion = torsion_of(np.array(row[_FORCE]), torque)
+        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
+
+    def after_gap(self, index: int) -> bool:
+        """Are samples missing before it?"""
+        return bool(self._row(index)[_AFTER_GAP])
+
+    def t(self, index: int) -> float:
+        """[s] time of an observation."""
+        return self._row(index)[_T]
+
+    def position(self, index: int) -> tuple[float, float, float]:
+        """[m] flange position."""
+        x, y, z = self._row(index)[_POSITION]
+        return x, y, z
+
+    def turned(self, begin: int, last: int) -> tuple[float, float, float]:
+        """[rad] sum of the rotations from one observation to another, each a vector in the base frame."""
+        before, after = self._row(begin)[_ROTATION], self._row(last)[_ROTATION]
+        x, y, z = (b - a for a, b in zip(before, after, strict=True))
+        return x, y, z
+
+    def force(self, index: int) -> tuple[float, float, float]:
+        """[N] tared force on the robot."""
+        x, y, z = self._row(index)[_FORCE]
+        return x, y, z
+
+    def press(self, start: int, end: int) -> tuple[float, float, float]:
+        """[N] median of the force from start to end, the end not included, while it was strong.
+
+        Strong is PRESS_SHARE of what a tenth of the time exceeds: touching and letting go are left out. At
+        most PRESS_LOOKS observations are looked at, evenly spread.
+        """
+        forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
+        sizes = np.sqrt(np.square(forces) @ np.ones(3))
+        strong = np.sort(forces[sizes >= PRESS_SHARE * _upper_decile(sizes)], axis=0)
+        x, y, z = (0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])).tolist()
+        return x, y, z
+
+    def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
+        """Times (n,) [s] and flange poses (n, 7) from the last observation up to t0 to the last up to tn.
+
+        So what begins where another ends has that end as its start; behind a gap it starts there. Poses are
+        (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        """
+        start, end = (max(self._first_from(t + SAME_S) - 1, 0) for t in (t0, tn))
+        if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
+            start += 1
+        rows = self._rows(start, end, POSES)
+        turns = rows[:, _ORIENTATION]
+        known = not np.isnan(turns).any()
+        return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
+
+    def course(self, begin: int, last: int) -> Course:
+        """What a turn is read from: from one observation to another, of more than TURN_LOOKS evenly some."""
+        rows = self._rows(begin, last, TURN_LOOKS)
+        torques = rows[:, _TORQUE]
+        return Course(
+            positions=rows[:, _POSITION],
+            orientations=rows[:, _ORIENTATION],
+            turned=rows[:, _ROTATION] - rows[0, _ROTATION],
+            forces=rows[:, _FORCE],
+            torques=None if np.isnan(torques).any() else torques,
+        )
+
+    def _rows(self, start: int, end: int, most: int) -> Array:
+        """(n, columns) from one observation to another; of more than `most` some are left out, evenly."""
+        looks = np.arange(start, end, -(-max(end - start, 1) // most))
+        if len(looks) < end - start:
+            return np.array([self._row(int(index)) for index in [*looks, end]])
+        return np.frombuffer(self._log.read(start * _ROW.size, (end + 1) * _ROW.size)).reshape(-1, _COLUMNS)
+
+    def vertical_force(self, start: int, end: int) -> tuple[float, float]:
+        """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
+        before, before2 = self._sums(start)
+        until, until2 = self._sums(end)
+        mean, mean2 = (until - before) / (end - start), (until2 - before2) / (end - start)
+        return mean, max(mean2 - mean * mean, 0.0)
+
+    def _sums(self, end: int) -> tuple[float, float]:
+        """Of the vertical force [N] and its square [N²] before an observation."""
+        total, total2 = self._row(end - 1)[_SUMS] if end else (0.0, 0.0)
+        return total, total2
+
+    def moment(self, t: float) -> Moment:
+        """The pose at the observation nearest to a time [s]."""
+        return self.moment_at(self._nearest(t))
+
+    def _nearest(self, t: float) -> int:
+        """The observation nearest to a time [s], or the earlier of two. Raises IndexError without one."""
+        if not self._count:
+            raise IndexError("no observation yet")
+        after = min(max(self._first_from(t), 1), self._count - 1)
+        return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t + SAME_S else after
+
+    def _first_from(self, t: float) -> int:
+        """The first observation that is not before a time [s]; mostly it is one of the last ones."""
+        end, reach = self._count, 1
+        while reach <= self._count and self.t(self._count - reach) >= t:
+            end, reach = self._count - reach, 2 * reach
+        return bisect_left(range(end), t, max(self._count - reach, 0), key=self.t)
+
+    def moment_at(self, index: int) -> Moment:
+        """The pose at an observation."""
+        row = self._row(index)
+        return Moment(
+            position=self.position(index),
+            orientation=_known(row[_ORIENTATION]),
+            joints=_known(row[_JOINTS]),
+            gripper_width=None if math.isnan(row[_GRIPPER]) else row[_GRIPPER],
+            force=self.force(index),
+        )
+
+
+def _known(part: Row) -> Any:
+    """Of a pose; None where it was not."""
+    return None if math.isnan(part[0]) else part
+
+
+def _read(log: Log, index: int) -> Row:
+    return _ROW.unpack(log.read(index * _ROW.size, (index + 1) * _ROW.size))
+
+
+def _read_forces(log: Log, looks: range) -> Array:
+    """(n, 3) [N] one after the other, or every so many."""
+    if looks.step > 1:
+        return np.array([_read(log, index)[_FORCE] for index in looks])
+    rows = np.frombuffer(log.read(looks.start * _ROW.size, looks.stop * _ROW.size))
+    return rows.reshape(-1, _COLUMNS)[:, _FORCE].copy()
+
+
+def _upper_decile(values: Array) -> float:
+    """What a tenth of them exceeds: as np.quantile says, which takes twenty times as long for a few."""
+    ordered = np.sort(values)
+    below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
+    low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
+    return float(low + share * (high - low))
+
+
+def force_scale(observation: Observation) -> float:
+    """Scale of what free space reads, relative to a tared sensor; segment models see force / scale."""
+    return 1.0 if observation.bias_n is None else observation.bias_n / TARED_BIAS_N
+
+
+def holding(observation: Observation) -> float:
+    """1 the gripper holds something, 0 it does not, nan unknown."""
+    if observation.gripper_closed is None:
+        return np.nan
+    empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M
+    return float(observation.gripper_closed and not empty)

@@ -1,0 +1,418 @@
+"""The pipeline of a session: sample → observation → evidence → posterior → segment → app."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol import messages
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.force_limit import with_force_limit
+from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
+from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_service.changepoint.held_torque import torsion_of
+from caesura_service.changepoint.models import UNTURNED, Observed
+from caesura_service.changepoint.preset import Preset
+from caesura_service.changepoint.presets import PRESETS, preset_named
+from caesura_service.changepoint.threshold_segmenter import check_level
+from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
+from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, ProgramSegment
+from caesura_service.robot import load_panda
+from caesura_service.segmentation.corrections import (
+    Change,
+    Correction,
+    EditContext,
+    Heeded,
+    VisibleChangepoint,
+    VisibleSegment,
+    resolved,
+)
+from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.finalized_segments import SegmentEntry
+from caesura_service.segmentation.observation_store import History, force_scale, holding
+from caesura_service.segmentation.program_builder import GrowingProgram
+from caesura_service.segmentation.segmenter import Division
+from caesura_service.segmentation.time_slices import give_way
+from caesura_service.segmentation.view import NO_GRIPPER, Pipeline, View
+from caesura_service.signals import (
+    Conditioned,
+    Conditioner,
+    Layout,
+    Observation,
+    WrenchCapabilities,
+)
+
+PHASES = Chain(PARAMETERS)
+LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
+# Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
+# work is long: segments every so many that are final, the program and all else every so many observations.
+SETTLE_EVERY = 25  # final segments
+PROGRAM_EVERY = 150  # observations
+
+
+def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
+    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that fail.
+
+    threshold: on the smoothed probability, decides what is a changepoint instead of the best segmentation.
+    Raises ValueError for one that is not between 0 and 1.
+    """
+    name = opening.preset or default_preset
+    try:
+        preset = preset_named(name)
+    except KeyError as error:
+        raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS)) from error
+    if threshold is not None:
+        check_level(threshold)
+        unconditioned = replace(preset.filter, certain=1.0)
+        preset = replace(preset, threshold=threshold, filter=unconditioned)
+    if (opening.wrench_source, opening.hand_on_robot) == ("flange_sensor_with_hand", "no"):
+        raise ProtocolError(
+            "malformed",
+            "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand' "
+            "(without a hand: 'flange_sensor' or 'joint_torque_estimate')",
+            value="no",
+            expected=["yes", "unknown"],
+        )
+    try:
+        return SegmentationPipeline(layout_of(opening), preset, opening)
+    except ValueError as error:
+        raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
+
+
+def layout_of(opening: Open) -> Layout:
+    """How the samples of a session are read. Raises ValueError for columns that cannot be segmented."""
+    robot = load_panda() if "q1" in opening.columns else None
+    return Layout(
+        columns=opening.columns,
+        wrench_source=opening.wrench_source,
+        hand_on_robot=opening.hand_on_robot,
+        force_frame=opening.force_frame,
+        metres_per_unit=UNITS["length"][opening.length_unit],
+        pose_of_joints=None if robot is None else robot.flange_poses,
+        wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
+    )
+
+
+def observed(observation: Observation) -> Observed:
+    """What the segment models see of an observation."""
+    force = observation.force_base / force_scale(observation)
+    rotation = UNTURNED if observation.rotation is None else observation.rotation
+    torsion = torsion_of(observation.force_base, observation.torque_base)
+    return Observed(observation.position_base, force, holding(observation), rotation, torsion)
+
+
+class _Looked(NamedTuple):
+    """When segments and program were last made: after how many observations, and all that had happened."""
+
+    observations: int
+    happened: tuple[object, ...]
+
+
+_NEVER = _Looked(-LOOK_EVERY, ())
+
+
+class SegmentationPipeline:
+    """One demonstration, from samples to task program. See `Pipeline`."""
+
+    def __init__(self, layout: Layout, preset: Preset, opening: Open) -> None:
+        self._opening = opening
+        self._preset = preset
+        self._source = layout.source
+        weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
+        without = weighs and "gripper" not in opening.columns
+        self._standing_notes = (layout.source.note, *([NO_GRIPPER] if without else []))
+        self._conditioner = Conditioner(layout)
+        self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
+        self._heeded = Heeded()
+        self._history = History()
+        self._begin(tared=True)
+        self._gaps = Gaps()
+        self._grips: list[Grip] = []
+        self._program, self._looked = self._growing(), _NEVER
+        self._lost = False  # the next gap was declared, not seen
+        self._began = math.inf  # [s] first sample
+        self._finished = False
+        self._view = self._look(self._happened())
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+        counts = self._conditioner
+        if counts.samples != self._view.samples:
+            self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
+        return self._view
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
+        if (found := self._first_second.look(samples)) is not None:
+            declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
+            raise ValueError(f"implausible: {found}; {declare}")
+        conditioned = self._conditioner.push(samples)
+        if self._began == math.inf and len(samples):
+            self._note_beginning(float(samples[0, 0]))
+        if conditioned.is_quiet:
+            return False
+        self._take(conditioned)
+        return True
+
+    def declare_gap(self) -> None:
+        """Say that samples between the last push and the next, or the end, are lost for good."""
+        self._conditioner.declare_gap()
+        self._lost = True
+
+    def finish(self) -> None:
+        """The demonstration is over: what is still open is decided as it stands."""
+        self._finished = True
+        if self._lost and self._conditioner.samples:
+            latest = self._conditioner.t_last
+            self._gaps.add(Gap(t0=latest, tn=latest, reason="evicted"))
+        self._take(self._conditioner.finish())
+
+    def resolve(self, change: Change) -> Correction:
+        """What a correction comes to. Raises ProtocolError where it points at nothing."""
+        self.refresh()
+        return resolved(change, self._shown())
+
+    def refresh(self) -> None:
+        """Bring the view up to date."""
+        self._view = self._look(self._happened())
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Names of the kinds that a segment may have."""
+        return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
+
+    def corrected(self, corrections: Sequence[Correction]) -> Self:
+        """The same demonstration with these corrections from its first sample on; takes the place of this."""
+        other = copy(self)
+        other._heeded = Heeded(corrections)
+        other._program, other._looked = other._growing(), _NEVER
+        other._begin(tared=self._division.tared)
+        for index in range(len(self._history)):
+            other._division.step(index)
+            other._keep_up()  # an hour of it, all at once at the end, would be one slice
+            give_way()
+        other._view = other._look(other._happened())
+        return other
+
+    def _note_beginning(self, t: float) -> None:
+        """Where the first sample was not the first one sent, say so; it divides nothing."""
+        self._began = t
+        if self._lost:
+            self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
+            self._lost = False
+
+    def _growing(self) -> GrowingProgram:
+        opening = self._opening
+        paths = Paths(
+            self._history.poses,
+            opening.path_tolerance_m or TOLERANCE_M,
+            opening.path_tolerance_rad or TOLERANCE_RAD,
+        )
+        return GrowingProgram(
+            self._history.moment,
+            self._preset.least_segment_s,
+            paths,
+            opening.force_limit_n,
+            limited=self._limited if self._heeded.limits_forces else None,
+        )
+
+    def _begin(self, *, tared: bool) -> None:
+        layout = self._conditioner.layout
+        self._division = Division(
+            self._preset,
+            self._source,
+            self._history,
+            self._heeded,
+            tared=tared,
+            orientation=layout.has_orientation,
+            torque=layout.has_torque,
+        )
+        self._phases, self._decided_phases = PhaseTracker(PHASES), Kept(Phase)
+
+    def _take(self, conditioned: Conditioned) -> None:
+        for t0, tn in conditioned.gaps:
+            self._gaps.add(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
+            self._lost = False
+        grips = [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        self._grips += grips
+        if any(grip.t <= self._program.since for grip in grips):
+            self._program = self._growing()
+        if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
+            self._begin(tared=False)
+        looked = self._looked
+        for observation in conditioned.observations:
+            self._history.append(observation)
+            self._division.step(len(self._history) - 1)
+            self._keep_up()
+            give_way()
+        happened = self._happened()
+        due = self._finished or self._division.online.count >= looked.observations + LOOK_EVERY
+        glances = happened == looked.happened and not due
+        self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
+
+    def _keep_up(self) -> None:
+        """Make what has settled, where that is much by now."""
+        if self._division.online.count >= self._looked.observations + PROGRAM_EVERY:
+            self._view = self._look(self._happened())
+        elif self._division.unlooked >= SETTLE_EVERY:
+            self._settle()
+
+    def _settle(self) -> list[SegmentEntry]:
+        """Keep the segments that have settled, and their phases; the others."""
+        division = self._division
+        self._unsettled = parts = division.look(self._program.first, finished=self._finished)
+        for part in division.settled.since(self._phases.settled):
+            self._phases.settle(part.segment)
+            give_way()
+        return parts
+
+    def _happened(self) -> tuple[object, ...]:
+        """All that segments and program depend on, but how far the last segment reaches."""
+        return self._division.outline(), len(self._grips), self._gaps.all, self._conditioner.tare
+
+    def _newest(self) -> dict[str, Any]:
+        """What every observation changes of a view."""
+        online = self._division.online
+        return {
+            "t": self._history.t_last,
+            "samples": self._conditioner.samples,
+            "repeats": self._conditioner.repeats,
+            "observations": online.count,
+            "posterior_starts": tuple(map(self._division.places.__getitem__, online.starts.tolist())),
+            "posterior_probabilities": tuple(online.posterior.tolist()),
+            "hypotheses": online.starts.size,
+            "capped": online.capped,
+        }
+
+    def _look(self, happened: tuple[object, ...]) -> View:
+        division = self._division
+        self._looked = _Looked(division.online.count, happened)
+        parts = self._settle()
+        apps = self._apps(parts)
+        give_way()
+        phases = self._phases_with(parts)
+        give_way()
+        return View(
+            **self._newest(),
+            changepoints=division.settled.changepoints(parts),
+            segments=division.settled.segments(parts),
+            apps=apps,
+            notes=self._notes(),
+            gaps=self._gaps.all,
+            wrench=_wrench_report(
+                self._opening,
+                self._conditioner.layout.source_in_use,
+                self._source,
+                self._conditioner.tare,
+                self._conditioner.tare_note,
+            ),
+            delay_s=self._conditioner.delay_s,
+            length_unit=self._opening.length_unit,
+            force_limit_n=self._opening.force_limit_n,
+            phases=phases,
+        )
+
+    def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
+        """The phases so far; parts: those that have not settled."""
+        segments = [part.segment for part in parts]
+        decided, rest = self._phases.look(segments, finished=self._finished)
+        self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
+        return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
+
+    def _apps(self, unsettled: list[SegmentEntry]) -> Sequence[App]:
+        first = self._program.first
+        parts = [*self._division.settled.since(first), *unsettled]
+        starts = [*(part.changepoint.probability for part in parts), 1.0]
+        starts[0] = starts[0] if first else 1.0
+        steps = [
+            ProgramSegment(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
+            for i, part in enumerate(parts)
+        ]
+        if self._program.paths is not None:  # the last segment goes on, and so does its path
+            growing = bool(steps) and not self._finished
+            self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
+        return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
+
+    def _limited(self, app: App) -> App:
+        limit_n = self._heeded.force_limit(app)
+        return app if limit_n is None else with_force_limit(app, limit_n)
+
+    def _shown(self) -> EditContext:
+        """What there is to correct."""
+        parts = [*self._division.settled.since(0), *self._unsettled]
+        spans = [
+            VisibleSegment(
+                t0=part.segment.t0,
+                tn=part.segment.tn,
+                start=part.start,
+                end=part.end,
+                grows=i == len(parts) - 1 and not self._finished,
+            )
+            for i, part in enumerate(parts)
+        ]
+        return EditContext(
+            t_first=self._history.t(0) if parts else 0.0,
+            t_last=self._view.t,
+            finished=self._finished,
+            marks=[self._mark(before, part) for before, part in pairwise(parts)],
+            spans=spans,
+            kinds=self.kinds,
+            apps=self._view.apps,
+            phases=self._view.phases,
+            force_limit_n=self._opening.force_limit_n,
+        )
+
+    def _mark(self, before: SegmentEntry, part: SegmentEntry) -> VisibleChangepoint:
+        """A changepoint, with what lies between its neighbours."""
+        give_way()
+        between = range(before.start + 1, part.end)
+        shown, gaps = part.changepoint, self._division.online.boundaries
+        return VisibleChangepoint(
+            t=shown.t,
+            t_low=shown.t if shown.t_low is None else shown.t_low,
+            t_high=shown.t if shown.t_high is None else shown.t_high,
+            between=tuple(index for index in between if index not in gaps),
+            after_gap=part.start in gaps,
+        )
+
+    def _notes(self) -> tuple[str, ...]:
+        """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
+        notes = [*self._standing_notes]
+        if self._gaps.all:
+            notes.append(self._gaps.note(self._began))
+        if anew := self._heeded.anew:
+            notes.append(
+                f"{anew} corrections were resolved anew at a restart, from a journal of an older version: "
+                "look at them again"
+            )
+        return tuple(notes)
+
+
+@lru_cache(maxsize=1024)
+def _wrench_report(
+    opening: Open,
+    source: str,
+    worth: WrenchCapabilities,
+    tare: tuple[float, float, float] | None,
+    tare_note: str,
+) -> WrenchReport:
+    """What becomes of the wrench, in words; the same one at every look."""
+    return WrenchReport(
+        source=cast(messages.WrenchSource, source),
+        stated=opening.wrench_source is not None,
+        hand_on_robot=opening.hand_on_robot,
+        contact_models=worth.contact_models,
+        transport_models=worth.transport_models,
+        tare=tare,
+        note=f"{worth.note} {tare_note}",
+        frame=opening.force_frame,
+    )

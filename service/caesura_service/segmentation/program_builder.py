@@ -1,0 +1,128 @@
+"""Incremental construction of the task program: apps before a quiet place are built once.
+
+A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
+it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and
+is not part of a carry. The program is then that of the segments up to it, and that of the segments from
+it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends there. A gap that touches what lies
+before it is known by then: it ends where a segment begins, and the quiet place is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from caesura_protocol.messages import App, Gap
+from caesura_service.program import (
+    GRIP_SLACK_S,
+    Grip,
+    Moment,
+    MomentAt,
+    Paths,
+    ProgramSegment,
+    holds,
+    task_program,
+)
+from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.time_slices import give_way
+
+# Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
+# most), and few enough that a view of other samples costs no more after an hour.
+MOST_UNQUIET = 500
+
+
+@dataclass
+class GrowingProgram:
+    """Builds apps from segments as `task_program` does, with the same result."""
+
+    moment_at: MomentAt
+    least_s: float
+    paths: Paths | None = None
+    force_limit_n: float | None = None  # [N] of the cell
+    limited: Callable[[App], App] | None = None  # an app with the force limits of corrections
+    first: int = 0  # the segment from which on apps are built anew
+    since: float = -np.inf  # [s] grips after this may still be used
+    built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
+    _seen: dict[float, Moment] = field(default_factory=dict)  # moments behind that, before the last segment
+    _seen_until: float = -np.inf  # [s] what lies before is seen from both sides: no moment changes any more
+
+    def apps(
+        self, steps: Sequence[ProgramSegment], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
+    ) -> Sequence[App]:
+        """The apps of a demonstration, in time order.
+
+        steps: from segment `first` on; settled: how many segments of all nothing can change any more;
+        grips and gaps: all that are known. Where a grip comes to light that lies before `since`, begin anew.
+        """
+        rest = [grip for grip in grips if grip.t > self.since]
+        self._seen_until = steps[-1].segment.t0 if steps else -np.inf
+        begin, settled = 0, settled - self.first
+        while quiet := self._quiet(steps, begin, settled, rest, grips):
+            place = steps[quiet]
+            before = [grip for grip in rest if grip.t < place.segment.t0]
+            apps = self._program(steps[begin : quiet + 1], before, gaps, grips)
+            self.built.extend(app for app in apps if not app.segments or app.segments[0] < place.index)
+            self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
+            rest = [grip for grip in rest if grip.t > self.since]
+            self._seen.clear()
+            begin = quiet
+            give_way()
+        return MessageSequence(self.built, self._program(steps[begin:], rest, gaps, grips))
+
+    def _program(
+        self,
+        steps: Sequence[ProgramSegment],
+        grips: Sequence[Grip],
+        gaps: Sequence[Gap],
+        known: Sequence[Grip],
+    ) -> tuple[App, ...]:
+        apps = task_program(
+            steps,
+            grips,
+            self._moment,
+            least_s=self.least_s,
+            force_limit_n=self.force_limit_n,
+            paths=self.paths,
+            gaps=gaps,
+            known=known,
+        )
+        return apps if self.limited is None else tuple(map(self.limited, apps))
+
+    def _moment(self, t: float) -> Moment:
+        """The same ones are asked for at every look. A program is built from many: it gives way at each."""
+        give_way()
+        if (seen := self._seen.get(t)) is not None:
+            return seen
+        moment = self.moment_at(t)
+        if t < self._seen_until:
+            self._seen[t] = moment
+        return moment
+
+    def _quiet(
+        self,
+        steps: Sequence[ProgramSegment],
+        begin: int,
+        settled: int,
+        grips: Sequence[Grip],
+        known: Sequence[Grip],
+    ) -> int:
+        """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
+
+        Of MOST_UNQUIET steps the last one passes for quiet, from wherever the steps begin.
+        """
+        last = min(settled - 1, begin + MOST_UNQUIET)
+        for i in range(last, begin, -1):
+            step, t0 = steps[i], steps[i].segment.t0
+            before, kind = steps[i - 1], step.segment.kind
+            touched = before.touches or (i > 1 and steps[i - 2].touches)
+            moves = kind == "motion" and self._lasts(before) and not touched
+            gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
+            if self._lasts(step) and moves and not holds(step, known) and not gripped:
+                return i
+        return last if last == begin + MOST_UNQUIET else 0
+
+    def _lasts(self, step: ProgramSegment) -> bool:
+        """Is it kept by the minimum time filter, and longer than a grip may be off?"""
+        return step.lasts(max(self.least_s, GRIP_SLACK_S))

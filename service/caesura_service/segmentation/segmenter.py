@@ -1,0 +1,250 @@
+"""The segmenter of a session: the filter, and the segments and changepoints that it shows.
+
+What has settled is kept, what stays as it was shown is not made again.
+"""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
+
+from caesura_protocol.messages import Changepoint, ScrewMotion, Segment, Vector
+from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.segment_model_set import Kind
+from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
+from caesura_service.changepoint.threshold_segmenter import OnlineThreshold
+from caesura_service.changepoint.turn_in_place import centre_of
+from caesura_service.segmentation.corrections import Heeded
+from caesura_service.segmentation.finalized_segments import SegmentEntry, Settled
+from caesura_service.segmentation.load_estimation import Load, is_baseline, weigh
+from caesura_service.segmentation.observation_store import History
+from caesura_service.segmentation.screwing import screw_of
+from caesura_service.segmentation.time_slices import give_way
+from caesura_service.signals import WrenchCapabilities
+from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
+
+
+class _Seen(NamedTuple):
+    """A segment and its start as they were shown, and what they were made of."""
+
+    stretch: Stretch
+    load: Load | None
+    segment: Segment
+    changepoint: Changepoint
+
+
+def filter_of(
+    preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool, torque: bool = False
+) -> Filter:
+    """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
+
+    torque: whether there is one; it is looked at where it is tared and the wrench is no estimate. Raises
+    ValueError where the preset looks at nothing that is reported.
+    """
+    return preset.online(
+        contact=source.contact_models,
+        transport=source.transport_models,
+        orientation=orientation,
+        torque=torque and tared and source.bias == "tare",
+        bias_n=_bias_n(source, tared=tared),
+    )
+
+
+class Division:
+    """Filters the observations of a history one by one, with the corrections of each."""
+
+    def __init__(
+        self,
+        preset: Preset,
+        source: WrenchCapabilities,
+        history: History,
+        heeded: Heeded,
+        *,
+        tared: bool,
+        orientation: bool,
+        torque: bool = False,
+    ) -> None:
+        """Raises ValueError where the preset looks at nothing that is reported."""
+        self.tared, self._orientation = tared, orientation
+        self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
+        self.settled = Settled()
+        self.places = array("d")  # [s] where a segment begins whose first own observation is this one
+        self._preset, self._history, self._heeded = preset, history, heeded
+        self._bias_n = _bias_n(source, tared=tared)
+        self._decided = None if preset.threshold is None else OnlineThreshold(self.online, preset.threshold)
+        self._baseline: list[Stretch] = []  # the last free space that has settled
+        self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
+        self._finished = False
+        self._final = 0  # segments that were final at the last look
+
+    @property
+    def unlooked(self) -> int:
+        """How many segments have become final since the last look."""
+        return len((self._decided or self.online).final) - self._final
+
+    def step(self, index: int) -> None:
+        """Filter an observation, with its corrections.
+
+        A segment that joins the one before begins somewhere between two observations: midway, then.
+        """
+        history, after_gap = self._history, self._history.after_gap(index)
+        joins = index and self._preset.continuous and not after_gap
+        place = 0.5 * (history.t(index - 1) + history.t(index)) if joins else history.t(index)
+        self.places.append(place)
+        said = self._heeded.start(index, place + 0.5 * STEP_S)
+        follower = self._decided or self.online
+        follower.step(history.observed(index), boundary=after_gap, changepoint=said)
+
+    def outline(self) -> tuple[int, list[tuple[int, int]]]:
+        """Changes wherever the demonstration is divided otherwise, named otherwise, or decided."""
+        return outline(self.online, self._decided) if self.online.count else (0, [])
+
+    def look(self, quiet: int, *, finished: bool) -> list[SegmentEntry]:
+        """Every part that has not settled; remembers those that have.
+
+        quiet: no later program asks what came before the part of this number; finished: is all that is open
+        decided as it stands?
+        """
+        self._finished = finished
+        if not self.online.count:
+            return []
+        self._final += self.unlooked
+        known = {start: seen.stretch for start, seen in self._seen.items()}
+        found = stretches(self.online, len(self.settled), decided=self._decided, known=known)
+        fresh = [self._as_said(stretch) for stretch in found]
+        every, first = [*self._baseline, *fresh], len(self._baseline)
+        seen: list[_Seen] = []
+        for i in range(len(fresh)):
+            seen.append(self._look_at(every, first + i))
+            give_way()
+        self._seen = {one.stretch.start: one for one in seen}
+        parts = [
+            SegmentEntry(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen
+        ]
+        count = self._settling(fresh)
+        self.settled.take(parts[:count], quiet)
+        free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
+        self._baseline = [*islice(free, 1)] or self._baseline
+        return parts[count:]
+
+    def _as_said(self, stretch: Stretch) -> Stretch:
+        """Return the segment as corrected: given its ends, the kind is the whole inference."""
+        if self._heeded.is_certain(start := stretch.start):
+            stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
+        label = self._heeded.label(start, stretch.end)
+        if label is None:
+            return stretch
+        named = [kind for kind in self.online.lattice.kinds if kind.name == label]
+        kind = max(named, key=lambda kind: kind.contact == stretch.verdict.kind.contact)
+        return replace(stretch, verdict=Verdict(kind, 1.0, None, 0.0))
+
+    def _settling(self, fresh: list[Stretch]) -> int:
+        """How many of these nothing can change any more, not even a later comparison of their load."""
+        count, weighing = 0, False
+        for i, stretch in enumerate(fresh):
+            if not stretch.stands:
+                break
+            weighing = weighing or stretch.verdict.kind.contact == "transport"
+            compared = is_baseline(stretch, self._history, self._bias_n)
+            if compared or (not weighing and count == i):
+                count, weighing = i + 1, False
+        return count
+
+    def _look_at(self, all_stretches: list[Stretch], index: int) -> _Seen:
+        """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
+        stretch = all_stretches[index]
+        load = weigh(all_stretches, index, self._history, self._bias_n)
+        seen = self._seen.get(stretch.start)
+        if seen is None or self._finished:
+            return _Seen(stretch, load, self._segment(stretch, load), self._changepoint(stretch))
+        stays, start_stays = self._stays(seen, stretch, load), _starts_alike(seen.stretch, stretch)
+        segment = seen.segment if stays else self._segment(stretch, load)
+        changepoint = seen.changepoint if start_stays else self._changepoint(stretch)
+        return _Seen(stretch, load, segment, changepoint)
+
+    def _stays(self, seen: _Seen, stretch: Stretch, load: Load | None) -> bool:
+        """Does this make the same segment as what was seen?"""
+        before = seen.stretch
+        return (
+            (before.end, before.end_final, before.verdict)
+            == (stretch.end, stretch.end_final, stretch.verdict)
+            and seen.segment.tn == self._end(stretch.end)
+            and seen.load == load
+        )
+
+    def _segment(self, stretch: Stretch, load: Load | None) -> Segment:
+        found, history = stretch.verdict, self._history
+        begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
+        turn, centre = self._turn(begin, last, found.kind.name)
+        return Segment(
+            t0=self.places[stretch.start],
+            tn=self._end(stretch.end),
+            kind=found.kind.name,
+            motion=found.kind.motion,
+            contact=found.kind.contact,
+            probability=found.probability,
+            runner_up=None if found.runner_up is None else found.runner_up.name,
+            log_odds=found.log_odds,
+            certainty="final" if stretch.end_final or self._finished else "provisional",
+            position_start=history.position(begin),
+            position_end=history.position(last),
+            force_start=history.force(begin),
+            force_end=history.force(last),
+            force_held=history.press(stretch.start, stretch.end) if found.kind.contact == "contact" else None,
+            load_kg=None if load is None else load.kg,
+            load_sd_kg=None if load is None else load.sd_kg,
+            corrected=self._heeded.label(stretch.start, stretch.end) is not None,
+            turn=turn,
+            centre=centre,
+            screw=self._screw(begin, last, found.kind),
+        )
+
+    def _turn(self, begin: int, last: int, kind: str) -> tuple[Vector | None, Vector | None]:
+        """By how much the robot turns from one observation to another [rad], and where the axis lies [m]."""
+        if not self._orientation:
+            return None, None
+        turned = self._history.turned(begin, last)
+        if kind != "turning":
+            return turned, None
+        middle = (begin + last) // 2
+        places = [self._history.position(index) for index in (begin, middle, last)]
+        return turned, centre_of(places, [self._history.turned(begin, index) for index in (middle, last)])
+
+    def _screw(self, begin: int, last: int, kind: Kind) -> ScrewMotion | None:
+        if kind.name != "turning" or not self._orientation:
+            return None
+        return screw_of(self._history.course(begin, last), pressed=kind.contact == "contact")
+
+    def _joins(self, start: int) -> bool:
+        """Whether a segment with its first own observation at `start` begins where the one before it ends."""
+        return self._preset.continuous and start > 0 and start not in self.online.boundaries
+
+    def _end(self, end: int) -> float:
+        """[s] Where a segment ends that has observations up to `end`, which is not its own."""
+        missing = end == self.online.count or end in self.online.boundaries
+        return self._history.t(end - 1) if missing else self.places[end]
+
+    def _changepoint(self, stretch: Stretch) -> Changepoint:
+        final = stretch.start_final or self._finished
+        return Changepoint(
+            t=self.places[stretch.start],
+            probability=stretch.start_probability,
+            certainty="final" if final else "provisional",
+            t_low=self.places[stretch.start_interval[0]],
+            t_high=self.places[stretch.start_interval[1]],
+            corrected=self._heeded.is_certain(stretch.start),
+        )
+
+
+def _bias_n(source: WrenchCapabilities, *, tared: bool) -> float:
+    """[N] scale of what free space reads. A tracked bias is scaled to that of a tared sensor."""
+    return TARED_BIAS_N if tared or source.bias == "mixture" else UNTARED_BIAS_N
+
+
+def _starts_alike(one: Stretch, other: Stretch) -> bool:
+    """Is the same shown of where they begin?"""
+    known = one.start_probability, one.start_interval, one.start_final
+    return known == (other.start_probability, other.start_interval, other.start_final)

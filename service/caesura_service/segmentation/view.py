@@ -1,0 +1,80 @@
+"""The interface between a session and its pipeline.
+
+A pipeline takes samples in order and can say at any time what it makes of them. Signals, changepoints
+and the program lie behind it; ordering, numbering and the wire lie before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
+from caesura_service.segmentation.corrections import Change, Correction
+
+# Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
+NO_GRIPPER = (
+    "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "
+    "Send the column gripper where the robot has one."
+)
+
+
+class View(NamedTuple):
+    """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
+
+    samples: int
+    repeats: int  # samples whose time did not advance
+    t: float  # [s] the last observation; -inf before the first
+    observations: int
+    changepoints: Sequence[Changepoint]
+    segments: Sequence[Segment]
+    posterior_starts: tuple[float, ...]  # [s] living hypotheses
+    posterior_probabilities: tuple[float, ...]
+    apps: Sequence[App]
+    notes: tuple[str, ...]
+    gaps: tuple[Gap, ...]
+    wrench: WrenchReport
+    delay_s: float
+    hypotheses: int
+    capped: int
+    length_unit: LengthUnit = "m"  # of the samples that came
+    force_limit_n: float | None = None  # [N] of the cell
+    phases: Sequence[Phase] = ()
+
+
+class Pipeline(Protocol):
+    """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        """Take the next samples, (n, columns) as declared when the session was opened, time first.
+
+        Does the view show anything new, but that so many samples more have come?
+        """
+
+    def declare_gap(self) -> None:
+        """Say that samples between the last push and the next, or the end, are lost for good."""
+
+    def finish(self) -> None:
+        """The demonstration is over: decide what is still open."""
+
+    def refresh(self) -> None:
+        """Bring the view up to date, as an edit does: between two looks it may lack newer observations."""
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Of segments, that a correction may name."""
+
+    def resolve(self, change: Change) -> Correction:
+        """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
+
+    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+        """As if these had been known from the first sample on. It takes the place of this one, which is
+        not to be used any more where it does.
+        """

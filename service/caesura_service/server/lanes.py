@@ -1,0 +1,106 @@
+"""What may wait for a slow client, in threads beside the worker: answers to commands, questions to bridges.
+
+Zenoh sends both with the congestion control that the client, or the bridge, requested: where that client does
+not read, the call waits until its link is closed, five seconds later. In the worker's thread all stations
+waited for that. So each station has a lane, in which one thing is sent after the other; a station that waits
+holds one thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from caesura_service.server.background_thread import JOIN_S
+from caesura_service.server.rates import COMPLAINTS, RateLimit
+
+logger = logging.getLogger(__name__)
+
+THREADS = 32  # one for each station that does not read; started when they are needed
+WAITING = 128  # of one station: its commands that may wait, and its replays
+
+Job = Callable[[], None]
+
+
+class Lanes:
+    """Does jobs while the context lasts: those of one lane in order, those of several at the same time."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, deque[Job]] = {}  # of lanes with a job waiting or under way
+        self._ready: deque[str] = deque()  # lanes whose next job no thread has taken
+        self._threads: list[threading.Thread] = []
+        self._idle = 0
+        self._is_over = False
+        self._complaints = RateLimit(COMPLAINTS)
+        self._changed = threading.Condition()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Send what waits, as far as that goes in JOIN_S."""
+        with self._changed:
+            self._is_over = True
+            self._changed.notify_all()
+        until = time.monotonic() + JOIN_S
+        for thread in self._threads:
+            thread.join(max(0.0, until - time.monotonic()))
+
+    def submit(self, lane: str, job: Job) -> bool:
+        """Let a job be done; False where too many of the lane wait already. Never waits."""
+        with self._changed:
+            jobs = self._waiting.get(lane)
+            if jobs is None:
+                self._waiting[lane] = deque([job])
+                self._ready.append(lane)
+                self._wake()
+            elif len(jobs) >= WAITING:
+                return False
+            else:
+                jobs.append(job)
+        return True
+
+    def _wake(self) -> None:
+        self._changed.notify()  # an idle thread may have been notified of another lane, and not run yet
+        if self._idle < len(self._ready) and len(self._threads) < THREADS:
+            name = f"caesura-lanes-{len(self._threads)}"
+            self._threads.append(threading.Thread(target=self._run, name=name, daemon=True))
+            self._threads[-1].start()
+
+    def _run(self) -> None:
+        while (taken := self._take()) is not None:
+            lane, job = taken
+            try:
+                job()
+            except Exception:
+                if self._complaints.allows(lane):
+                    logger.exception("an answer or a question for %s was not sent", lane)
+            self._done(lane)
+
+    def _take(self) -> tuple[str, Job] | None:
+        """The next job; None once there is none and the context is over."""
+        with self._changed:
+            while not self._ready:
+                if self._is_over:
+                    return None
+                self._idle += 1
+                self._changed.wait()
+                self._idle -= 1
+            lane = self._ready.popleft()
+            return lane, self._waiting[lane][0]
+
+    def _done(self, lane: str) -> None:
+        with self._changed:
+            jobs = self._waiting[lane]
+            jobs.popleft()
+            if jobs:
+                self._ready.append(lane)
+            else:
+                del self._waiting[lane]

@@ -1,0 +1,74 @@
+"""Who is there: tokens of services and stations, and our own link to the router."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import NamedTuple
+
+import zenoh
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
+from caesura_protocol.transport.zenoh_transport import direct
+from caesura_service.server.inbound import Linked, Presence
+from caesura_service.server.network import QUERY_TIMEOUT_S
+
+SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
+
+
+class There(NamedTuple):
+    """Who holds a token."""
+
+    services: frozenset[str]
+    stations: frozenset[str]
+
+
+def who_is_there(network: zenoh.Session) -> There:
+    """Asked once, before anything is watched: in a session that does, the answer may come back partial."""
+    found = [_named(key, True) for wanted in (SERVICES, STATIONS) for key in _tokens(network, wanted)]
+    return There(
+        frozenset(one.name for one in found if one and one.kind == "service"),
+        frozenset(one.name for one in found if one and one.kind == "station"),
+    )
+
+
+def watching(
+    network: zenoh.Session, report: Callable[[Presence | Linked], object], *, client: bool
+) -> ExitStack:
+    """Report live peers, arrivals and departures, and for a client the loss and return of its router.
+
+    Close what is returned to end it.
+    """
+    stack = ExitStack()
+
+    def take(sample: zenoh.Sample) -> None:
+        presence = _named(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+        if presence is not None:
+            report(presence)
+
+    def take_link(event: zenoh.TransportEvent) -> None:
+        report(Linked(event.kind == zenoh.SampleKind.PUT))
+
+    if client:
+        listener = network.info.declare_transport_events_listener(direct(take_link))
+        stack.callback(listener.undeclare)
+    for key in (SERVICES, STATIONS):
+        watch = network.liveliness().declare_subscriber(key, direct(take), history=True)
+        stack.callback(watch.undeclare)
+    return stack
+
+
+def _tokens(network: zenoh.Session, key: str) -> list[str]:
+    replies = network.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
+def _named(key: str, alive: bool) -> Presence | None:
+    """None where a stranger's token is on a key of that form, but for its name."""
+    try:
+        if key.startswith(SERVICES.partition("*")[0]):
+            return Presence("service", parse_service_key(key)[0], alive)
+        return Presence("station", parse_station_key(key)[0], alive)
+    except ProtocolError:
+        return None

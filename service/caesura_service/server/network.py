@@ -1,0 +1,242 @@
+"""Joining the network: as a router that robots connect to, or as a client of one that is already there.
+
+Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
+network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
+lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
+that searches for no peer would still wait half a second before it answers; twice the largest message that we
+accept, because a peer could otherwise make us put together one of a gigabyte; many pending connections, and a
+long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files).
+
+What is listened on must demand credentials where other machines reach it, unless `insecure` is set.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import resource
+import socket
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from caesura_protocol.transport.diagnosis import why_not
+from caesura_protocol.transport.zenoh_transport import reason
+from caesura_service.security import exposure
+from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+QUERY_TIMEOUT_S = 2.0
+SETTINGS: Mapping[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,
+    "transport/shared_memory/enabled": False,
+    "transport/link/tx/lease": 2000,
+    "transport/link/rx/max_message_size": ROUTER_MAX_BYTES,
+    "transport/unicast/accept_pending": ACCEPT_PENDING,
+    "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+}
+# A link whose peer hangs is closed once its lease ends, and that holds one of zenoh's threads for 10 s
+# (SO_LINGER; zenoh issues 1101, 2718). It has two that read: three frozen dashboards kept every client
+# waiting. Those that read also wait for what there is to read: else another one does, and wakes them for each
+# message.
+RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx), app: (handover: rx))"
+# One attempt to connect. Waiting inside the library ends at no signal and no deadline.
+ATTEMPT_MS = 500
+_FREE_PORT = ":0"
+OPEN_FILES = 65536  # as deploy/systemd/caesura.service has it
+_PATHS = (
+    "transport/auth/usrpwd/dictionary_file",
+    *(
+        f"transport/link/tls/{name}"
+        for name in (
+            "root_ca_certificate",
+            "listen_certificate",
+            "listen_private_key",
+            "connect_certificate",
+            "connect_private_key",
+        )
+    ),
+)
+
+
+class NetworkError(Exception):
+    """The network could not be joined, or was left."""
+
+
+@dataclass(frozen=True)
+class NetworkSettings:
+    """Where the service is found.
+
+    listen: endpoint of the embedded router; port 0 takes a free one; None: what the file says, else
+    DEFAULT_ENDPOINT. connect: a router to be client of instead. config_file: zenoh json5 with certificates,
+    users and access rules. insecure: listen without credentials where other machines reach it.
+    """
+
+    listen: str | None = None
+    connect: str | None = None
+    config_file: Path | None = None
+    connect_timeout_s: float | None = None  # None: until there is a router
+    insecure: bool = False
+
+
+def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
+    """Return a zenoh session and its endpoint. Raises NetworkError, also once `stop` is set."""
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when a process opens its first session
+    config = _config(settings.config_file)
+    if settings.connect is not None:
+        return _join_as_client(config, settings.connect, settings, stop), settings.connect
+    _check_is_for_a_router(config, settings.config_file)
+    endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
+    _check_exposure(endpoints, config, insecure=settings.insecure)
+    own = {
+        "mode": "router",
+        "listen/endpoints": [patient(one) for one in endpoints],
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
+    }
+    _insert(config, own)
+    _allow_open_files()
+    return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
+
+
+def _join_as_client(
+    config: zenoh.Config, router: str, settings: NetworkSettings, stop: threading.Event
+) -> zenoh.Session:
+    own = {
+        "mode": "client",
+        "connect/endpoints": [router],
+        "connect/timeout_ms": ATTEMPT_MS,
+        "connect/exit_on_failure": True,
+    }
+    _insert(config, own)
+    if not exposure.is_local(router) and exposure.shown(router, _reader(config)) == "nothing":
+        logger.warning("%s is another machine, and no certificate or password is shown to it", router)
+    return _connect(config, router, settings, stop)
+
+
+def _config(file: Path | None) -> zenoh.Config:
+    """The file with our settings over it. Paths in it that are relative are looked for beside it first."""
+    try:
+        config = zenoh.Config.from_file(file) if file else zenoh.Config()
+        _insert(config, {**SETTINGS, **(_beside(file, _reader(config)) if file else {})})
+    except zenoh.ZError as error:
+        raise NetworkError(f"zenoh configuration {file or ''}: {error}") from error
+    return config
+
+
+def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
+    """Raises NetworkError for an endpoint that is none."""
+    for key, value in settings.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            if not key.endswith("/endpoints"):
+                raise
+            what = f"{', '.join(value)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+            raise NetworkError(what) from error
+
+
+def _reader(config: zenoh.Config) -> exposure.Read:
+    def read(path: str) -> Any:
+        try:
+            return json.loads(config.get_json(path))
+        except zenoh.ZError:
+            return None  # not in this configuration
+
+    return read
+
+
+def _beside(file: Path, read: exposure.Read) -> dict[str, str]:
+    found = {key: Path(read(key) or "") for key in _PATHS}
+    return {
+        key: str(file.parent / path)
+        for key, path in found.items()
+        if path.name and not path.is_absolute() and (file.parent / path).exists()
+    }
+
+
+def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
+    """Raises NetworkError for the file of a client, which says nothing of who may connect."""
+    read = _reader(config)
+    if read("mode") == "client":
+        router = next(iter(read("connect/endpoints") or ()), "ENDPOINT")
+        raise NetworkError(f"{file} is for a client: add --connect {router}, or take a router's file")
+
+
+def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
+    """Return where to listen: by the settings, else by the file, else on this machine alone."""
+    if settings.listen is not None:
+        return [settings.listen]
+    said, default = (_reader(one)("listen/endpoints") for one in (config, zenoh.Config()))
+    if said == default:  # no file says anything
+        return [DEFAULT_ENDPOINT]
+    return (said.get("router") if isinstance(said, dict) else said) or [DEFAULT_ENDPOINT]
+
+
+def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure: bool) -> None:
+    """Raises NetworkError for an endpoint that would be open to every client, unless `insecure`."""
+    read = _reader(config)
+    for endpoint in endpoints:
+        if exposure.is_local(endpoint):
+            continue
+        if exposure.demanded(endpoint, read) == "nothing" and not insecure:
+            raise NetworkError(exposure.refusal(endpoint))
+        for warning in exposure.warnings(endpoint, read):
+            logger.warning("%s", warning)
+
+
+def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise NetworkError(f"{endpoint}: {error}") from error
+
+
+def _connect(
+    config: zenoh.Config, endpoint: str, settings: NetworkSettings, stop: threading.Event
+) -> zenoh.Session:
+    """Try until there is a router, the time is over, or `stop` is set."""
+    patience_s = settings.connect_timeout_s
+    deadline = float("inf") if patience_s is None else time.monotonic() + patience_s
+    said = False
+    while True:
+        try:
+            return _open(config, endpoint)
+        except NetworkError as error:
+            if stop.is_set():
+                raise
+            if time.monotonic() >= deadline:
+                raise NetworkError(str(why_not(endpoint, _reader(config)))) from error
+        if not said:
+            logger.warning("%s; trying until there is one", why_not(endpoint, _reader(config)))
+            said = True
+
+
+def _with_port(endpoint: str) -> str:
+    """The endpoint with a free port in place of port 0."""
+    place, mark, settings = endpoint.partition("#")
+    if not place.endswith(_FREE_PORT):
+        return endpoint
+    host = place.removesuffix(_FREE_PORT).partition("/")[2]
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.bind((host.strip("[]"), 0))
+        port: int = probe.getsockname()[1]
+    return f"{place.removesuffix(_FREE_PORT)}:{port}{mark}{settings}"
+
+
+def _allow_open_files() -> None:
+    """Raise this process' limit of open files as far as it may: a connection that stays silent holds one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, OPEN_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

@@ -1,0 +1,60 @@
+"""What is declared of stations: all of them by one expression, or some by name."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Set
+from typing import Any
+
+import zenoh
+
+from caesura_protocol.keys import station_key
+from caesura_protocol.transport.zenoh_transport import direct
+from caesura_service.server.subscriber_poller import Gathering
+
+ALL = "*"
+
+
+class Scope:
+    """The subscriptions and queryables of stations. Any thread may close it, and nothing is declared then."""
+
+    def __init__(
+        self,
+        network: zenoh.Session,
+        *,
+        samples: Gathering,
+        control: Callable[[zenoh.Query], None],
+        program: Callable[[zenoh.Query], None],
+    ) -> None:
+        self._network = network
+        self._samples, self._control, self._program = samples, control, program
+        self._declared: dict[str, tuple[Any, ...]] = {}
+        self._closed = False
+        self._lock = threading.Lock()
+
+    def set(self, stations: Set[str] | None) -> None:
+        """Declare these, None for all. What is new comes first: twice is better than not at all."""
+        with self._lock:
+            wanted = set() if self._closed else {ALL} if stations is None else stations
+            for station in wanted - self._declared.keys():
+                self._declared[station] = self._declare(station)
+            for station in self._declared.keys() - wanted:
+                self._undeclare(station)
+
+    def close(self) -> None:
+        """Declare nothing any more."""
+        self._closed = True
+        self.set(frozenset())
+
+    def _declare(self, station: str) -> tuple[Any, ...]:
+        network = self._network
+        self._samples.declare(network, station_key(station, "samples"))
+        return (
+            network.declare_queryable(station_key(station, "control"), direct(self._control)),
+            network.declare_queryable(station_key(station, "program"), direct(self._program)),
+        )
+
+    def _undeclare(self, station: str) -> None:
+        self._samples.undeclare(station_key(station, "samples"))
+        for entity in self._declared.pop(station):
+            entity.undeclare()

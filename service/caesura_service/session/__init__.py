@@ -1,1 +1,0 @@
-"""One demonstration after another, sans I/O: messages in, typed outputs out. No zenoh, clock or thread."""

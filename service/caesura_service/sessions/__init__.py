@@ -1,0 +1,1 @@
+"""One session: its lifecycle, the order of its batches, its journal."""

@@ -1,0 +1,59 @@
+"""Validation of a batch: declared columns, finite numbers, plausible times and values."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.plausibility import likely_time_unit
+from caesura_service.sessions.limits import Limits
+
+
+def check_columns(opening: Open) -> None:
+    """Raises ProtocolError `malformed` unless the columns begin with time and differ."""
+    if opening.columns[0] != "t":
+        raise ProtocolError("malformed", "first column is not t", value=opening.columns[0], expected="t")
+    for index, column in enumerate(opening.columns):
+        if column in opening.columns[:index]:
+            raise ProtocolError("malformed", "a column comes twice", value=column)
+
+
+def samples_of(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> NDArray[np.float64]:
+    """The matrix (n, columns) of a batch, session time [s] first. Raises ProtocolError `malformed`."""
+    if batch.columns != columns:
+        raise ProtocolError(
+            "malformed", "columns differ from those of the opening", value=batch.columns, expected=columns
+        )
+    matrix = unpack_samples(batch)
+    _check_times(batch.seq, matrix[:, 0], limits)
+    _check_values(batch, matrix, limits)
+    return matrix
+
+
+def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
+    known = times.tolist()
+    low, high = min(known), max(known)
+    reach = max(-low, high)
+    if reach > limits.time_s:
+        raise ProtocolError("malformed", f"time in batch {seq} is absurd", value=reach, limit=limits.time_s)
+    if high - low > limits.batch_span_s:
+        likely = likely_time_unit(times)
+        guess = "" if likely is None else f": its times are probably in {likely}"
+        raise ProtocolError(
+            "malformed", f"batch {seq} lasts too long{guess}", value=high - low, limit=limits.batch_span_s
+        )
+
+
+def _check_values(batch: SampleBatch, matrix: NDArray[np.float64], limits: Limits) -> None:
+    """Squares of absurd values leave no digits for the others, and then no number."""
+    if np.vdot(matrix, matrix) <= limits.value**2:
+        return  # as nearly always: none can be above it where all of them together are not
+    sizes = np.abs(matrix[:, 1:])
+    if sizes.max() > limits.value:
+        row, column = np.unravel_index(int(sizes.argmax()), sizes.shape)
+        where = f"sample {row} of batch {batch.seq}: {batch.columns[column + 1]}"
+        value = float(matrix[row, column + 1])
+        raise ProtocolError("malformed", f"{where} is absurd", value=value, limit=limits.value)

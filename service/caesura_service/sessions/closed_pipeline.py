@@ -1,0 +1,104 @@
+"""A closed session restored from its stored outcome: it answers queries and has no pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import App, Changepoint, Phase, Segment, Snapshot
+from caesura_service.publishing.events import Owner
+from caesura_service.publishing.session_state import Standing, Stream, Tally
+from caesura_service.segmentation.corrections import Change, Correction
+from caesura_service.segmentation.encoded_log import packed
+from caesura_service.segmentation.view import Pipeline, View
+
+
+class Concluded:
+    """A pipeline that has finished; nothing reaches it any more."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self.view = view_of(snapshot)
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        """A closed session takes no samples."""
+        raise RuntimeError("the session is closed")
+
+    def declare_gap(self) -> None:
+        """A closed session has all its gaps."""
+        raise RuntimeError("the session is closed")
+
+    def finish(self) -> None:
+        """A closed session has finished."""
+        raise RuntimeError("the session is closed")
+
+    def refresh(self) -> None:
+        """Nothing is newer."""
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Only what has been folded can be corrected."""
+        return ()
+
+    def resolve(self, change: Change) -> Correction:
+        """Only what has been folded can be corrected."""
+        raise RuntimeError("the session has to be rebuilt from the journal first")
+
+    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+        """Only what has been folded can be corrected."""
+        raise RuntimeError("the session has to be rebuilt from the journal first")
+
+
+def view_of(snapshot: Snapshot) -> View:
+    """What a snapshot was made of."""
+    status, posterior = snapshot.status, snapshot.posterior
+    return View(
+        t=status.t,
+        samples=status.samples,
+        repeats=status.repeats,
+        observations=status.observations,
+        changepoints=packed(Changepoint, snapshot.changepoints.changepoints),
+        segments=packed(Segment, snapshot.segments.segments),
+        posterior_starts=posterior.starts if posterior else (),
+        posterior_probabilities=posterior.probabilities if posterior else (),
+        apps=packed(App, snapshot.program.apps),
+        notes=snapshot.program.notes,
+        gaps=status.gaps,
+        wrench=status.wrench,
+        delay_s=status.delay_s,
+        hypotheses=status.hypotheses,
+        capped=status.capped,
+        length_unit=status.length_unit,
+        force_limit_n=snapshot.program.force_limit_n,
+        phases=packed(Phase, snapshot.segments.phases),
+    )
+
+
+def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
+    """Return the standing of a closed session under its present owner; counts of the process begin anew."""
+    status = snapshot.status
+    last_seq: dict[Stream, int] = {
+        "status": status.seq,
+        "changepoints": snapshot.changepoints.seq,
+        "segments": snapshot.segments.seq,
+        "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
+    }
+    said = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
+    view = view_of(snapshot)
+    return Standing(
+        station=status.station,
+        session=status.session,
+        owner=owner,
+        preset=status.preset,
+        state="closed",
+        view=view,
+        tally=Tally(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
+        waiting_for=None,
+        last_seq=last_seq,
+        heading=snapshot.program.model_copy(update=said),
+        apps=view.apps,
+        revision=status.revision,
+        undoable=status.undoable,
+        redoable=status.redoable,
+    )

@@ -1,0 +1,41 @@
+"""Selects the arithmetic of conditioning: compiled if numba is available, else the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import ModuleType
+from typing import NamedTuple
+
+from caesura_service.numba_support import has_kernels
+from caesura_service.signals import numpy_operations
+
+
+class Arithmetic(NamedTuple):
+    """What `reference` says, one way or another."""
+
+    take: Callable[..., bool]
+    is_steady: Callable[..., bool]
+    make_sign_continuous: Callable[..., None]
+    resample: Callable[..., None]
+    flange_rows: Callable[..., None]
+    openings: Callable[..., float]
+    fit: Callable[..., float]
+    finish: Callable[..., None]
+
+
+def _named_in(module: ModuleType) -> Arithmetic:
+    return Arithmetic(*(getattr(module, name) for name in Arithmetic._fields))
+
+
+REFERENCE = _named_in(numpy_operations)
+
+
+@cache
+def best() -> Arithmetic:
+    """The one that is used."""
+    if not has_kernels():
+        return REFERENCE
+    from caesura_service.signals.kernels import arithmetic  # noqa: PLC0415
+
+    return _named_in(arithmetic)

@@ -1,0 +1,125 @@
+"""The arithmetic of conditioning, in NumPy: the reference of `kernels`, and what stands in for them.
+
+Each function fills its last argument. Results for a row do not depend on which rows are beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_service.signals import rotation
+from caesura_service.signals.cell_average import cell_means, held_values
+from caesura_service.signals.rotation import length, lengths, normalised, rotated
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int64]
+
+# Columns of a flange row: position, force, and a quaternion where there is one.
+FORCE, TURN = 3, 6
+# Where a column of a flange row comes from, if not from a column of the grid row.
+FILLED, LEFT_OPEN = -1, -2
+
+
+def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
+    """Pick and scale columns of samples (n, columns) into (n, taken); whether all is as it has to be.
+
+    plan: (3, columns) what no size may be above, nor be nan; which column it becomes, -1 for none; its scale.
+    quaternion: the column where one begins among those taken, -1 without; its length is 1 ± tolerance.
+    """
+    limits, places, scales = plan
+    if np.count_nonzero(np.abs(samples) <= limits) < samples.size:
+        return False
+    used = places >= 0
+    taken[:, places[used].astype(np.intp)] = samples[:, used] * scales[used]
+    if quaternion < 0:
+        return True
+    off = np.abs(lengths(taken[:, quaternion : quaternion + 4]) - 1.0)
+    return bool(np.count_nonzero(off <= tolerance) == off.size)
+
+
+def is_steady(samples: Array, latest: float, gap_limit_s: float) -> bool:
+    """Whether every sample is later than the one before, and all are too close for a gap."""
+    times = samples[:, 0]
+    if not times.size or not (times[0] > latest and times[-1] - latest <= gap_limit_s):
+        return False
+    return not np.count_nonzero(times[1:] <= times[:-1])
+
+
+def make_sign_continuous(samples: Array, at: int) -> None:
+    """Put each quaternion, in the columns from `at` on, on the side of the one before it."""
+    rotation.make_sign_continuous(samples[:, at : at + 4])
+
+
+def resample(samples: Array, anchor: float, grid_hz: float, first: int, held: int, rows: Array) -> None:
+    """Grid rows first, first + 1, … of samples (m, 1 + c), which span their cells.
+
+    held: how many of the last columns are held. rows: (n + 1, c), the last one is left as anything.
+    """
+    numbers = np.arange(first, first + len(rows), dtype=np.float64)
+    rows[:-1] = cell_means(anchor + (numbers - 0.5) / grid_hz, samples)
+    if held:
+        rows[:-1, -held:] = held_values(anchor + numbers[:-1] / grid_hz, samples)[:, -held:]
+
+
+def flange_rows(
+    rows: Array, before: Array, sources: Places, oriented: bool, turned: bool, flange: Array
+) -> None:
+    """Flange rows (m, columns) that came before, and after them those of grid rows (n, c); (m + n, columns).
+
+    sources: (columns,) which column of the grid row; FILLED stands there already, LEFT_OPEN becomes nan.
+    oriented: there are quaternions, brought to unit length and one side. turned: forces are, by them.
+    """
+    flange[: len(before)] = before
+    fresh = flange[len(before) :]
+    fresh[:, sources >= 0] = rows[:, sources[sources >= 0]]
+    fresh[:, sources == LEFT_OPEN] = np.nan
+    turn = slice(TURN, TURN + 4)
+    if oriented:
+        fresh[:, turn] = normalised(fresh[:, turn])
+        make_sign_continuous(flange[max(0, len(before) - 1) :], TURN)
+    if turned:
+        fresh[:, FORCE : FORCE + 3] = rotated(fresh[:, turn], fresh[:, FORCE : FORCE + 3])
+
+
+def openings(
+    rows: Array,
+    before: Array,
+    opened: float,
+    measured: bool,
+    closed_below: float,
+    recent: Array,
+    grips: Array,
+) -> float:
+    """Openings (m,) [m] that came before, and after them those of grid rows (n, c); (m + n,).
+
+    The gripper's is the last column. opened: what a flag of 0 stands for, 0 where it is no flag. grips:
+    (n, 2) width, nan unless measured; whether it is at most closed_below, nan where that is. Returns how
+    far all these openings are apart.
+    """
+    values = rows[:, -1]
+    recent[: len(before)] = before
+    now = recent[len(before) :]
+    now[:] = opened * (1.0 - values) if opened else values
+    grips[:, 0] = now if measured else np.nan
+    grips[:, 1] = np.nan if np.isnan(closed_below) else now <= closed_below
+    return float(recent.max() - recent.min())
+
+
+def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> float:
+    """Value and slope, (2, columns), of the polynomials through rows (n, columns) about a centre.
+
+    taps: (2, window) weights of the rows. Columns from `moving` on are as they are at the centre. Returns the
+    flange's speed [m/s].
+    """
+    first, window = centre - taps.shape[1] // 2, taps.shape[1]
+    both[0], both[1] = rows[centre], 0.0
+    both[:, :moving] = np.add.reduce(taps[:, :, None] * rows[first : first + window, :moving], axis=1)
+    return length(both[1, :FORCE])
+
+
+def finish(x: float, y: float, z: float, oriented: bool, row: Array) -> None:
+    """Take a bias off the force of a flange row (columns,), and bring its quaternion to unit length."""
+    row[FORCE : FORCE + 3] -= (x, y, z)
+    if oriented:
+        row[TURN : TURN + 4] /= length(row[TURN : TURN + 4])

@@ -1,0 +1,52 @@
+"""Whoever says nothing is asked about: soon, and then less and less often."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from caesura_clients.refresh_backoff import LONGEST_S, Silence
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def times_asked(until: float, *, answers: bool) -> list[float]:
+    """When somebody is asked who said something at 0 s and never again."""
+    clock, asked = Clock(), []
+    silence: Silence[str] = Silence(2.0, clock)
+    silence.heard("a")
+    while clock.now < until:
+        clock.now += 0.5
+        for key in silence.due():
+            asked.append(clock.now)
+            (silence.answered if answers else silence.unanswered)(key)
+    return asked
+
+
+def test_who_answers_is_asked_ever_less_often():
+    asked = times_asked(400.0, answers=True)
+    assert asked[:5] == [2.0, 6.0, 14.0, 30.0, 62.0]
+    assert {late - early for early, late in pairwise(asked[5:])} == {LONGEST_S}
+
+
+def test_who_does_not_answer_is_asked_again_as_soon_as_at_first():
+    assert times_asked(10.0, answers=False) == [2.0, 4.0, 6.0, 8.0, 10.0]
+
+
+def test_who_is_heard_is_waited_for_anew_and_who_has_ended_not_at_all():
+    clock = Clock()
+    silence: Silence[str] = Silence(2.0, clock)
+    for key in "ab":
+        silence.heard(key)
+    clock.now = 1.5
+    silence.heard("a")
+    silence.ended("b")
+    clock.now = 3.0
+    assert silence.due() == []
+    clock.now = 3.5
+    assert silence.due() == ["a"]

@@ -1,0 +1,151 @@
+"""What the network says is there to be read, and what goes wrong with it is told and got over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.query import services, stations
+from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, Program, ServiceStatus
+from clients.answering import Answering
+from clients.examples import example, segments, snapshot
+from clients.fake_service import eventually
+
+COLUMNS = ("t", "px", "py", "pz")
+
+
+def failing(*_: object) -> None:
+    raise RuntimeError("no such luck")
+
+
+STATUS = service_key("fake-1", "status")
+
+
+def station():
+    return snapshot(1).status.station
+
+
+def samples(count=500, session="s1", columns=COLUMNS, t0=0.0):
+    t = t0 + np.arange(count) / 1000.0
+    return encode(pack_samples(np.column_stack([t] * len(columns)), columns, session=session, epoch=0, seq=0))
+
+
+@pytest.fixture
+def answering(memory):
+    with Answering(memory.transport()) as answering:
+        answering.snapshots = [snapshot(1, "motion")]
+        answering.answers[STATUS] = encode(example(ServiceStatus))
+        yield answering
+
+
+@pytest.fixture
+def gateway(memory, answering):
+    with Gateway(memory.transport(), refresh_s=0.1) as gateway:
+        eventually(lambda: gateway.world.updates and gateway.world.alive and gateway.world.services)
+        yield gateway
+
+
+def test_what_there_was_before_is_known(gateway):
+    update = gateway.world.update(station())
+    assert [one.kind for one in update.segments] == ["motion"]
+    assert gateway.world.alive == {"fake-1"}
+    assert gateway.world.trouble == ""
+
+
+def test_what_is_published_is_known(gateway, answering):
+    answering.put(segments(2, 0, "motion", "contact"))
+    eventually(lambda: len(gateway.world.update(station()).segments) == 2)
+
+
+def test_samples_become_signals_and_an_age(gateway, memory):
+    memory.transport().put(station_key("cell-7", "samples"), samples())
+    eventually(lambda: gateway.signals("cell-7").rows)
+    assert gateway.heard["cell-7"].t == pytest.approx(0.499)
+    assert gateway.signals("cell-7").session == "s1"
+    assert gateway.signals("cell-8").rows == ()
+
+
+def test_rubbish_and_heartbeats_are_no_samples(gateway, memory):
+    robot, key = memory.transport(), station_key("cell-7", "samples")
+    robot.put(key, Encoded(b"rubbish", "application/msgpack;caesura.SampleBatch.v1"))
+    robot.put(key, encode(Heartbeat(session="s1", epoch=0, seq=3)))
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: "cell-8" in gateway.heard)
+    assert "cell-7" not in gateway.heard
+
+
+def test_a_bridge_that_changes_its_columns_ends_nobodys_signals(gateway, memory):
+    robot, key = memory.transport(), station_key("cell-7", "samples")
+    robot.put(key, samples())
+    robot.put(key, samples(columns=(*COLUMNS, "fx", "fy", "fz"), t0=0.5))
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: "cell-8" in gateway.heard and gateway.heard["cell-7"].t > 0.9)
+    assert gateway.world.trouble == ""
+
+
+def test_a_strangers_token_troubles_nobody(gateway, memory):
+    robot = memory.transport()
+    with robot.token("caesura/v1/station/Cell-9/alive"), robot.token("caesura/v1/service/Foo/alive"):
+        with robot.token(station_key("cell-7", "alive")):
+            eventually(lambda: "cell-7" in gateway.world.bridges)
+            assert stations(robot) == ["cell-7"]
+            assert services(robot) == ["fake-1"]
+        eventually(lambda: gateway.world.bridges == frozenset())
+    assert gateway.world.trouble == ""
+
+
+def test_what_went_wrong_once_is_got_over(gateway, memory, monkeypatch):
+    robot = memory.transport()
+    with robot.token(station_key("cell-7", "alive")):
+        eventually(lambda: "cell-7" in gateway.world.bridges)
+        with monkeypatch.context() as patch:
+            patch.setattr(gateway, "_sampled", failing)
+            robot.put(station_key("cell-8", "samples"), samples())
+            eventually(lambda: "no such luck" in gateway.world.trouble)
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: gateway.world.trouble == "")
+    assert gateway.world.bridges == frozenset()
+
+
+def test_which_session_is_current_is_asked_until_somebody_says(gateway, answering):
+    program = example(Program)
+    key = station_key(program.station, "program")
+    answering.refusals[key] = encode_error(ProtocolError("overloaded", "not now"))
+    later = snapshot(1, "motion", station=program.station, session="later")
+    answering.put(later.segments)
+    answering.snapshots.append(later)
+    eventually(lambda: (program.station, "later") in gateway.world.updates)
+    del answering.refusals[key]
+    answering.answers[key] = encode(program.model_copy(update={"session": "later"}))
+    for seq in range(2, 4):
+        answering.put(segments(seq, 0, "hold", station=program.station, session="later"))
+    eventually(lambda: gateway.world.current.get(program.station) == "later")
+
+
+def test_a_bridge_comes_and_goes(gateway, memory):
+    with memory.transport().token(station_key("cell-7", "alive")):
+        eventually(lambda: "cell-7" in gateway.world.bridges)
+    eventually(lambda: "cell-7" not in gateway.world.bridges)
+
+
+def test_run_lengths_are_kept_in_order(gateway, answering):
+    answering.snapshots = [snapshot(1, "motion", epoch=99)]
+    session = answering.snapshots[0].status.session
+    for seq in range(5):
+        one = example(Posterior).model_copy(update={"seq": seq, "t": float(seq), "epoch": 99})
+        answering.put(one.model_copy(update={"station": station(), "session": session}), "posterior")
+    eventually(lambda: len(gateway.posteriors(station(), session)) == 5)
+    assert [one.t for one in gateway.posteriors(station(), session)] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert gateway.posteriors(station(), "another") == ()
+
+
+def test_a_service_that_goes_is_trouble_and_one_that_comes_back_ends_it(memory):
+    with Gateway(memory.transport(), refresh_s=0.1) as gateway:
+        eventually(lambda: "no service is alive" in gateway.world.trouble)
+        with Answering(memory.transport()) as answering:
+            answering.answers[STATUS] = encode(example(ServiceStatus))
+            eventually(lambda: gateway.world.trouble == "")

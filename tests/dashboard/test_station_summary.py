@@ -1,0 +1,103 @@
+"""What a station is said to do, and when what is shown is said to be old."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from caesura_clients.dashboard.station_summary import (
+    STALE_S,
+    DashboardState,
+    NewestSamples,
+    glance,
+    glances,
+    troubled,
+)
+from caesura_protocol.messages import Gap
+
+NOW = 100.0
+
+
+@pytest.fixture
+def world(update):
+    """One station in the middle of a demonstration, all well."""
+    taught = update("motion", "contact", t=12.0)
+    key = (taught.station, taught.session)
+    return DashboardState(
+        updates={key: taught},
+        current={taught.station: taught.session},
+        bridges=frozenset({taught.station}),
+        alive=frozenset({"a"}),
+    )
+
+
+def station_of(world):
+    ((station, _),) = world.updates
+    return station
+
+
+def seen(world, *, heard_ago=0.1, heard_t=12.0, began=0.0):
+    station = station_of(world)
+    session = world.updates[next(iter(world.updates))].session
+    heard = None if heard_ago is None else NewestSamples(NOW - heard_ago, heard_t, session)
+    return glance(world, station, heard, NOW, began)
+
+
+def changed(world, **status):
+    ((key, update),) = world.updates.items()
+    return replace(world, updates={key: replace(update, status=update.status.model_copy(update=status))})
+
+
+def test_a_station_that_is_taught_says_what_it_is_doing(world):
+    one = seen(world)
+    assert (one.state, one.why, one.kind, one.segments) == ("teaching", "", "contact", 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "words"),
+    [
+        ({}, {"heard_ago": STALE_S + 1.0}, "no sample for 3 s"),
+        ({}, {"heard_ago": None}, "no sample for 100 s"),
+        ({"bridges": frozenset()}, {}, "its bridge is gone"),
+        ({"alive": frozenset()}, {}, "no service answers"),
+        ({"troubles": {"results": "tcp/x: gone"}}, {}, "tcp/x: gone"),
+        ({}, {"heard_t": 16.0}, "results are 4 s behind the samples"),
+    ],
+)
+def test_what_looks_alive_and_is_not_is_stale_and_says_why(world, changes, arguments, words):
+    one = seen(replace(world, **changes), **arguments)
+    assert (one.state, one.why) == ("stale", words)
+
+
+def test_nothing_can_have_come_before_the_dashboard_began(world):
+    assert seen(world, heard_ago=None, began=NOW - 1.0).state == "teaching"
+
+
+def test_a_closed_session_is_over_whatever_comes(world):
+    one = seen(changed(replace(world, bridges=frozenset()), state="closed"), heard_ago=60.0)
+    assert (one.state, one.age_s) == ("done", None)
+
+
+def test_a_bridge_without_a_session_is_ready():
+    found = glances(DashboardState(bridges=frozenset({"cell-9"})), {}, NOW, 0.0)
+    assert [(one.station, one.state) for one in found] == [("cell-9", "ready")]
+
+
+def test_overload_and_gaps_are_told_and_counted(world):
+    gap = Gap(t0=1.0, tn=2.0, reason="evicted")
+    one = seen(changed(world, overloaded=True, gaps=(gap,), gaps_before=3))
+    assert (one.overloaded, one.gaps, troubled([one])) == (True, 4, 1)
+
+
+def test_the_session_that_is_shown_is_that_of_the_program(world, update):
+    other = update("steady", session="zzz")
+    both = replace(world, updates={**world.updates, (other.station, "zzz"): other})
+    assert both.update(other.station) is world.update(other.station)
+    assert both.update(other.station, "zzz") is other
+    assert both.update(other.station, "none") is None
+
+
+def test_an_age_is_shown_once_it_can_be_read(world):
+    assert seen(world, heard_ago=0.3).drawn()["age_s"] == ""
+    assert seen(world, heard_ago=1.5).drawn()["age_s"] == "1.5 s"

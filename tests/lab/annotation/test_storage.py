@@ -1,0 +1,82 @@
+"""Annotations on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_lab.annotation.editing import Editor
+from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation
+from caesura_lab.annotations import TruthError, read_annotation
+from caesura_protocol.errors import BadSource
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
+
+TOP = Path(__file__).resolve().parents[3]
+ANNOTATED = sorted((TOP / "data" / "real").rglob("*.ann.json"))
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    t = np.arange(100) / 50.0
+    recording = Recording(t, {"pos": np.outer(t, [0.1, 0.0, 0.0])}, wrench_source="joint_torque_estimate")
+    recording.save(tmp_path / "x.npz")
+    return tmp_path / "x.npz"
+
+
+def test_a_new_annotation_names_its_recording_and_takes_all_of_it(file: Path):
+    document = new_annotation(load_recording(file), file, "A")
+    assert document["window"] == [0.0, 1.98]
+    assert document["recording"] == {
+        "file": "x.npz",
+        "sha256": hashlib.sha256(file.read_bytes()).hexdigest(),
+    }
+
+
+def test_what_is_saved_is_what_the_judge_reads(file: Path):
+    editor = Editor(new_annotation(load_recording(file), file, "A"))
+    editor.edit("start", 0.5)
+    editor.edit("motion", 1.0)
+    path = file.with_name("x.ann.json")
+    save_annotation(editor.document, path)
+    truth = read_annotation(path)
+    assert [(point.t, point.kind) for point in truth.points] == [(0.5, "start")]
+    assert [(span.t0, span.t1, span.kind) for span in truth.spans] == [(0.5, 1.98, "motion")]
+    assert open_annotation(path, load_recording(file), file, "B") == editor.document
+
+
+def test_nothing_is_written_that_the_judge_could_not_read(file: Path):
+    path = file.with_name("x.ann.json")
+    path.write_text("as it was")
+    with pytest.raises(TruthError, match="level is 'minor'"):
+        save_annotation({"window": [0, 1], "changepoints": [{"t": 0.5, "tol": 0.1, "level": "minor"}]}, path)
+    assert path.read_text() == "as it was"
+    assert {each.name for each in file.parent.iterdir()} == {"x.npz", "x.ann.json"}
+
+
+def test_an_annotation_that_cannot_be_read_is_not_replaced_by_a_new_one(file: Path):
+    path = file.with_name("x.ann.json")
+    path.write_text("{")
+    with pytest.raises(TruthError, match="not a readable annotation"):
+        open_annotation(path, load_recording(file), file, "A")
+
+
+def test_a_file_that_cannot_be_written_is_named(file: Path):
+    document = new_annotation(load_recording(file), file, "A")
+    with pytest.raises(BadSource, match="nowhere"):
+        save_annotation(document, file.parent / "nowhere" / "x.ann.json")
+
+
+def test_there_are_annotations_to_read():
+    assert len(ANNOTATED) >= 25
+
+
+@pytest.mark.parametrize("path", ANNOTATED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_the_published_annotations_keep_every_byte_when_they_are_opened_and_saved(path: Path, tmp_path: Path):
+    copy = tmp_path / path.name
+    save_annotation(json.loads(path.read_text(encoding="utf-8")), copy)
+    assert copy.read_bytes() == path.read_bytes()

@@ -1,0 +1,162 @@
+"""`caesura evaluate`, its suites, formats and refusals."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_lab.annotations import TruthError, read_truth, truth_file, truth_of
+from caesura_lab.commands import register
+from caesura_lab.evaluation.baselines import Baseline, thresholds
+from caesura_lab.evaluation.methods import Ours
+from caesura_lab.evaluation.report import report
+from caesura_lab.evaluation.runner import Unfit, judge, judge_all
+from caesura_lab.evaluation.suites import REAL, Extent, FileCase, TaughtCase, suite
+from caesura_lab.teacher.scenarios import BASIC, SKILLS, Scenario
+from caesura_protocol.formats.read import load_recording
+
+DATA = Path(__file__).parents[3] / "data"
+BUTTON = DATA / "button.npz"
+
+
+def run(*arguments: object):
+    app = typer.Typer()
+    register(app)
+    return CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
+
+
+def test_text_has_a_row_for_every_method():
+    result = run(BUTTON, "--confusion")
+    assert result.exit_code == 0, result.output
+    for name in ("default", "integrated", "thresholds", "zero velocity", "PELT linear", "Gaussian online"):
+        assert name in result.stdout
+    assert "default: true class" in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 80
+
+
+def test_json_says_the_same_as_markdown(tmp_path: Path):
+    out = tmp_path / "out.json"
+    one = ("--preset", "default", "--no-baselines")
+    assert run(BUTTON, *one, "--format", "json", "-o", out).exit_code == 0
+    method = json.loads(out.read_text())["methods"][0]
+    value = method["measures"]["f1"]["value"]
+    markdown = run(BUTTON, *one, "--format", "markdown").stdout
+    row = next(line for line in markdown.splitlines() if line.startswith("| default"))
+    assert f"| {value:.2f} " in row
+    assert method["recordings"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), "either files or one --suite"),
+        ((BUTTON, "--suite", "real"), "either files or one --suite"),
+        (("--suite", "nonsense"), "known: ['teacher', 'skills', 'real', 'thesis', 'roundtrip', 'realism']"),
+        (("--suite", "real", "--data", "/nowhere"), "no such directory"),
+        ((BUTTON, "--preset", "nonsense"), "unknown preset"),
+        (("/nowhere/x.npz",), "no such file"),
+        ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
+    ],
+)
+def test_misuse_is_one_line(arguments: tuple, expected: str):
+    result = run(*arguments)
+    assert result.exit_code == 1
+    assert expected in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_preset_that_cannot_be_applied_says_so_and_stops_nobody():
+    case = FileCase(REAL / "modena_panda_0.npz")
+    if not case.path.is_file():
+        pytest.skip(f"the real recordings are not in {REAL}")
+    refused, judged = judge(case, [Ours("force"), Ours("default")])
+    assert isinstance(refused, Unfit)
+    assert "force only" in refused.reason
+    assert not isinstance(judged, Unfit)
+
+
+def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
+    (tmp_path / "b.npz").write_bytes(BUTTON.read_bytes())
+    content = json.loads((DATA / "button.ann.json").read_text()) | {"hand_force_in_wrench": True}
+    (tmp_path / "b.ann.json").write_text(json.dumps(content))
+    assert FileCase(tmp_path / "b.npz").load()[0].wrench_source == "flange_sensor_with_hand"
+
+
+@pytest.mark.parametrize(("name", "scenarios"), [("teacher", BASIC), ("skills", SKILLS)])
+def test_the_teacher_teaches_every_scenario_with_each_profile_a_third(
+    name: str, scenarios: Mapping[str, Scenario]
+):
+    cases = suite(name, Extent(seeds=3))
+    assert {case.group for case in cases} == set(scenarios)
+    assert len(cases) == 3 * len(scenarios)
+    assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
+    profiles = [case.profile for case in cases]
+    assert {profiles.count(profile) for profile in set(profiles)} == {len(scenarios)}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"window": [1.0, 1.0]}, "expected it to have a length"),
+        ({"window": None}, "window is None"),
+        ({"window": [1]}, "window is .1., expected its first and last second"),
+        ({"window": [0, "x"]}, "window.1. is 'x', expected a finite number"),
+        (
+            {"changepoints": [{"t": float("nan"), "tol": 0.1, "level": "major"}]},
+            r"changepoints\[0\]: t is nan",
+        ),
+        ({"segments": [{"t0": 5, "t1": 2, "cls": "motion"}]}, r"segments\[0\]: t0 is 5 and t1 is 2"),
+        ({"loads": [{"t0": 0, "t1": 1, "kg": -1}]}, r"loads\[0\]: kg is -1, expected 0 or more"),
+        ({"forces": [{"t0": 0, "t1": 1}]}, r"'forces\[0\].newton' is missing"),
+        ({"forces": {}}, "forces is {}, expected a list"),
+        ({"changepoints": [{"t": 1, "tol": 0.1, "level": "minor"}]}, "level is 'minor'"),
+        ({"changepoints": [{"t": 1, "level": "major"}]}, r"'changepoints\[0\].tol' is missing"),
+        ({"changepoints": [{"t": 1, "tol": -1, "level": "major"}]}, "expected 0 s or more"),
+        ({"segments": [{"t0": 0, "t1": 1, "cls": "flight"}]}, "cls is 'flight'"),
+    ],
+)
+def test_an_annotation_that_is_off_is_named(change: dict, expected: str):
+    content = {"window": [0, 5], "changepoints": []} | change
+    with pytest.raises(TruthError, match=expected):
+        truth_of(content, "x")
+
+
+def test_a_recording_of_another_time_than_its_annotation_is_refused(tmp_path: Path):
+    recording = load_recording(BUTTON)
+    replace(recording, t=recording.t + 1e6).save(tmp_path / "x.npz")
+    shutil.copy(truth_file(BUTTON), tmp_path / "x.ann.json")
+    with pytest.raises(
+        TruthError, match=r"window is \[0, 11.799\] s, and the recording lasts from 1000000 to 1"
+    ):
+        FileCase(tmp_path / "x.npz").load()
+
+
+def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
+    (tmp_path / "x.npz").touch()
+    with pytest.raises(TruthError, match="not annotated"):
+        read_truth(tmp_path / "x.npz")
+    (tmp_path / "x.ann.json").write_text("{")
+    with pytest.raises(TruthError, match="not a readable annotation"):
+        read_truth(tmp_path / "x.npz")
+
+
+def test_processes_judge_as_one_does():
+    cases, methods = [FileCase(BUTTON), FileCase(DATA / "dispenser.npz")], [Baseline("quick", thresholds)]
+    alone, together = (list(judge_all(cases, methods, workers=workers)) for workers in (1, 2))
+    assert sorted(map(repr, alone)) == sorted(map(repr, together))
+
+
+def test_results_are_shown_by_kind_of_recording():
+    case = TaughtCase("button", 1, "lognormal")
+    result = report("one", ["default"], judge(case, [Ours("default")]))
+    judged = result.methods[0]
+    assert [group.tag for group in judged.faults.groups][:2] == ["button", "lognormal"]
+    assert [score.recording for score in judged.scores] == ["button-1-lognormal"]
+    assert judged.estimates["recall"].value > 0.0

@@ -1,0 +1,112 @@
+"""`caesura evaluate --evidence`: motion libraries against each other, on what no truth is needed for."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from caesura_lab.commands import register
+from caesura_lab.evaluation.library_comparison import LIBRARIES, Told, grid, tell, with_moves
+from caesura_lab.evaluation.suites import FileCase
+from caesura_protocol.recording import RecordingError
+from caesura_service.changepoint.default import DEFAULT, STROKES, human_motion_library
+from caesura_service.changepoint.hazard import Geometric
+from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.offline_posterior import segment_offline
+
+BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
+
+
+def run(*arguments: object):
+    app = typer.Typer()
+    register(app)
+    return CliRunner().invoke(app, ["evaluate", "--evidence", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def button() -> Told:
+    return tell(FileCase(BUTTON))
+
+
+def test_only_the_library_of_movements_is_exchanged():
+    other = with_moves(STROKES, LIBRARIES["lognormal"]())
+    before, after = STROKES.channels(1.5), other.channels(1.5)
+    assert [name for name in before if before[name] != after[name]] == ["moving"]
+    assert len(after["moving"].library) == 16
+    assert after["moving"].noise == before["moving"].noise
+    assert after["moving"].target == before["moving"].target
+    assert after["moving"].library.calm == before["moving"].library.calm
+    assert other.kinds == STROKES.kinds
+
+
+def test_the_presets_own_library_gives_the_presets_own_evidence():
+    rng = np.random.default_rng(0)
+    data = [
+        Observed(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
+    ]
+    same = with_moves(STROKES, human_motion_library().profiles)
+    told = [
+        segment_offline(preset.lattice(), Geometric(20.0), data).log_evidence for preset in (STROKES, same)
+    ]
+    assert told[0] == told[1]
+
+
+def test_movements_without_a_library_are_refused():
+    with pytest.raises(ValueError, match=r"preset 'default' has no library of movements.*expected 'strokes'"):
+        with_moves(DEFAULT, LIBRARIES["lognormal"]())
+
+
+def test_a_movement_of_the_teacher_is_no_overdamped_response(button: Told):
+    assert button.observations == pytest.approx(117, abs=2)
+    assert set(button.log_evidence) == set(LIBRARIES)
+    assert button.log_evidence["minimum jerk"] > button.log_evidence["overdamped"] + 30.0
+
+
+def test_more_profiles_are_not_more_evidence(button: Told):
+    """Each of a mixture's profiles is less likely: what it adds is bounded, and may be negative."""
+    one, all_three = button.log_evidence["minimum jerk"], button.log_evidence["all three"]
+    assert abs(all_three - one) < 20.0
+
+
+def test_the_table_counts_what_each_library_is_behind():
+    names = list(LIBRARIES)
+    told = [
+        Told("a", 100, dict.fromkeys(names, 90.0) | {names[0]: 100.0}),
+        Told("b", 50, dict.fromkeys(names, 80.0) | {names[1]: 85.0}),
+    ]
+    rows = {row[0]: row[1:] for row in grid(told).rows}
+    assert rows["a"][:3] == ("100", "0.0", "-10.0")
+    assert rows["b"][:3] == ("50", "-5.0", "0.0")
+    assert rows["total"][:3] == ("150", "0.0", "-5.0")
+    assert rows["per observation"][1:3] == ("0.000", "-0.033")
+    assert rows["best in"] == ("2", "1", "1", "0", "0", "0")
+
+
+def test_a_recording_needs_no_annotation_and_text_fits_a_terminal(tmp_path: Path, button: Told):
+    shutil.copy(BUTTON, tmp_path / "mine.npz")
+    result = run(tmp_path / "mine.npz", "--format", "json")
+    assert result.exit_code == 0, result.output
+    one = json.loads(result.stdout)["per_recording"][0]
+    assert one["recording"] == "mine.npz"
+    assert one["log_evidence"] == pytest.approx(button.log_evidence)
+
+    text = run(BUTTON).stdout
+    assert "minimum jerk" in text
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+
+
+def test_what_cannot_be_compared_is_one_line(tmp_path: Path):
+    result = run("--suite", "thesis")
+    assert result.exit_code == 1
+    assert "known: ['teacher', 'skills', 'real']" in result.stderr
+    (tmp_path / "none.npz").write_bytes(b"")
+    assert run(tmp_path / "none.npz").exit_code == 1
+    with pytest.raises(RecordingError):
+        tell(FileCase(tmp_path / "none.npz"))

@@ -1,0 +1,101 @@
+"""Every method finds an obvious change, and nothing where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from caesura_lab.evaluation.baselines import switched
+from caesura_lab.evaluation.methods import Ours, baselines
+from caesura_lab.evaluation.observations import Signals, condition
+from caesura_lab.evaluation.third_party_baselines import gaussian_online
+from caesura_protocol.recording import Recording
+
+RATE_HZ = 200.0
+ALL = [Ours("default"), *baselines()]
+WITHOUT_FORCE = ("zero velocity", "BOCPD speed")
+FINDING = [method for method in ALL if method.name != "one segment"]
+
+
+def recording(*, moves: bool = False, presses: bool = False, source: str = "flange_sensor") -> Recording:
+    """Rest, then from 3 s to 5 s a movement of 0.2 m, from 7 s on a press with 15 N."""
+    t = np.arange(0.0, 10.0, 1.0 / RATE_HZ)
+    rng = np.random.default_rng(0)
+    x = np.clip((t - 3.0) / 2.0, 0.0, 1.0)
+    position, force = np.zeros((t.size, 3)), rng.normal(0.0, 0.1, (t.size, 3))
+    position[:, 0] = moves * 0.2 * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    position += rng.normal(0.0, 1e-5, position.shape)
+    force[:, 2] += 15.0 * presses * (t > 7.0)
+    return Recording(t, {"pos": position, "force": force}, wrench_source=source)
+
+
+@pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
+def test_where_nothing_happens_nothing_is_found(method):
+    found = method.segment(recording())
+    assert found.changepoints == ()
+    assert [part.kind for part in found.parts] == ["steady"]
+
+
+@pytest.mark.parametrize("method", FINDING, ids=lambda method: method.name)
+def test_a_movement_is_found(method):
+    found = method.segment(recording(moves=True))
+    for t in (3.0, 5.0):
+        assert min(abs(time - t) for time in found.changepoints) < 0.35
+    assert "motion" in [part.kind for part in found.parts]
+
+
+@pytest.mark.parametrize(
+    "method", [m for m in FINDING if m.name not in WITHOUT_FORCE], ids=lambda method: method.name
+)
+def test_a_press_is_found_unless_the_hand_is_in_the_wrench(method):
+    found = method.segment(recording(presses=True))
+    assert min(abs(time - 7.0) for time in found.changepoints) < 0.2
+    assert found.parts[-1].kind == "contact"
+    assert method.segment(recording(presses=True, source="flange_sensor_with_hand")).changepoints == ()
+
+
+@pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
+def test_parts_join_and_the_same_recording_gives_the_same(method):
+    taught = recording(moves=True, presses=True)
+    found = method.segment(taught)
+    assert [part.t0 for part in found.parts[1:]] == list(found.changepoints)
+    assert [part.t1 for part in found.parts[:-1]] == list(found.changepoints)
+    assert method.segment(taught) == found
+
+
+def test_ours_says_what_it_knew_when():
+    looks = Ours("default").segment(recording(moves=True)).looks
+    assert [look.t for look in looks] == sorted(look.t for look in looks)
+    assert looks[-1].t <= 10.0
+    assert all(looks[-1].final)
+
+
+def test_a_trigger_holds_between_its_thresholds():
+    values = np.array([2.0, 4.0, 2.0, 0.5, 2.0])
+    assert switched(values, on=3.0, off=1.0).tolist() == [False, True, True, False, False]
+
+
+def test_a_recording_too_short_to_look_at_is_refused():
+    with pytest.raises(ValueError, match="expected at least 2"):
+        condition(Recording(np.array([0.0, 0.01]), {"pos": np.zeros((2, 3))}, wrench_source="none"))
+
+
+@pytest.mark.parametrize("first", [20, 31, 44])
+@pytest.mark.parametrize("force_tells", [False, True])
+def test_the_gaussian_baseline_starts_a_segment_at_its_first_observation(first: int, force_tells: bool):
+    """It named the last observation of the segment before, and so all its boundaries were 0.1 s early."""
+    rng = np.random.default_rng(first)
+    velocity = rng.normal(0.0, 0.002, (80, 3))
+    velocity[first:] += 0.2
+    velocity[first + 25 :] -= 0.4
+    signals = Signals(
+        t=0.1 * np.arange(80),
+        position_base=np.zeros((80, 3)),
+        velocity_base=velocity,
+        speed=np.linalg.norm(velocity, axis=1),
+        force_base=rng.normal(0.0, 0.1, (80, 3)),
+        holding=np.zeros(80, dtype=bool),
+        force_tells=force_tells,
+        tared=True,
+    )
+    assert gaussian_online(signals).tolist() == [first, first + 25]

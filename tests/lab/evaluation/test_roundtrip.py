@@ -1,0 +1,79 @@
+"""The round trip's verdict, one trip, and a few of the mutated programs."""
+
+from __future__ import annotations
+
+import re
+from io import StringIO
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from caesura_lab.evaluation import mutations, roundtrip
+from caesura_lab.evaluation.roundtrip import RoundTripCase, Trip, compared, summarise, travel
+from caesura_protocol.messages import App
+from harness.programs import press
+
+CASE = RoundTripCase("dispenser", 1)
+
+
+def executed(index: int = 0, **fields: Any) -> tuple[App, ...]:
+    apps = [app.model_copy(update={"force_taught": app.force}) for app in press()]
+    apps[index] = apps[index].model_copy(update=fields)
+    return tuple(apps)
+
+
+@pytest.mark.parametrize(
+    ("again", "why"),
+    [
+        (executed(), None),
+        (executed(0, target=(-0.02, -0.52, 0.199)), None),
+        (executed(0, target=(-0.02, -0.52, 0.201)), r"target of app 0 \(move_to_contact\) is 11.0 mm off"),
+        (executed(1, force_taught=(0.0, 0.0, -11.4)), None),
+        (executed(1, force_taught=(0.0, 0.0, -11.6)), "a force is .16 % off"),
+        (executed(1, force_taught=None), "a force is -100 % off"),
+        (executed(1, target=None), r"target of app 1 .* is nan mm off"),
+        (executed(1, kind="hold"), "app 1 is hold, taught was apply_force"),
+        (executed()[:2], "app 2 is missing, taught was cartesian_motion"),
+        ((*executed(), executed()[0]), "app 3 is one too many, move_to_contact"),
+    ],
+)
+def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], why: str | None) -> None:
+    trip = compared(CASE, press(), again)
+    if why is None:
+        assert trip.why is None
+    else:
+        assert trip.why is not None
+        assert re.search(why, trip.why), trip.why
+
+
+def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
+    good = Trip(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
+    bad = Trip(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
+    console = Console(width=90, record=True, file=StringIO())
+    console.print(roundtrip.as_text(summarise([bad, good]), "title"))
+    text = console.export_text()
+    assert "1 of 2" in text
+    assert "app 0 is b, taught was a" in text
+
+
+def test_one_person_goes_round() -> None:
+    trip = travel(RoundTripCase("dispenser", 500))
+    assert trip.why is None
+    assert max(trip.target_m) < 0.01
+
+
+@pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])
+def test_a_spoilt_program_is_refused_or_stays_within_its_limits(number: int) -> None:
+    fate = mutations.meet_fate(number)
+    assert fate.outcome != "violation", fate
+
+
+def test_mutations_are_the_same_each_time_and_change_something() -> None:
+    different = 0
+    for number in range(40):
+        first, again = (mutations.mutate(press(), np.random.default_rng(number)) for _ in range(2))
+        assert repr(first) == repr(again)
+        different += repr(first[1]) != repr(list(press()))
+    assert different > 30

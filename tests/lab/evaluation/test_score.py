@@ -1,0 +1,170 @@
+"""One recording's score, and many made into numbers with intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from caesura_lab.annotations import Leniency, Point, Quantity, Screwing, TrueSegment, Truth
+from caesura_lab.evaluation.error_analysis import faults
+from caesura_lab.evaluation.metrics import Look
+from caesura_lab.evaluation.score import FoundSegmentation, Part, score
+from caesura_lab.evaluation.summary import margins, summarise
+
+TRUTH = Truth(
+    name="one",
+    window=(0.0, 10.0),
+    points=(
+        Point(2.0, 0.1, kind="start"),
+        Point(4.0, 0.1, kind="contact_on"),
+        Point(5.0, 0.1, optional=True, kind="dip"),
+        Point(8.0, 0.1, kind="stop"),
+    ),
+    spans=(
+        TrueSegment(0, 2, "steady"),
+        TrueSegment(2, 4, "motion"),
+        TrueSegment(4, 8, "transport"),
+        TrueSegment(8, 10, "hold"),
+    ),
+    loads=(Quantity(4.0, 10.0, 0.3),),
+    forces=(Quantity(2.0, 4.0, 12.0),),
+)
+PARTS = (
+    Part(0.05, 2.0, "steady", force_n=0.1),
+    Part(2.0, 4.0, "contact", force_n=10.0),
+    Part(4.0, 8.0, "transport", load_kg=0.2, force_n=2.0),
+    Part(8.0, 9.9, "hold", load_kg=0.5, force_n=5.0),
+)
+
+
+def test_all_that_is_right_and_wrong_is_counted():
+    found = FoundSegmentation((0.0, 2.05, 5.0, 6.0, 8.15, 10.5), PARTS)
+    one = score("mine", TRUTH, found)
+    assert (one.hits, one.false_alarms, one.misses) == (1, 2, 2)
+    assert one.cut == (2, 4)
+    assert one.merged == (2, 4)
+    assert [hit.kind for hit in one.found] == ["start"]
+    assert one.found[0].offset_s == pytest.approx(0.05)
+    assert [(miss.kind, miss.between) for miss in one.missed] == [
+        ("contact_on", "motion → transport"),
+        ("stop", "transport → hold"),
+    ]
+    assert one.missed[0].offset_s is None
+    assert one.missed[1].offset_s == pytest.approx(0.15)
+    assert [alarm.within for alarm in one.alarms] == ["transport", "hold"]
+
+
+def test_boundaries_between_phases_are_counted_within_half_a_second():
+    phased = replace(
+        TRUTH, phases=(TrueSegment(0, 3, "reach"), TrueSegment(3, 7, "wipe"), TrueSegment(7, 10, "retract"))
+    )
+    one = score("mine", phased, FoundSegmentation((), phases=(0.1, 3.5, 5.0, 7.6)))
+    assert (one.phase_hits, one.phase_misses, one.phase_false_alarms) == (1, 1, 2)
+    assert summarise([one])["phase_f1"].value == pytest.approx(2 / 5)
+    unphased = score("mine", TRUTH, FoundSegmentation((), phases=(3.0,)))
+    assert summarise([unphased])["phase_f1"].n == 0, "nothing is judged without true phases"
+    assert summarise([score("mine", phased, FoundSegmentation(()))])["phase_f1"].n == 0, (
+        "nor without found ones"
+    )
+
+
+def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
+    stroke = Screwing(4.0, 8.0, (0.0, 0.0, -1.0), 0.0015)
+    found = FoundSegmentation(
+        (),
+        (
+            Part(0.0, 4.5, "turning", force_n=1.0, screw=((1.0, 0.0, 0.0), 0.1)),
+            Part(4.5, 8.0, "turning", force_n=1.0, screw=((0.0, 0.6, -0.8), 0.0012)),
+            Part(8.0, 10.0, "contact", force_n=1.0),
+        ),
+    )
+    one = score("mine", replace(TRUTH, screws=(stroke, Screwing(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found)
+    assert one.axis_errors_deg == pytest.approx((math.degrees(math.acos(0.8)),))
+    assert one.pitch_errors == pytest.approx((0.2,))
+    shown = summarise([one])
+    assert shown["screws_found"].value == 0.5, "the second one is in no part"
+    assert shown["pitch_error"].value == pytest.approx(0.2)
+    assert summarise([score("mine", TRUTH, found)])["screws_found"].n == 0, (
+        "without a screw nothing is judged"
+    )
+
+
+def test_a_floor_widens_what_is_narrower():
+    found = FoundSegmentation((2.05, 4.0, 8.15), PARTS)
+    assert score("mine", TRUTH, found).hits == 2
+    assert score("mine", Leniency(least_s=0.2).of(TRUTH), found).hits == 3
+
+
+def test_what_a_filter_needs_at_the_beginning_is_not_held_against_it():
+    one = score("mine", TRUTH, FoundSegmentation((2.0, 4.0, 8.0), PARTS))
+    assert ("steady", "none") not in one.confusion
+    assert one.confusion["motion", "contact"] == 2.0
+    assert one.confusion_inside["steady", "steady"] == pytest.approx(1.9)
+
+
+def test_loads_are_weighed_by_time_and_forces_by_the_largest():
+    one = score("mine", TRUTH, FoundSegmentation((2.0, 4.0, 8.0), PARTS))
+    assert one.load_errors_kg == pytest.approx([(4 * 0.2 + 2 * 0.5) / 6 - 0.3], abs=1e-9)
+    assert one.force_errors_n == pytest.approx([2.0])
+    assert (one.loads, one.forces) == (1, 1)
+
+
+def test_a_method_that_measures_nothing_is_not_asked_for_it():
+    parts = tuple(Part(part.t0, part.t1, part.kind) for part in PARTS)
+    one = score("mine", TRUTH, FoundSegmentation((2.0,), parts))
+    assert (one.loads, one.forces) == (0, 0)
+
+
+def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
+    looks = (Look(2.3, (2.05,), (False,)), Look(3.0, (2.05,), (True,)))
+    one = score("mine", TRUTH, FoundSegmentation((2.05,), None, looks))
+    assert one.provisional_s == pytest.approx([0.3])
+    assert one.final_s == pytest.approx([1.0])
+    assert not one.confusion
+
+
+def test_a_summary_has_an_interval_about_its_value_and_is_the_same_each_time():
+    good, bad = (score("mine", TRUTH, FoundSegmentation(times, PARTS)) for times in ((2.0, 4.0, 8.0), (1.0,)))
+    numbers = summarise([good, good, bad])
+    recall = numbers["recall"]
+    assert recall.value == pytest.approx(6 / 9)
+    assert 0.0 <= recall.low <= recall.value <= recall.high <= 1.0
+    assert repr(summarise([good, good, bad])) == repr(numbers)  # nan is no equal of itself
+    assert summarise([good, good])["f1"].value == 1.0
+
+
+def test_a_margin_is_taken_recording_by_recording():
+    truths = [replace(TRUTH, name=name) for name in "abcd"]
+    times = [(2.0,), (2.0, 4.0), (2.0, 4.0, 8.0), (2.0,)]
+    ours = [
+        score("ours", truth, FoundSegmentation((*found, 7.0)))
+        for truth, found in zip(truths, times, strict=True)
+    ]
+    theirs = [
+        score("theirs", truth, FoundSegmentation(found)) for truth, found in zip(truths, times, strict=True)
+    ]
+    recall = margins(ours, theirs[::-1])["recall"]
+    assert (recall.value, recall.low, recall.high) == (0.0, 0.0, 0.0)
+    precision = margins(ours, theirs)["precision"]
+    assert precision.high < 0.0
+
+
+def test_without_any_there_is_no_number():
+    numbers = summarise([score("mine", TRUTH, FoundSegmentation(()))])
+    for name in ("precision", "class", "provisional_median", "load_error"):
+        assert math.isnan(numbers[name].value)
+    assert numbers["f1"].value == 0.0
+
+
+def test_typical_errors_come_most_frequent_first():
+    wrong = score("mine", TRUTH, FoundSegmentation((2.0, 4.3, 6.0, 7.0), PARTS))
+    typical = faults([wrong, wrong])
+    assert [(m.kind, m.missed, m.of_kind, m.near) for m in typical.missed] == [
+        ("contact_on", 2, 2, 2),
+        ("stop", 2, 2, 2),
+    ]
+    assert typical.missed[0].offset_s == pytest.approx(0.3)
+    assert typical.invented[0].times >= typical.invented[-1].times
+    assert typical.confusion["motion", "contact"] == 4.0

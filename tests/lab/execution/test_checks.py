@@ -1,0 +1,245 @@
+"""The pre-run check: what cannot be run is named by app and reason; what was taught passes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.checks import Taught, check
+from caesura_lab.execution.findings import CheckReport
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
+from caesura_protocol.programs.safety import Safety
+from caesura_service.robot import Robot, load_panda
+from harness.programs import app, pick_and_place, press
+
+Apps = tuple[App, ...]
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_panda()
+
+
+def cell(scenario: str) -> Cell:
+    return World(SCENARIOS[scenario], 0.25).cell()
+
+
+def changed(apps: Apps, index: int, **fields: Any) -> Apps:
+    return (*apps[:index], apps[index].model_copy(update=fields), *apps[index + 1 :])
+
+
+def only(report: CheckReport) -> str:
+    assert len(report.errors) == 1, [*map(str, report.errors)]
+    return str(report.errors[0])
+
+
+@pytest.mark.parametrize(("apps", "scenario"), [(pick_and_place(), "pick_and_place"), (press(), "dispenser")])
+def test_a_program_that_can_be_run_passes_without_a_word(apps: Apps, scenario: str, robot: Robot) -> None:
+    assert check(apps, cell(scenario), robot=robot).findings == ()
+    assert check(apps, robot=robot).findings == ()  # nor where nobody knows what stands there
+
+
+def standing_still() -> AppPath:
+    """A path whose two points have the same time."""
+    start = ViaPoint(t=10.1, position=(-0.02, -0.562, 0.3), orientation=None)
+    return AppPath(
+        start=start,
+        tn=10.1,
+        length_m=0.0,
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+
+
+def without(index: int) -> Callable[[Apps], Apps]:
+    return lambda apps: (*apps[:index], *apps[index + 1 :])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 5 \(cartesian_motion\): .*out of reach"),
+        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 5 .*target y -0.900 m .*workspace, -0.75"),
+        (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 5 .*joint 1 at 4.000 rad, limits -2.897"),
+        (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 5 .*joints lead \d+ mm"),
+        (
+            lambda a: changed(a, 5, target=(-0.02, -0.562, 0.05)),
+            r"app 5 .*\d+ mm inside of what stands there",
+        ),
+        (
+            lambda a: changed(a, 5, orientation=(1.0, 1.0, 0.0, 0.0)),
+            r"app 5 .*length of the orientation 1.414",
+        ),
+        (lambda a: changed(a, 5, target=None), r"app 5 .*has no target"),
+        (lambda a: changed(a, 2, load_kg=-0.1), r"app 2 \(transport\): load -0.1 kg, expected 0 to 3 kg"),
+        (lambda a: changed(a, 1, gripper_width=0.2), r"app 1 \(grasp\): gripper width 200 mm"),
+        (lambda a: changed(a, 5, tn=100.0), r"app 5 .*duration 89.9 s, expected 0.1 to 60 s"),
+        (lambda a: changed(a, 5, confidence=1.5), r"app 5 .*confidence 1.5"),
+        (lambda a: changed(a, 1, t0=0.0), r"app 1 .*begins at 0.00 s, before the app before it"),
+        (
+            lambda a: changed(a, 5, path=standing_still()),
+            r"app 5 .*point at 10.1 s, expected after .* at 10.1 s",
+        ),
+        (without(4), r"app 1 \(grasp\): grasps what is never released"),
+        (lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]), "held already"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_by_name(
+    spoil: Callable[[Apps], Apps], said: str, robot: Robot
+) -> None:
+    report = check(spoil(pick_and_place()), cell("pick_and_place"), robot=robot)
+    assert any(re.search(said, str(one)) for one in report.errors), [*map(str, report.errors)]
+
+
+def turned(seconds: float) -> Apps:
+    """A program of version 1: two places and a turn by 90° between them, about the tool."""
+    there, half = (-0.02, -0.56, 0.3), (0.0, 1.0, 0.0, 0.0)
+    first = app("cartesian_motion", 0.0, 2.0, there)
+    return first, app("cartesian_motion", 2.0, 2.0 + seconds, there, orientation=half)
+
+
+def slid(seconds: float) -> Apps:
+    """A press of version 1 that turns by 90° while it presses."""
+    touch, pressed, leave = press()
+    turning = pressed.model_copy(update={"tn": pressed.t0 + seconds, "orientation": (0.0, 1.0, 0.0, 0.0)})
+    return touch, turning, leave.model_copy(update={"t0": turning.tn, "tn": turning.tn + 2.0})
+
+
+@pytest.mark.parametrize(
+    ("apps", "said"),
+    [
+        (changed(pick_and_place(), 5, tn=10.5), r"app 5 .*0.40 s, 0.54 m/s are allowed: it is slowed down"),
+        (
+            turned(1.0),
+            r"app 1 .*: reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s .* slowed down to 1.\d\d s",
+        ),
+        (slid(1.0), r"app 1 \(apply_force\): reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s are allowed"),
+    ],
+)
+def test_what_was_taught_faster_than_the_limits_is_said_to_be_slowed(
+    apps: Apps, said: str, robot: Robot
+) -> None:
+    report = check(apps, robot=robot)
+    assert report.passed
+    (warning,) = report.warnings
+    assert re.search(said, str(warning)), str(warning)
+    assert warning.value is not None
+    assert warning.limit is not None
+    assert warning.value > warning.limit
+
+
+def test_a_turn_that_the_robot_can_do_passes_without_a_word(robot: Robot) -> None:
+    assert check(turned(1.7), robot=robot).findings == ()  # at most 2 rad/s
+
+
+@pytest.mark.parametrize(("aside", "passes"), [(0.13, True), (0.10, False)])
+def test_the_fingertips_of_a_tilted_tool_decide_what_is_free(
+    aside: float, passes: bool, robot: Robot
+) -> None:
+    """Over the flank of a barrel the flange may be lower than with fingers down."""
+    tilt = math.radians(35.0)
+    tip = np.array((0.46, -aside, 0.2 * math.cos(tilt) + 0.26 - 0.1034 - 0.2))  # on the barrel at 0.115
+    tool = Rotation.from_rotvec((tilt, 0.0, 0.0)) * Rotation.from_quat((1.0, 0.0, 0.0, 0.0))
+    flange = tip - 0.1034 * tool.as_matrix()[:, 2]
+    high = flange - 0.05 * tool.as_matrix()[:, 2]
+    x, y, z, w = tool.as_quat().tolist()
+    apps = [
+        app("cartesian_motion", 2.0 * k, 2.0 * k + 2.0, tuple(place.tolist()), orientation=(x, y, z, w))
+        for k, place in enumerate((high, flange))
+    ]
+    report = check(apps, World(SCENARIOS["contour"], 0.25).cell(), robot=robot)
+    assert report.passed == passes, [*map(str, report.errors)]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize(
+    "field", ["t0", "tn", "target", "orientation", "joints", "force", "load_kg", "confidence"]
+)
+def test_no_number_and_absurd_numbers_are_refused_wherever_they_stand(
+    field: str, value: float, robot: Robot
+) -> None:
+    widths = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
+    spoilt = (value, *[0.1] * (widths[field] - 1)) if field in widths else value
+    report = check(changed(press(), 1, **{field: spoilt}), cell("dispenser"), robot=robot)
+    assert any(one.index == 1 for one in report.errors)
+
+
+def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Robot) -> None:
+    here = cell("dispenser")
+    assert "app 0 (apply_force): presses without a contact" in str(
+        check(press()[1:], here, robot=robot).errors[0]
+    )
+    strong, limited = changed(press(), 1, force=(0.0, 0.0, -12.0)), Safety(force_n=10.0)
+    assert check(strong, here, robot=robot).findings == ()  # no limit is set
+    refused = check(strong, replace(here, safety=limited), robot=robot)
+    assert only(refused) == "error: app 1 (apply_force): force 12 N, expected 1 to 10 N"
+    assert (refused.errors[0].value, refused.errors[0].limit) == (12.0, limited.force_n)
+    stronger = check(changed(press(), 1, force=(0.0, 0.0, -29.0)), here, robot=robot)
+    assert only(stronger) == "error: app 1 (apply_force): force 29 N, expected 1 to 28.5 N"
+    assert "pulls on what it touches" in only(
+        check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
+    )
+    deep = changed(press(), 1, target=(-0.02, -0.52, 0.12))
+    assert "presses 70 mm deep, at most 40 mm" in str(check(deep, here, robot=robot).errors[0])
+
+
+def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
+    lifted, pressed = press()[2], press()[1].model_copy(update={"t0": 6.0, "tn": 7.0})
+    report = check((*press(), pressed), cell("dispenser"), robot=robot)
+    assert lifted.kind == "cartesian_motion"
+    assert "app 3 (apply_force): presses without a contact" in str(report.errors[0])
+
+
+def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robot) -> None:
+    opened = app("gripper_move", 0.1, 0.2, gripper_width=0.08)
+    assert check((opened, *pick_and_place()), robot=robot).passed
+    assert "releases what was never grasped" in only(check((opened, *press()), robot=robot))
+
+
+def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> None:
+    taught = Taught((Gap(t0=3.0, tn=3.2, reason="evicted"),))
+    report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), taught, robot)
+    assert report.passed
+    said = [str(one) for one in report.warnings if one.index is not None]
+    assert (
+        said[0] == "warning: app 1 (apply_force): was not observed from 3.00 to 3.20 s: look at what it does"
+    )
+    assert said[1].startswith("warning: app 2 (cartesian_motion): confidence 0.30 is below 0.5")
+
+
+def test_a_program_without_apps_is_none() -> None:
+    assert only(check(())) == "error: program: has no apps, there is nothing to run"
+
+
+def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
+    rng = np.random.default_rng(4)
+    low, high = robot.lower_limits, robot.upper_limits
+    for _ in range(20):
+        q = np.clip(np.array([0.0, 0.3, 0.0, -2.0, 0.0, 2.3, 0.7]) + rng.normal(scale=0.3, size=7), low, high)
+        pose = robot.flange_pose(q)
+        found, left, turn = robot.nearest_joints(
+            pose.position_base, pose.orientation_base, np.zeros(7) + q * 0.8
+        )
+        reached = robot.flange_pose(found)
+        assert np.linalg.norm(reached.position_base - pose.position_base) == pytest.approx(left, abs=1e-9)
+        assert left < 1e-3
+        assert turn < 1e-2
+
+
+def test_a_target_in_millimetres_is_named_as_such():
+    report = check([app("cartesian_motion", 0.0, 1.0, (400.0, 0.0, 300.0))])
+    assert not report.passed
+    assert "target x 400.000 m is outside of the workspace" in str(report.errors[0])
+    assert "it is probably in mm" in str(report.errors[0])

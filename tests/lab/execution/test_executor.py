@@ -1,0 +1,293 @@
+"""A program on the simulated robot: it does what it says, within its limits, and stops with a reason."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from caesura_lab.evaluation.mutations import violations
+from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.executor import Done, Place, execute, run
+from caesura_lab.execution.findings import RefusedError
+from caesura_lab.execution.safety_monitor import Guard, Stopped
+from caesura_lab.execution.simulated_arm import Arm
+from caesura_lab.execution.skills import Acting
+from caesura_lab.teacher.guided_arm import start_posture
+from caesura_lab.teacher.person import THESIS
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.programs.safety import DEFAULT, Safety
+from caesura_protocol.turning import torque_about_axis
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.robot import Robot, load_panda
+from harness.programs import DOWN, app, pick_and_place, press
+
+FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
+PRESSING, PICKING = (Place(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_panda()
+
+
+@pytest.fixture(scope="module")
+def pressed(robot: Robot) -> Done:
+    return execute(press(), PRESSING, robot=robot)
+
+
+@pytest.fixture(scope="module")
+def picked(robot: Robot) -> Done:
+    return execute(pick_and_place(), PICKING, robot=robot)
+
+
+def reached(done: Done, target: tuple[float, ...], robot: Robot) -> float:
+    positions, _ = robot.flange_poses(done.trace.q[::10])
+    return float(np.linalg.norm(positions - target, axis=1).min())
+
+
+def test_every_target_is_passed_within_millimetres(picked: Done, robot: Robot) -> None:
+    assert picked.stopped is None
+    for one in pick_and_place():
+        assert one.target is not None
+        assert reached(picked, one.target, robot) < 3e-3
+
+
+def test_what_is_grasped_is_carried_and_let_go(picked: Done) -> None:
+    held = picked.trace.load_kg > 0.0
+    first, last = np.flatnonzero(held)[[0, -1]]
+    assert held[first : last + 1].all()
+    assert not held[-1]
+    assert picked.trace.width[first] == pytest.approx(0.05)
+    assert picked.trace.width[-1] == pytest.approx(0.08, abs=1e-3)
+
+
+def test_a_press_has_the_force_that_is_asked_for(pressed: Done) -> None:
+    normal = pressed.trace.contact[:, 2]
+    end = np.flatnonzero(normal > 5.0)[-1]
+    assert np.median(normal[end - 600 : end - 200]) == pytest.approx(10.0, rel=0.05)
+
+
+def test_runs_keep_to_their_limits(pressed: Done, picked: Done) -> None:
+    assert violations(pressed.trace, DEFAULT) == []
+    assert violations(picked.trace, DEFAULT) == []
+    tight = violations(picked.trace, Safety(speed_m_per_s=0.1, felt_force_n=5.0))
+    assert [one.split()[0] for one in tight] == ["speed", "force"]
+
+
+def test_what_was_recorded_gives_the_same_program(pressed: Done) -> None:
+    assert pressed.recording.columns[:8] == ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
+    again = segment_recording(pressed.recording).apps
+    assert [one.kind for one in again] == [one.kind for one in press()]
+
+
+def test_the_same_arguments_give_the_same_bytes(robot: Robot) -> None:
+    short = (app("cartesian_motion", 0.0, 0.6, (-0.02, -0.58, 0.32)),)
+    one, same = (execute(short, PRESSING, robot=robot) for _ in range(2))
+    assert_array_equal(one.recording.matrix(), same.recording.matrix())
+    other = execute(short, Place(PRESSING.scenario, THESIS, 2), robot=robot)
+    assert_array_equal(one.trace.q, other.trace.q)
+    assert not np.array_equal(one.recording.matrix(), other.recording.matrix())
+
+
+def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
+    with pytest.raises(RefusedError, match=r"app 0 \(apply_force\): presses without a contact"):
+        execute(press()[1:], PRESSING, robot=robot)
+
+
+def stopped(apps: tuple[App, ...], place: Place, robot: Robot, safety: Safety = DEFAULT) -> str:
+    """Past the check, so that the guard is what stops it."""
+    done = run(apps, place, safety, robot)
+    assert done.stopped is not None
+    assert np.linalg.norm(done.trace.twist[-1, :3]) < 0.02
+    return f"{done.at}: {done.stopped}"
+
+
+def test_no_contact_stops_it(robot: Robot) -> None:
+    high = (app("move_to_contact", 0.0, 1.0, (-0.02, -0.56, 0.32)),)
+    assert stopped(high, PRESSING, robot) == "0: no contact within 40 mm past its target"
+
+
+def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
+    aside = (
+        app("cartesian_motion", 0.0, 1.0, (0.08, -0.62, 0.24)),
+        app("grasp", 1.0, 2.0, gripper_width=0.05),
+    )
+    assert stopped(aside, PICKING, robot).startswith("1: nothing between the fingers, which stand at 40 mm")
+
+
+@pytest.mark.parametrize(
+    ("safety", "said"),
+    [
+        (Safety(workspace_low=(-0.75, -0.75, 0.27)), "0: position 3: 0.27"),
+    ],
+)
+def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, robot: Robot) -> None:
+    down = (app("cartesian_motion", 0.0, 0.8, (-0.03, -0.62, 0.24)),)
+    assert re.match(said, stopped(down, PRESSING, robot, safety))
+    done = run(down, PRESSING, safety, robot)
+    assert violations(done.trace, safety) == []
+
+
+@pytest.mark.parametrize(
+    ("safety", "axes"),
+    [(Safety(speed_m_per_s=0.02), slice(0, 3)), (Safety(turn_rad_per_s=0.5), slice(3, 6))],
+)
+def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
+    safety: Safety, axes: slice, robot: Robot
+) -> None:
+    aside = app("cartesian_motion", 0.0, 2.0, (-0.03, -0.56, 0.33), orientation=(0.0, 1.0, 0.0, 0.0))
+    taught, slowed = (execute((aside,), PRESSING, one, robot=robot) for one in (DEFAULT, safety))
+    fastest = [float(np.linalg.norm(done.trace.twist[:, axes], axis=1).max()) for done in (taught, slowed)]
+    limit = safety.speed_m_per_s if axes.start == 0 else safety.turn_rad_per_s
+    assert fastest[0] > limit > fastest[1] > 0.8 * limit
+    (t0, tn), (s0, sn) = *taught.spans, *slowed.spans
+    assert tn - t0 == pytest.approx(2.0, abs=0.01)
+    assert sn - s0 > 2.5
+
+
+def test_a_movement_is_slowed_to_the_limits_of_the_joints(robot: Robot) -> None:
+    """Joint 7 turns the tool about its axis, by 60° in 1 s: a peak of 1.96 rad/s."""
+    acting = Acting(Arm(robot, World(PRESSING.scenario, 0.25)), DEFAULT)
+    here = acting.felt
+    turned = Rotation.from_matrix(here.rotation) * Rotation.from_euler("z", 60.0, degrees=True)
+    moving = app("cartesian_motion", 0.0, 1.0, tuple(here.position.tolist()))
+    moving = moving.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
+    path = acting.course(moving, 1.0)
+    assert path.t[-1] == 1.0
+    assert acting.arm.joint_hurry(path) == pytest.approx(1.875 * np.radians(60.0) / 2.61, rel=0.03)
+    acting.arm.joint_speeds = 0.4 * acting.arm.joint_speeds
+    slowed = acting.course(moving, 1.0)
+    assert acting.arm.joint_hurry(slowed) == pytest.approx(0.85, rel=0.02)
+
+
+@pytest.mark.parametrize(("row", "said"), [(0, "speed 0.6"), (4, "turn 2.4")])
+def test_the_guard_stops_what_is_too_fast_all_the_same(row: int, said: str, robot: Robot) -> None:
+    acting = Arm(robot, World(PRESSING.scenario, 0.25))
+    twist = np.zeros(6)
+    twist[row] = 0.6 if row < 3 else 2.4
+    with pytest.raises(Stopped, match=said):
+        Guard(acting, DEFAULT).look(replace(acting.felt, twist=twist))
+
+
+def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
+    gentle = Safety(felt_force_n=8.0)
+    assert ": force " in stopped(press(), PRESSING, robot, gentle)
+
+
+@pytest.mark.parametrize(("kg", "said"), [(1.2, "lighter than the 1.20 kg"), (None, "")])
+def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str, robot: Robot) -> None:
+    carried = tuple(
+        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one for one in pick_and_place()
+    )
+    done = execute(carried, PICKING, robot=robot)
+    assert violations(done.trace, DEFAULT) == []
+    if said:
+        assert done.stopped is not None
+        assert said in done.stopped
+
+
+def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> None:
+    """A hand had drifted by 5.6 mm before it moved, and the run was off its path by as much."""
+    start = tuple(np.add(PRESSING.scenario.start, (0.004, 0.003, 0.0)).tolist())
+    path = AppPath(
+        start=ViaPoint(t=0.0, position=start, orientation=DOWN), tn=0.5, length_m=0.04, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    done = run((app("cartesian_motion", 0.0, 0.5, (-0.02, -0.57, 0.33), path=path),), PRESSING, robot=robot)
+    positions, _ = robot.flange_poses(done.trace.q[:2])
+    assert positions[0] == pytest.approx(start, abs=1e-4)
+
+
+def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
+    arm = Arm(robot, World(PRESSING.scenario, 0.25))
+    acting = Acting(arm, DEFAULT)
+    crept = tuple(np.add(arm.felt.position, (0.004, 0.0, 0.0)).tolist())
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=crept, orientation=DOWN), tn=3.0, length_m=0.04, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    following = app("cartesian_motion", 2.0, 3.0, (-0.02, -0.57, 0.33), path=path)
+    acting.pause(0.4, following)  # too fast for a rest
+    assert acting.setpoint.position != pytest.approx(crept, abs=1e-3)
+    acting.pause(1.0, following)
+    assert acting.setpoint.position == pytest.approx(crept, abs=1e-6)
+
+
+def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:
+    """A tenth of a stroke was off by 3.9 N or more; a pause on it had 10 N, and lasted 0.15 s longer."""
+    touch, stroke = (0.40, -0.16, 0.150), (0.47, 0.04, 0.150)
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=touch, orientation=FLAT), tn=3.5, length_m=0.21, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    down = {"orientation": FLAT}
+    apps = (
+        app("move_to_contact", 0.5, 1.5, touch, **down),
+        app("apply_force", 1.5, 2.5, touch, force=(0.0, 0.0, -8.0), **down),
+        app("apply_force", 2.5, 3.5, stroke, force=(0.0, 0.0, -6.0), path=path, **down),
+        app("cartesian_motion", 3.9, 4.9, (0.47, 0.04, 0.25), **down),
+    )
+    done = execute(apps, Place(SCENARIOS["wiping"], THESIS, 1), robot=robot)
+    assert done.stopped is None
+    normal, (begun, ended) = done.trace.contact[:, 2], done.spans[2]
+    sliding = normal[round(1000 * begun) + 200 : round(1000 * ended)]
+    assert np.percentile(np.abs(sliding - 6.0), 90) < 3.0
+    pause = normal[round(1000 * ended) : round(1000 * done.spans[3][0])]
+    assert np.median(pause) == pytest.approx(6.0, rel=0.1)
+    left = np.flatnonzero(normal > 0.0)[-1] / 1000.0 - ended
+    assert left == pytest.approx(0.4, abs=0.1)
+
+
+SCREW_HEAD = (0.45, -0.05, 0.200)
+
+
+def driven(torque_nm: float) -> tuple[App, ...]:
+    """Touch the screw of the scenario `screwing`, and drive it by 60° with 12 N."""
+    start = Rotation.from_matrix(start_posture(load_panda(), SCENARIOS["screwing"].start)[1])
+    end = Rotation.from_rotvec([0.0, 0.0, -np.radians(60.0)]) * start
+    screw = ScrewMotion(
+        axis=(0.0, 0.0, -1.0),
+        point=SCREW_HEAD,
+        angle=np.radians(60.0),
+        pitch_m=0.0015,
+        pitch_sd_m=1e-5,
+        torque=(0.0, 0.0, -torque_nm),
+    )
+    down, turned = ({"orientation": tuple(one.as_quat().tolist())} for one in (start, end))
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=SCREW_HEAD, **down),
+        tn=4.5,
+        length_m=0.0,
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+    return (
+        app("cartesian_motion", 0.0, 1.5, (0.45, -0.05, 0.23), **down),
+        app("move_to_contact", 1.5, 2.5, SCREW_HEAD, **down),
+        app("apply_force", 2.5, 4.5, SCREW_HEAD, force=(0.0, 0.0, -12.0), screw=screw, path=path, **turned),
+    )
+
+
+def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
+    place = Place(SCENARIOS["screwing"], THESIS, 1)
+    done, tight = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
+    assert done.stopped is None
+    assert tight.stopped is None
+    (screw,) = (one.screw for one in segment_recording(done.recording).segments if one.kind == "turning")
+    assert screw is not None
+    # The arm lags by 0.7 Nm at 60 Nm/rad, and a turning begins and ends where it is faster than 0.1 rad/s.
+    assert np.degrees(screw.angle) == pytest.approx(60.0, abs=5.0)
+    assert np.degrees(np.arccos(-screw.axis[2])) < 3.0
+    assert screw.pitch_m == pytest.approx(0.0015, rel=0.1)
+    assert torque_about_axis(screw) == pytest.approx(-0.6, abs=0.1), "0.4 Nm, and 0.25 Nm more each radian"
+    most_nm, stopped_nm = (float(one.trace.environment[:, 5].max()) for one in (done, tight))
+    assert most_nm == pytest.approx(0.66, abs=0.05)
+    assert stopped_nm == pytest.approx(1.5 * 0.3, abs=0.03), "at one and a half times what was taught"

@@ -1,0 +1,86 @@
+"""How a setpoint moves: rotations, and the path of an app from where the robot is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from tests.harness.programs import DOWN, app
+
+from caesura_lab.execution.trajectories import course
+from caesura_protocol.messages import AppPath, ViaPoint
+from caesura_protocol.paths import Curve
+from caesura_protocol.rotations import matrix_of, quaternion_of, turning_of
+
+CORNER = (0.3, -0.4, 0.3)
+
+
+def test_rotations_agree_with_scipys() -> None:
+    for seed in range(10):
+        rotation = Rotation.random(rng=np.random.default_rng(seed))
+        assert_allclose(matrix_of(tuple(rotation.as_quat())), rotation.as_matrix(), atol=1e-12)
+        assert_allclose(matrix_of(tuple(quaternion_of(rotation.as_matrix()))), rotation.as_matrix())
+
+
+def test_the_angular_velocity_is_that_of_the_rotation() -> None:
+    first, turning, step = Rotation.from_quat(DOWN), np.array([0.3, -0.2, 0.5]), 1e-6
+    after = Rotation.from_rotvec(step * turning) * first
+    change = (after.as_quat() - first.as_quat()) / step
+    assert_allclose(turning_of(first.as_quat(), change, np.zeros(4))[0], turning, atol=1e-5)
+
+
+def test_the_angular_acceleration_is_that_of_the_angular_velocity() -> None:
+    turned = (DOWN, (0.0, 1.0, 0.0, 0.0), (0.3, 0.8, 0.5, 0.1))
+    curve = Curve.through([0.0, 0.5, 2.0], [[*CORNER, *one] for one in turned])
+    rates = [turning_of(*(part[3:] for part in curve.at(t))) for t in (0.899, 0.9, 0.901)]
+    assert_allclose((rates[2][0] - rates[0][0]) / 0.002, rates[1][1], rtol=1e-3, atol=1e-3)
+
+
+def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time_of_the_app() -> None:
+    start, via = (
+        ViaPoint(t=t, position=p, orientation=DOWN) for t, p in ((2.0, (0.3, -0.5, 0.3)), (3.0, CORNER))
+    )
+    path = AppPath(
+        start=start, via=(via,), tn=4.0, length_m=0.2, deviation_m=0.0, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 2.05, 4.05, (0.4, -0.4, 0.3), path=path)
+    near = course(moving, np.array([0.304, -0.5, 0.3]), matrix_of(DOWN), 4.0)
+    assert near.t[-1] == 4.0
+    assert_allclose(near.at(0.0)[0][:3], (0.304, -0.5, 0.3))
+    assert_allclose(near.at(4.0)[0][:3], (0.4, -0.4, 0.3), atol=1e-12)
+    assert np.linalg.norm(near.sampled(50)[:, :3] - CORNER, axis=1).min() < 1e-3
+    far = course(moving, np.array([0.3, -0.6, 0.3]), matrix_of(DOWN), 4.0)
+    assert np.linalg.norm(far.sampled(50)[:, :3] - start.position, axis=1).min() < 1e-3
+    assert far.t[-1] == 4.0
+
+
+def test_the_way_to_the_start_of_a_turn_takes_its_share_of_the_time_and_no_more() -> None:
+    turned = Rotation.from_quat(DOWN) * Rotation.from_euler("z", 90.0, degrees=True)
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=CORNER, orientation=DOWN), tn=4.0, length_m=0.0, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    turning = app("cartesian_motion", 2.0, 4.0, CORNER, path=path)
+    turning = turning.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
+    beside = course(turning, np.add(CORNER, (0.015, 0.0, 0.0)), matrix_of(DOWN), 2.0)
+    assert beside.t[1] == pytest.approx(2.0 * 0.015 / (0.015 + 0.1 * np.pi / 2.0))  # it was 60 % of the time
+    leaning = Rotation.from_euler("x", 0.3) * Rotation.from_quat(DOWN)
+    aside = course(turning, np.array(CORNER), leaning.as_matrix(), 2.0)
+    assert aside.t[1] == pytest.approx(2.0 * 0.3 / (0.3 + np.pi / 2.0))
+
+
+def test_towards_a_contact_the_speed_rises_and_falls_once() -> None:
+    half = ViaPoint(t=3.0, position=(0.3, -0.45, 0.3), orientation=DOWN, velocity=(0.0, 0.01, 0.0))
+    path = AppPath(
+        start=ViaPoint(t=2.0, position=(0.3, -0.5, 0.3), orientation=DOWN), via=(half,), tn=4.0, length_m=0.1,
+        deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.4, 0.3), path=path)
+    taught = course(moving, np.array(path.start.position), matrix_of(DOWN), 2.0)
+    assert_allclose(taught.at(1.0)[1][:3], (0.0, 0.01, 0.0), atol=1e-12)  # elsewhere it is as it was taught
+    curve = course(moving, np.array(path.start.position), matrix_of(DOWN), 2.0, np.zeros(3))
+    speeds = np.array([np.linalg.norm(curve.at(t)[1][:3]) for t in np.linspace(0.0, 2.0, 41)])
+    assert (np.diff(speeds)[:18] > 0.0).all()
+    assert (np.diff(speeds)[-18:] < 0.0).all()

@@ -1,0 +1,140 @@
+"""What a report shows against the view it comes from, and against every view on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_lab.report.report_data import DELAYS_S, ReportData, gather
+from caesura_lab.report.tables import notes, program_table, ranges, segments_table
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import views
+from harness.demonstrations import guided
+
+DATA = Path(__file__).parents[3] / "data"
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return load_recording(DATA / "pick_and_place.npz")
+
+
+@pytest.fixture(scope="module")
+def content(recording: Recording) -> ReportData:
+    return gather(recording, "default")
+
+
+def without(recording: Recording, name: str) -> Recording:
+    kept = {signal: values for signal, values in recording.signals.items() if signal != name}
+    return Recording(recording.t, kept, wrench_source="none", name=recording.name)
+
+
+def with_gap(recording: Recording, t0: float, tn: float) -> Recording:
+    kept = (recording.t < t0) | (recording.t > tn)
+    return Recording(
+        recording.t[kept],
+        {name: values[kept] for name, values in recording.signals.items()},
+        wrench_source="flange_sensor",
+    )
+
+
+def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(content: ReportData):
+    t, drawn = content.changes.t, content.changes.online
+    changepoints = np.array([one.t for one in content.view.changepoints])
+    for one in content.view.changepoints:
+        others = np.isin(t.round(6), changepoints[changepoints != one.t].round(6))
+        around = drawn[(np.abs(t - one.t) < 0.15) & ~others].sum()
+        assert min(around, 1.0) == pytest.approx(one.probability, abs=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["default", "integrated"])
+def test_the_run_length_image_holds_what_every_view_on_the_way_said(preset: str):
+    recording = guided()
+    runs = gather(recording, preset).run_lengths
+    for view in views(recording, preset):
+        now = view.observations - 1
+        if now >= 0:
+            column = runs.now == now
+            assert tuple(runs.start_t[runs.start[column]]) == view.posterior_starts
+            assert tuple(runs.probability[column]) == view.posterior_probabilities
+
+
+def test_every_moment_is_certain_that_some_segment_is_going_on(content: ReportData):
+    runs = content.run_lengths
+    assert np.bincount(runs.now, runs.probability) == pytest.approx(np.ones(runs.t.size))
+
+
+def test_what_is_known_later_is_a_diagonal_of_the_image(content: ReportData):
+    runs = content.run_lengths
+    for delay_s in DELAYS_S:
+        known, steps = runs.after(delay_s), round(10 * delay_s)
+        assert np.isnan(known[-steps:]).all()
+        assert known[17] == runs.probability[(runs.start == 17) & (runs.now == 17 + steps)].sum()
+
+
+def test_the_image_of_a_long_recording_is_no_larger_than_allowed(content: ReportData):
+    assert content.run_lengths.image().shape == (content.signals.t.size,) * 2
+    assert content.run_lengths.image(most=40).shape == (40, 40)
+    assert content.run_lengths.image(most=40).max() == content.run_lengths.probability.max()
+
+
+def test_signals_meet_the_segments_at_their_ends(content: ReportData):
+    t, position = content.signals.t, content.signals.position
+    for one in content.view.segments:
+        last = np.searchsorted(t, one.tn + 1e-9) - 1  # what a segment ends with came before its end
+        assert position[last] == pytest.approx(one.position_end)
+
+
+def test_online_and_offline_agree_on_contacts(content: ReportData):
+    for t in (1.7, 4.2, 7.5):
+        at = np.abs(content.changes.t - t) < 0.15
+        assert content.changes.online[at].sum() > 0.9
+        assert content.changes.offline[at].sum() > 0.9
+
+
+def test_without_a_wrench_there_is_no_force_to_draw():
+    assert gather(without(guided(), "force"), "default").signals.force is None
+
+
+def test_a_gap_divides_what_is_drawn_and_is_told_of():
+    content = gather(with_gap(guided(), 2.0, 2.6), "default")
+    first, second = content.signals.stretches
+    assert content.signals.t[first][-1] < 2.0
+    assert content.signals.t[second][0] > 2.6
+    assert "No samples between" in notes(content.view)[-1]
+
+
+def test_a_recording_too_short_to_see_anything_says_so():
+    whole = guided()
+    short = Recording(whole.t[:3], {name: values[:3] for name, values in whole.signals.items()})
+    with pytest.raises(ValueError, match="expected at least"):
+        gather(short, "default")
+
+
+def test_tables_have_a_row_for_every_segment_and_app(content: ReportData):
+    for table, things in (
+        (segments_table(content.view), content.view.segments),
+        (program_table(content.view), content.view.apps),
+    ):
+        assert len(table.rows) == len(table.kinds) == len(things)
+        assert all(len(row) == len(table.columns) for row in table.rows)
+
+
+def test_a_row_says_what_its_segment_says(content: ReportData):
+    table = segments_table(content.view)
+    carried = next(i for i, one in enumerate(content.view.segments) if one.kind == "transport")
+    row = dict(zip((column.name for column in table.columns), table.rows[carried], strict=True))
+    one = content.view.segments[carried]
+    assert row["kind"] == "transport"
+    assert row["from"] == f"{one.t0:.2f}"
+    assert row["x"] == f"{1000 * one.position_end[0]:.0f}".replace("-", "−")
+    assert row["load"] == f"{one.load_kg:.2f} ± {one.load_sd_kg:.2f}"
+    assert row["runner-up"] == one.runner_up
+    assert row["log odds"] == f"{one.log_odds:.1f}"
+
+
+def test_numbers_in_a_row_are_written_as_a_range():
+    assert ranges([0, 1, 2, 7, 9, 10]) == "0–2, 7, 9–10"

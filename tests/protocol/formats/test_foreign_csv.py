@@ -1,0 +1,120 @@
+"""Csv files of somebody else: what a mapping may say, and what an error says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import RecordingError
+
+MAPPING = """
+delimiter = ";"
+decimal = ","
+wrench_source = "flange_sensor"
+force_frame = "flange"
+
+[time]
+column = "Zeit [ms]"
+unit = "ms"
+
+[columns]
+px = { column = "X", unit = "mm" }
+py = { column = "Y", unit = "mm" }
+pz = { column = "Z", unit = "mm" }
+fx = "F1"
+fy = "F2"
+fz = { column = "F3", scale = -1.0 }
+q1 = { column = "A1", unit = "deg" }
+q2 = { column = "A1", unit = "deg" }
+q3 = { column = "A1", unit = "deg" }
+q4 = { column = "A1", unit = "deg" }
+q5 = { column = "A1", unit = "deg" }
+q6 = { column = "A1", unit = "deg" }
+q7 = { column = "A1", unit = "deg" }
+"""
+TABLE = """# from the sensor's own software
+Zeit [ms];X;Y;Z;F1;F2;F3;A1;Temp
+
+1000;500,5;0;250;1,5;0;-9,81;180;21
+1010;501;0;250;1,5;0;-9,81;90;21
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    def write(table: str = TABLE, mapping: str = MAPPING) -> tuple[Path, Path]:
+        (tmp_path / "log.csv").write_text(table, encoding="utf-8")
+        (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
+        return tmp_path / "log.csv", tmp_path / "map.toml"
+
+    return write
+
+
+def read(files, table=TABLE, mapping=MAPPING):
+    log, how = files(table, mapping)
+    return load_recording(log, mapping=how)
+
+
+def test_units_signs_and_marks_are_as_the_mapping_says(files):
+    recording = read(files)
+    np.testing.assert_allclose(recording.t, [1.0, 1.01])
+    np.testing.assert_allclose(recording.signals["pos"], [[0.5005, 0.0, 0.25], [0.501, 0.0, 0.25]])
+    np.testing.assert_allclose(recording.signals["force"], [[1.5, 0.0, 9.81]] * 2)
+    np.testing.assert_allclose(recording.signals["q"][:, 3], [np.pi, np.pi / 2])
+    assert (recording.wrench_source, recording.force_frame) == ("flange_sensor", "flange")
+    assert recording.ignored == ("Temp",)
+
+
+def test_positions_without_a_unit_stay_in_the_unit_of_the_file(files):
+    mapping = 'length_unit = "mm"\n' + MAPPING.replace('{ column = "X", unit = "mm" }', '"X"').replace(
+        '{ column = "Y", unit = "mm" }', '{ column = "Y", unit = "m" }'
+    )
+    recording = read(files, mapping=mapping)
+    assert recording.length_unit == "mm"
+    assert recording.signals["pos"][1].tolist() == [501.0, 0.0, 250.0]
+
+
+def test_without_a_header_columns_have_numbers(files):
+    recording = read(files, "0,1,2,3\n1,4,5,6\n", "[time]\ncolumn = 1\n[columns]\npx = 2\npy = 3\npz = 4\n")
+    assert recording.t.tolist() == [0.0, 1.0]
+    assert recording.signals["pos"].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert recording.wrench_source == "none"
+
+
+@pytest.mark.parametrize(
+    ("table", "mapping", "message"),
+    [
+        (TABLE, MAPPING.replace('"Z"', '"Zz"'), r"no column 'Zz'.* takes pz.*'X', 'Y', 'Z'.*'Temp'"),
+        (TABLE.replace("F2", "F1"), MAPPING, "2 columns 'F1'"),
+        (TABLE, MAPPING.replace('";"', '","'), "is the delimiter ';'"),
+        (
+            TABLE,
+            MAPPING.replace('unit = "deg"', 'unit = "grad"'),
+            "q1: unit 'grad', expected one of rad",
+        ),
+        (TABLE, MAPPING.replace("-1.0", "0"), r"fz: scale is 0"),
+        (TABLE, MAPPING.replace("fy = ", "fi = "), r"unknown 'fi', known: px"),
+        (TABLE, MAPPING.replace('fy = "F2"', ""), r"force needs fx, fy, fz; fy is not in \[columns\]"),
+        (TABLE, MAPPING.replace("[time]", "[tiem]"), r"the top: unknown 'tiem'"),
+        (TABLE, MAPPING.replace("flange_sensor", "guess"), r"wrench_source is 'guess', expected one of"),
+        (TABLE, "[columns]\npx = 1", r"has no \[time\]"),
+        (TABLE, "columns = 3\n[time]\ncolumn = 1", r"columns is 3, expected a table"),
+        (TABLE, "[time]\ncolumn = ", "not a readable mapping file"),
+        (TABLE.replace("501;", "oops;"), MAPPING, r"line 5: column 'X' has 'oops', expected a number.*','"),
+        (TABLE.replace("90;21", ""), MAPPING, r"line 5: column 'A1' has ''"),
+        ("", MAPPING, "no rows"),
+    ],
+)
+def test_an_error_names_the_column_and_what_there_is(files, table, mapping, message):
+    with pytest.raises(RecordingError, match=message) as caught:
+        read(files, table, mapping)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mapping_is_for_files_that_do_not_say_what_is_what(files, tmp_path):
+    read(files).save(tmp_path / "ours.npz")
+    with pytest.raises(RecordingError, match="says itself what is what"):
+        load_recording(tmp_path / "ours.npz", mapping=tmp_path / "map.toml")

@@ -1,0 +1,70 @@
+"""The behaviour tree: well formed, and every node uses ports that its model declares."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+from caesura_protocol.messages import App, AppPath, ViaPoint
+from caesura_protocol.programs.behaviour_tree import PORTS, action_name, behaviour_tree
+from harness.programs import DOWN, app, as_file, pick_and_place, press
+
+
+def tree(apps: tuple[App, ...]) -> Xml.Element:
+    return Xml.fromstring(behaviour_tree(as_file(apps, "a--b")))
+
+
+@pytest.mark.parametrize("apps", [pick_and_place(), press()])
+def test_it_is_one_sequence_of_version_4_with_an_action_an_app(apps: tuple[App, ...]) -> None:
+    root = tree(apps)
+    assert root.tag == "root"
+    assert root.get("BTCPP_format") == "4"
+    (behaviour,) = root.findall("BehaviorTree")
+    assert root.get("main_tree_to_execute") == behaviour.get("ID")
+    (sequence,) = list(behaviour)
+    assert sequence.tag == "Sequence"
+    assert [node.tag for node in sequence] == [action_name(app.kind) for app in apps]
+
+
+@pytest.mark.parametrize("apps", [pick_and_place(), press()])
+def test_every_node_has_a_model_and_every_attribute_a_typed_port(apps: tuple[App, ...]) -> None:
+    root = tree(apps)
+    models = {
+        model.get("ID"): {port.get("name"): port.get("type") for port in model.findall("input_port")}
+        for model in root.findall("TreeNodesModel/Action")
+    }
+    for node in root.iterfind("BehaviorTree/Sequence/*"):
+        ports = models[node.tag]
+        for name, value in node.attrib.items():
+            if name == "name":
+                continue
+            numbers = [float(part) for part in value.split(";")]
+            assert (ports[name] == "double") == (len(numbers) == 1), (node.tag, name)
+
+
+def test_what_an_app_does_not_say_is_left_out() -> None:
+    (move, _, *_) = tree(press()).iterfind("BehaviorTree/Sequence/*")
+    assert "joints" not in move.attrib
+    assert move.attrib["target"] == "-0.02;-0.52;0.19"
+
+
+def test_every_kind_of_app_has_ports() -> None:
+    assert set(PORTS) == set(App.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
+
+
+def test_the_limit_and_the_taught_rate_of_a_turn_stand_in_the_tree() -> None:
+    half, turned = (-0.38268343, 0.92387953, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
+    start, via = (
+        ViaPoint(t=t, position=(0.3, 0.0, 0.3), orientation=q) for t, q in ((0.0, DOWN), (1.0, half))
+    )
+    path = AppPath(
+        start=start, via=(via,), tn=2.0, length_m=0.0, deviation_m=0.0, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    moving = app("cartesian_motion", 0.0, 2.0, (0.3, 0.0, 0.3), orientation=turned, path=path)
+    (node,) = tree((moving,)).iterfind("BehaviorTree/Sequence/*")
+    assert node.attrib["max_turn"] == "2.5"
+    rates = [float(one) for one in node.attrib["turning"].split(";")]
+    assert rates[:3] == [0.0, 0.0, 0.0]
+    assert rates[5] == pytest.approx(-0.785, rel=0.1)  # rad/s about the vertical, half way

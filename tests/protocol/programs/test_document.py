@@ -1,0 +1,140 @@
+"""A program as a file: written, validated, read again, and refused with the place that is wrong."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from caesura_protocol.messages import Phase, Program
+from caesura_protocol.programs.document import (
+    PRECONDITIONS,
+    UNITS,
+    BadProgramError,
+    ProgramFile,
+    document,
+    read_document,
+)
+from harness.programs import as_file, pick_and_place, press
+
+ROOT = Path(__file__).resolve().parents[3]
+SCHEMA = ROOT / "protocol/caesura_protocol/programs/schema/program.v2.json"
+
+
+def taught() -> Program:
+    return Program(
+        station="cell-1",
+        session="monday",
+        instance="service",
+        epoch=3,
+        version=7,
+        t=12.0,
+        complete=True,
+        apps=pick_and_place(),
+        notes=("Not observed: 1.00–1.20 s (samples were lost).",),
+    )
+
+
+def changed(file: ProgramFile, path: Path, **app: Any) -> Path:
+    content = json.loads(file.as_json())
+    content["apps"][1] |= app
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_a_file_says_what_it_is_where_it_comes_from_and_in_which_units() -> None:
+    content = json.loads(document(taught()).as_json())
+    assert content["format"] == "caesura.program"
+    assert content["version"] == 2
+    assert (content["station"], content["session"], content["instance"]) == ("cell-1", "monday", "service")
+    assert content["revision"] == 7
+    assert content["units"] == dict(UNITS)
+    assert content["apps"][2]["preconditions"] == list(PRECONDITIONS["transport"])
+
+
+def test_apps_are_grouped_by_phase_and_a_group_keeps_the_name_it_is_given(tmp_path: Path) -> None:
+    apps = pick_and_place()
+    edges = [apps[0].t0, apps[1].t0, apps[2].t0, apps[-1].tn]
+    phases = [
+        Phase(t0=t0, tn=tn, kind=kind, probability=0.9, certainty="final", first_segment=i, last_segment=i)
+        for i, (kind, t0, tn) in enumerate(zip(("free", "contact", "free"), edges, edges[1:], strict=False))
+    ]
+    file, path = document(taught(), phases=phases), tmp_path / "p.json"
+    assert [(one.first, one.name) for one in file.groups] == [
+        (0, "free 1"),
+        (1, "contact 1"),
+        (2, "free 2"),
+    ]
+    assert file.groups[-1].last == len(apps) - 1
+    content = json.loads(file.as_json())
+    content["groups"][1]["name"] = "pick"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    jsonschema.validate(content, json.loads(SCHEMA.read_text("utf-8")))
+    assert read_document(path).groups[1].name == "pick"
+    assert document(taught()).groups == ()
+
+
+def test_what_is_written_validates_and_reads_the_same(tmp_path: Path) -> None:
+    file, path = document(taught()), tmp_path / "p.json"
+    path.write_text(file.as_json(), encoding="utf-8")
+    jsonschema.validate(json.loads(file.as_json()), json.loads(SCHEMA.read_text("utf-8")))
+    assert read_document(path) == file
+
+
+def test_the_schema_is_that_of_the_model() -> None:
+    script = ROOT / "scripts/write_program_schema.py"
+    checked = subprocess.run([sys.executable, script, "--check"], check=False, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_a_program_from_the_wire_and_a_segmented_recording_are_read_too(tmp_path: Path) -> None:
+    wire, segmented = tmp_path / "wire.json", tmp_path / "My Recording.json"
+    wire.write_text(taught().model_dump_json(), encoding="utf-8")
+    apps = [one.model_dump(mode="json") for one in press()]
+    segmented.write_text(json.dumps({"segments": [], "program": apps}), encoding="utf-8")
+    assert read_document(wire) == document(taught())
+    assert read_document(segmented).session == "my-recording"
+    assert [one.kind for one in read_document(segmented).apps] == [one.kind for one in press()]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"kind": "dance"}, r"app 1 \(dance\): kind: .*'dance'"),
+        ({"target": [0.1, 0.2]}, r"app 1 \(apply_force\): target"),
+        ({"confidence": 1.5}, r"app 1 \(apply_force\): confidence: .*1\.5"),
+        ({"t0": "soon"}, r"app 1 \(apply_force\): t0: .*'soon'"),
+    ],
+)
+def test_an_app_that_is_none_is_named_with_its_value(
+    wrong: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(BadProgramError, match=said):
+        read_document(changed(as_file(press()), tmp_path / "p.json", **wrong))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"format": "caesura.program", "version": 3}', "{}"])
+def test_what_is_no_program_is_refused_with_its_name(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "no.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadProgramError, match=r"no\.json: "):
+        read_document(path)
+
+
+def test_what_is_not_finite_is_not_written() -> None:
+    spoilt = press()[0].model_copy(update={"target": (float("nan"), 0.0, 0.0)})
+    with pytest.raises(ValueError, match="JSON"):
+        as_file((spoilt,)).as_json()
+
+
+def test_names_in_a_file_are_names_so_that_a_script_made_of_it_is_only_the_script(tmp_path: Path) -> None:
+    content = json.loads(as_file(press()).as_json()) | {"station": '"""\nimport os\n"""'}
+    path = tmp_path / "p.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(BadProgramError, match="station"):
+        read_document(path)

@@ -1,0 +1,276 @@
+"""The script for franky: it compiles, runs against a fake of its API, and keeps to its limits."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from caesura_protocol.messages import App, AppKind, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.paths import path_in_words
+from caesura_protocol.programs import franky_script as writer
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.safety import Safety
+from harness.programs import DOWN, app, as_file, pick_and_place, press
+
+from . import fake_franky
+
+
+def module_of(program: ProgramFile) -> ModuleType:
+    module = ModuleType("made")
+    exec(compile(franky_script(program), "made.py", "exec"), module.__dict__)
+    module.__dict__["time"] = type("time", (), {"sleep": staticmethod(lambda seconds: None)})
+    return module
+
+
+def run(program: ProgramFile) -> list[tuple[str, dict[str, Any]]]:
+    fake_franky.calls.clear()
+    made = module_of(program)
+    made.Runner(fake_franky, "robot").run(made.checked(made.APPS))
+    return list(fake_franky.calls)
+
+
+def motions(calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
+    return [arguments["motion"] for name, arguments in calls if name == "move"]
+
+
+def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
+    safety = Safety(speed_m_per_s=0.25, felt_force_n=20.0)
+    made = module_of(as_file(press()).model_copy(update={"safety": safety}))
+    for name, (field, _) in writer.CONSTANTS.items():
+        assert getattr(made, name) == getattr(safety, field)
+    text = franky_script(as_file(press()))
+    assert text.index("MAX_SPEED_M_PER_S =") < text.index("APPS =") < text.index("def ")
+
+
+def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
+    calls = run(as_file(pick_and_place()))
+    names = [name for name, _ in calls if name in ("grasp", "fingers", "load")]
+    assert names == ["grasp", "load", "load", "fingers", "load"]
+    assert [a["kg"] for name, a in calls if name == "load"] == [0.25, 0.25, 0.0]
+    ends = [len(motion.reactions) for motion in motions(calls)]
+    assert ends == [
+        1,
+        0,
+        1,
+        0,
+    ]  # a contact ends the approach, and setting down; the others go to their targets
+
+
+def test_it_sets_what_the_robot_itself_watches_before_it_moves() -> None:
+    names = [name for name, _ in run(as_file(press()))]
+    assert names.index("collision") < names.index("move")
+    assert ("collision", {"torque": 20.0, "force": 30.0}) in fake_franky.calls
+
+
+def test_no_movement_is_faster_than_the_limit_however_short_it_was_taught() -> None:
+    hurried = [app.model_copy(update={"t0": 0.1 * i, "tn": 0.1 * i + 0.1}) for i, app in enumerate(press())]
+    limits = [a["value"] for name, a in run(as_file(tuple(hurried))) if name == "limit"]
+    assert max(limits) == Safety().speed_m_per_s
+    assert limits[0] == 0.1  # from wherever the robot is
+
+
+def curved(speed: float = 0.1) -> tuple[App, ...]:
+    """A press after a way around a corner."""
+    touch, *rest = press()
+    place, flat = (-0.03, -0.56, 0.3), (speed, 0.0, 0.0)
+    path = AppPath(
+        start=ViaPoint(t=0.8, position=(-0.03, -0.6, 0.33), orientation=DOWN),
+        via=(
+            ViaPoint(t=1.8, position=place, orientation=DOWN, velocity=flat),
+            ViaPoint(t=2.5, position=(-0.02, -0.52, 0.195), orientation=DOWN, velocity=flat),
+        ),
+        tn=2.6, length_m=0.2, deviation_m=0.001, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    return touch.model_copy(update={"path": path}), *rest
+
+
+def test_a_path_is_followed_by_its_via_points_with_their_velocities_and_times() -> None:
+    calls = motions(run(as_file(curved())))
+    assert calls[0].target.translation.tolist() == [-0.03, -0.6, 0.33]  # to its start, slowly
+    first, last = calls[1].waypoints  # what lies within the stand-off before a contact is left out
+    assert first.target.pose.translation.tolist() == [-0.03, -0.56, 0.3]
+    assert first.target.velocity.linear.tolist() == [0.1, 0.0, 0.0]
+    assert (first.minimum_time.milliseconds, last.minimum_time.milliseconds) == (1000, 800)
+    assert last.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert len(calls[1].reactions) == 1
+
+
+def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> None:
+    (first, _) = motions(run(as_file(curved(speed=0.96))))[1].waypoints
+    assert first.target.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
+    assert first.minimum_time.milliseconds == 2000
+
+
+def turning(seconds: float, *, by_path: bool) -> ProgramFile:
+    """A turn by 90° in place, after a movement."""
+    first, turned = press()[2], (0.0, 1.0, 0.0, 0.0)
+    moving = app("cartesian_motion", first.tn, first.tn + seconds, first.target, orientation=turned)
+    half = Rotation.from_quat([DOWN, turned]).mean().as_quat().tolist()
+    path = AppPath(
+        start=ViaPoint(t=moving.t0, position=first.target, orientation=DOWN),
+        via=(ViaPoint(t=moving.t0 + 0.5 * seconds, position=first.target, orientation=half),),
+        tn=moving.tn, length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    return as_file((first, moving.model_copy(update={"path": path}) if by_path else moving))
+
+
+def test_a_turn_is_passed_through_its_via_points_at_the_taught_rate_and_time() -> None:
+    calls = run(turning(2.0, by_path=True))
+    half, end = motions(calls)[-1].waypoints
+    assert half.minimum_time.milliseconds == end.minimum_time.milliseconds == 1000
+    assert np.linalg.norm(half.target.velocity.angular) == pytest.approx(math.pi / 4, rel=0.1)
+    assert half.target.velocity.angular[2] == pytest.approx(-math.pi / 4, rel=0.1)
+    assert end.target.velocity.angular.tolist() == [0.0, 0.0, 0.0]
+    assert [a["value"] for name, a in calls if name == "turn"][-1] < 1.6  # rad/s; mean 0.8
+
+
+def test_a_turn_is_named_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    program = turning(2.0, by_path=True)
+    made = module_of(program)
+    made.say(1, made.APPS[1])
+    assert "turns 90 degrees  by 1 via points" in capsys.readouterr().out
+    assert path_in_words(program.apps[1]) == "0 mm, 90°, 1 via"
+
+
+@pytest.mark.parametrize("by_path", [True, False])
+def test_no_turn_is_faster_than_the_limit_however_short_it_was_taught(by_path: bool) -> None:
+    program = turning(0.4, by_path=by_path)
+    slow = program.model_copy(update={"safety": Safety(turn_rad_per_s=1.0)})
+    calls = run(slow)
+    assert [a["value"] for name, a in calls if name == "turn"][-1] == 1.0
+    if by_path:
+        half, end = motions(calls)[-1].waypoints
+        seconds = (half.minimum_time.milliseconds + end.minimum_time.milliseconds) / 1000
+        assert seconds > math.pi / 2  # at 1 rad/s
+        assert np.linalg.norm(half.target.velocity.angular) <= 1.0
+
+
+def test_a_press_that_turns_is_slowed_to_the_limit() -> None:
+    program = turning(0.4, by_path=True)
+    touch, pressed, _ = press()
+    path = program.apps[1].path.model_copy(update={"tn": program.apps[1].tn})
+    turned = program.apps[1].model_copy(update={"kind": "apply_force", "force": pressed.force, "path": path})
+    slow = as_file((touch, turned)).model_copy(update={"safety": Safety(turn_rad_per_s=1.0)})
+    tracked = next(
+        m for m in motions(run(slow)) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion)
+    )
+    poses = Rotation.from_quat([one.target.quaternion for one in tracked.references[1:]])
+    assert (poses[1:] * poses[:-1].inv()).magnitude().max() <= 1.0 * 0.02 + 1e-6  # rad a period
+
+
+@pytest.mark.parametrize("kind", ["cartesian_motion", "apply_force"])
+@pytest.mark.parametrize(("felt_nm", "tight"), [(1.4, False), (1.6, True), (-1.6, True)])
+def test_a_turn_ends_where_it_is_tight(
+    monkeypatch: pytest.MonkeyPatch, kind: AppKind, felt_nm: float, tight: bool
+) -> None:
+    first, turned = turning(2.0, by_path=True).apps
+    screw = ScrewMotion(
+        axis=(0, 0, 1), point=(0, 0, 0), angle=1.6, pitch_m=0.001, pitch_sd_m=0.0, torque=(0.0, 0.0, 1.0)
+    )
+    app = turned.model_copy(update={"kind": kind, "screw": screw, "force": (0.0, 0.0, -5.0)})
+    made = module_of(as_file((first, app)))
+    assert made.APPS[1]["tight"][2] == 1.5  # of 1 Nm taught
+    runner = made.Runner(fake_franky, "robot")
+    monkeypatch.setattr(fake_franky, "torque_nm", [felt_nm])
+    joins = iter([False] * 200)
+    monkeypatch.setattr(fake_franky.Robot, "join_motion", lambda self, timeout=None: next(joins, True))
+    fake_franky.calls.clear()
+    runner.moved = True
+    try:
+        getattr(runner, kind)(made.APPS[1], None)
+    finally:
+        polls = 200 - len(list(joins))
+    assert polls == 1 if tight else polls > 50
+    ended = isinstance(motions(fake_franky.calls)[-1], fake_franky.CartesianStopMotion)
+    assert ended == (tight and kind == "cartesian_motion")
+
+
+def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
+    apps = list(curved())
+    path = AppPath(
+        start=ViaPoint(t=2.6, position=(0.0, 0.0, 0.2), orientation=DOWN), tn=4.2,
+        length_m=0.1, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    apps[1] = apps[1].model_copy(update={"path": path, "target": (0.1, 0.0, 0.19)})
+    calls = motions(run(as_file(tuple(apps))))
+    pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    begin = fake_franky.RobotPose.end_effector_pose.translation
+    assert pressed.references[-1].target.translation[0] - begin[0] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_press_that_turns_follows_its_orientation() -> None:
+    apps, turned = list(curved()), (0.0, 1.0, 0.0, 0.0)
+    path = AppPath(
+        start=ViaPoint(t=2.6, position=(-0.02, -0.52, 0.19), orientation=DOWN), tn=4.2,
+        length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    apps[1] = apps[1].model_copy(update={"path": path, "target": (-0.02, -0.52, 0.19), "orientation": turned})
+    calls = motions(run(as_file(tuple(apps))))
+    pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    followed = [reference.target.quaternion for reference in pressed.references[1:]]
+    assert list(followed[0]) == pytest.approx(DOWN, abs=1e-3)
+    assert list(followed[-1]) == pytest.approx(turned, abs=1e-3)
+    assert all(sum(x * x for x in quaternion) == pytest.approx(1.0) for quaternion in followed)
+
+
+def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> None:
+    calls = run(as_file(press()))
+    pressed = next(m for m in motions(calls) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    begin = fake_franky.RobotPose.end_effector_pose.translation
+    offsets = [float(begin[2] - one.target.translation[2]) for one in pressed.references]
+    assert 0.0 < max(offsets) <= 0.05
+    assert max(offsets) * pressed.stiffness < Safety().felt_force_n
+    assert isinstance(pressed.reactions[0].motion, fake_franky.TorqueStopMotion)
+    assert isinstance(motions(calls)[-2], fake_franky.TorqueStopMotion)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"target": (0.0, -0.9, 0.2)}, "workspace"),
+        ({"force": (0.0, 0.0, -40.0)}, "force 40.0 N"),
+        ({"load_kg": 5.0}, "load 5.0 kg"),
+    ],
+)
+def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[str, Any], said: str) -> None:
+    first, *rest = press()
+    made = module_of(as_file((first, rest[0].model_copy(update=wrong))))
+    with pytest.raises(made.Stop, match=rf"app 1 \(apply_force\): .*{said}"):
+        made.checked(made.APPS)
+
+
+def test_without_a_contact_it_stops_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fake_franky.Robot, "move", lambda self, motion, asynchronous=False: None)
+    fake_franky.felt_n[0] = 0.0
+    made = module_of(as_file(press()))
+    with pytest.raises(made.Stop, match="no contact"):
+        made.Runner(fake_franky, "robot").run(made.APPS)
+
+
+def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
+    script = tmp_path / "made.py"
+    script.write_text(franky_script(as_file(pick_and_place())), encoding="utf-8")
+    done = subprocess.run([sys.executable, script, "--dry-run"], check=True, capture_output=True, text=True)
+    assert [line.split()[1] for line in done.stdout.splitlines()] == [one.kind for one in pick_and_place()]
+    refused = subprocess.run([sys.executable, script], check=False, capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "--robot" in refused.stderr
+
+
+def test_the_fake_has_the_names_of_franky_itself() -> None:
+    franky = pytest.importorskip("franky", reason="franky-control is not installed")
+    for name, made in inspect.getmembers(fake_franky, inspect.isclass):
+        if made.__module__ == fake_franky.__name__ and not name.startswith("_"):
+            real = getattr(franky, name)
+            own = {n for n in vars(made) if not n.startswith("_")}
+            assert own <= set(dir(real)), name

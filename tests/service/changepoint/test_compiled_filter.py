@@ -1,0 +1,268 @@
+"""The compiled filter against the reference: every model, every preset, streams of anything, to 1e-9."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from caesura_service.changepoint import evidence
+from caesura_service.changepoint.compiled_filter import CompiledFilter, can_compile
+from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.guided_motion import GuidedMotion
+from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
+from caesura_service.changepoint.kernels.elementary import (
+    exp_of_negative,
+    log,
+    log_sum_exp,
+    share_missing,
+    shares_of,
+)
+from caesura_service.changepoint.kernels.layout import BLOCK
+from caesura_service.changepoint.models import ChannelModel, Choice, Noise, Observed
+from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.profile_model import Profiled, Target
+from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk
+from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.segments import stretches
+from service.changepoint.catalogue import EVERYTHING, Whole, observations
+from service.streams import pieces
+
+HAZARD = Geometric(8.0)
+MODELS = [pytest.param(model, id=name) for name, model in EVERYTHING.items() if not isinstance(model, Whole)]
+Stream = Iterable[tuple[Observed, bool]]
+
+
+def alone(model: ChannelModel) -> Lattice:
+    return Lattice({"it": model}, (Kind("motion", "motion", "free", ("it",)),))
+
+
+def assert_close(ours: np.ndarray, theirs: np.ndarray, rtol: float = 0.0, what: str = "") -> None:
+    """As numpy's, which takes ten times as long, and is asked what differs where something does."""
+    with np.errstate(invalid="ignore"):
+        near = np.abs(ours - theirs) <= 1e-9 + rtol * np.abs(theirs)
+    if ours.shape != theirs.shape or not (near | (ours == theirs)).all():
+        np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-9, err_msg=what)
+
+
+def assert_agree(compiled: CompiledFilter, reference: OnlineFilter) -> None:
+    assert compiled.starts.tolist() == reference.starts.tolist()
+    assert (compiled.count, compiled.root, compiled.capped) == (
+        reference.count,
+        reference.root,
+        reference.capped,
+    )
+    for name in ("log_joint", "log_evidence", "kind_log_evidence"):
+        assert_close(getattr(compiled, name), getattr(reference, name), 1e-11, name)
+    assert_close(compiled.posterior, reference.posterior, 1e-7, "posterior")
+    assert_close(compiled.smoothed, reference.smoothed, 1e-7, "smoothed")
+    for ours, theirs in ((compiled.map_path(), reference.map_path()), (compiled.final, reference.final)):
+        assert [segment.start for segment in ours] == [segment.start for segment in theirs]
+        for one, other in zip(ours, theirs, strict=True):
+            assert_close(one.kind_log_evidence, other.kind_log_evidence, 1e-11, "kind_log_evidence")
+
+
+def follow(
+    lattice: Lattice, stream: Stream, parameters: FilterParameters, hazard: Hazard = HAZARD
+) -> CompiledFilter:
+    """Both filters over a stream, compared after every observation."""
+    compiled = CompiledFilter(lattice, hazard, parameters)
+    reference = OnlineFilter(lattice, hazard, parameters)
+    for observed, boundary in stream:
+        compiled.step(observed, boundary=boundary)
+        reference.step(observed, boundary=boundary)
+        assert_agree(compiled, reference)
+    assert stretches(compiled)[0].end == stretches(reference)[0].end
+    return compiled
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model(model: ChannelModel) -> None:
+    stream = [(observed, i == 20) for i, observed in enumerate(observations(40))]
+    follow(alone(model), stream, FilterParameters(window=12))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize(
+    ("parameters", "count"),
+    [
+        (FilterParameters(), 100),
+        (FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0), 60),
+        (FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2), 160),
+    ],
+    ids=["as is", "unpruned", "tight"],
+)
+def test_every_preset(name: str, parameters: FilterParameters, count: int) -> None:
+    rng = np.random.default_rng(1)
+    lattice = PRESETS[name].lattice(orientation=True, torque=True)
+    follow(lattice, pieces(rng, count), parameters, PRESETS[name].hazard)
+
+
+@given(st.integers(0, 2**32 - 1))
+@example(3744)  # turns far from the origin of the base frame
+@settings(max_examples=12, deadline=None)
+def test_any_stream(seed: int) -> None:
+    lattice = PRESETS["default"].lattice(orientation=seed % 2 == 0)
+    follow(lattice, pieces(np.random.default_rng(seed), 90), FilterParameters())
+
+
+@pytest.mark.parametrize("hazard", [Uniform(30), NegativeBinomial(8.0), Refractory(8.0, 2)], ids=repr)
+def test_every_hazard(hazard: Hazard) -> None:
+    follow(PRESETS["force"].lattice(), pieces(np.random.default_rng(3), 60), FilterParameters(), hazard)
+
+
+def test_a_segment_longer_than_the_tables_and_no_node_too_many() -> None:
+    still = [(Observed(np.zeros(3), np.zeros(3)), False)] * 700
+    compiled = follow(PRESETS["default"].lattice(), still, FilterParameters(window=10))
+    assert compiled.root == 0
+    groups = len(compiled.lattice.log_transition)
+    assert compiled._state.counters["nodes"][0] <= groups * (compiled.starts.size + 2)
+
+
+SHORT = ProfileLibrary([minimum_jerk(0.3), minimum_jerk(0.6)], 0.1, 0.6, 0.3)
+
+
+@pytest.mark.parametrize("joint", [True, False])
+@pytest.mark.parametrize("target", [None, Target(4.0, 0.5)])
+def test_a_segment_that_goes_on_long_after_every_profile_rests(joint: bool, target: Target | None) -> None:
+    noise = Noise(4.0, 0.01, shares=(0.05, 0.3), joint=joint, correlation=0.6)
+    model = Profiled("position", SHORT, noise, origin="previous", target=target)
+    stream = [(observed, False) for observed in observations(150)]
+    unpruned = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=200, window=10, certain=1.0)
+    lasting = follow(alone(model), stream, unpruned)
+    assert SHORT.last_row(10**6) < 100 < lasting.count - lasting.starts[0]
+
+
+@pytest.mark.parametrize("choice", get_args(Choice))
+@pytest.mark.parametrize("shares", [(0.0,), (0.05, 0.3)])
+@pytest.mark.parametrize("joint", [True, False])
+def test_more_profiles_than_are_worked_on_at_once(
+    choice: Choice, shares: tuple[float, ...], joint: bool
+) -> None:
+    many = ProfileLibrary([minimum_jerk(0.3 + 0.02 * i) for i in range(BLOCK + 3)], 0.1, 0.6)
+    noise = Noise(4.0, 0.01, shares=shares, joint=joint, correlation=0.6)
+    stream = [(observed, False) for observed in observations(40)]
+    follow(alone(Profiled("position", many, noise, choice)), stream, FilterParameters(window=10))
+
+
+def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
+    lattice, parameters = PRESETS["default"].lattice(), FilterParameters(certain=1.0)
+    compiled = CompiledFilter(lattice, HAZARD, parameters)
+    reference = OnlineFilter(lattice, HAZARD, parameters)
+    for i, (observed, _) in enumerate(pieces(np.random.default_rng(5), 120)):
+        for one in (compiled, reference):
+            one.step(observed)
+            if i % 15 == 14 and len(one.map_path()) > 1:
+                one.condition(one.map_path()[1].start)
+        assert_agree(compiled, reference)
+        starts = [segment.start for segment in reference.final]
+        for start in starts:
+            assert compiled.event_probability(start) == pytest.approx(
+                reference.event_probability(start), abs=1e-9
+            )
+
+
+@pytest.mark.parametrize("name", ["default", "integrated"])
+def test_what_is_known_of_starts(name: str) -> None:
+    rng = np.random.default_rng(6)
+    lattice, parameters = PRESETS[name].lattice(), FilterParameters(window=20)
+    compiled = CompiledFilter(lattice, HAZARD, parameters)
+    reference = OnlineFilter(lattice, HAZARD, parameters)
+    for observed, boundary in pieces(rng, 200):
+        known = rng.choice([None, None, None, True, False, False])
+        for one in (compiled, reference):
+            one.step(observed, boundary=boundary, changepoint=known)
+        assert_agree(compiled, reference)
+
+
+def test_the_same_observations_give_the_same_bits_whatever_else_is_going_on() -> None:
+    stream = list(pieces(np.random.default_rng(7), 80))
+    other = list(pieces(np.random.default_rng(8), 80))
+    lattice = PRESETS["default"].lattice()
+    first, second, between = (CompiledFilter(lattice, HAZARD) for _ in range(3))
+    for observed, boundary in stream:
+        first.step(observed, boundary=boundary)
+    for (observed, boundary), (disturbing, _) in zip(stream, other, strict=True):
+        second.step(observed, boundary=boundary)
+        between.step(disturbing)
+    assert first.log_joint.tobytes() == second.log_joint.tobytes()
+    assert first.smoothed.tobytes() == second.smoothed.tobytes()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("channel", ["position", "force"])
+def test_what_is_not_finite_is_refused_and_changes_nothing(value: float, channel: str) -> None:
+    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
+    good = Observed(np.zeros(3), np.zeros(3))
+    compiled.step(good)
+    with pytest.raises(ValueError, match=f"observation 1: {channel} is"):
+        compiled.step(good._replace(**{channel: np.array([0.0, value, 0.0])}))
+    assert compiled.count == 1
+
+
+def test_values_so_large_that_their_sum_overflows_are_finite_all_the_same() -> None:
+    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
+    compiled.step(Observed(np.full(3, 1e308), np.zeros(3)))
+    assert compiled.count == 1
+
+
+@pytest.mark.parametrize("start", [0, 9, 10])
+def test_a_start_that_cannot_be_taken_for_certain(start: int) -> None:
+    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
+    for observed, _ in pieces(np.random.default_rng(0), 9):
+        compiled.step(observed)
+    with pytest.raises(ValueError, match=f"start is {start}, expected 1 to 8"):
+        compiled.condition(start)
+
+
+class Own(Walk):
+    """A third party's model, though it looks like one of ours."""
+
+
+def test_what_has_no_compiled_twin_gets_the_reference() -> None:
+    lattice = alone(Own("position", 1.0))
+    assert not can_compile(lattice)
+    assert isinstance(filter_for(lattice, HAZARD, FilterParameters()), OnlineFilter)
+    with pytest.raises(ValueError, match="no compiled twin for one of"):
+        CompiledFilter(lattice, HAZARD)
+
+
+def test_more_shares_than_there_is_room_for_have_no_compiled_twin() -> None:
+    moving = PRESETS["strokes"].lattice().channels["moving"]
+    assert isinstance(moving, Profiled)
+    crowded: Noise = replace(moving.noise, shares=(0.1, 0.2, 0.3, 0.4, 0.5))
+    assert not can_compile(alone(replace(moving, noise=crowded)))
+    guided = PRESETS["default"].lattice().channels["moving"]
+    assert isinstance(guided, GuidedMotion)
+    assert not can_compile(alone(replace(guided, scales=(0.25, 0.5, 1.0, 2.0, 4.0))))
+
+
+def test_presets_are_compiled() -> None:
+    assert all(isinstance(preset.online(), CompiledFilter) for preset in PRESETS.values())
+
+
+def test_logarithm_and_exponential() -> None:
+    rng = np.random.default_rng(0)
+    for x in np.exp(np.concatenate([rng.uniform(-600, 600, 2000), rng.uniform(-1e-6, 1e-6, 2000)])):
+        assert log(x) == pytest.approx(math.log(x), rel=5e-16, abs=1e-300)
+    for x in np.concatenate([-rng.exponential(50.0, 2000), -rng.exponential(1e-9, 200), [0.0, -700.0]]):
+        assert exp_of_negative(x) == pytest.approx(math.exp(x), rel=5e-16, abs=1e-305)
+        assert share_missing(-x) == pytest.approx(-math.expm1(x), rel=5e-16, abs=0.0)
+    assert exp_of_negative(-math.inf) == exp_of_negative(-701.0) == 0.0
+
+
+def test_log_sum_exp_and_its_shares() -> None:
+    for values in (np.full(3, -math.inf), np.array([0.0, -math.inf, 0.0]), np.linspace(-800.0, 5.0, 21)):
+        total, shares = log_sum_exp(values, values.size), values.copy()
+        assert total == pytest.approx(evidence.log_sum_exp(values), abs=1e-14)
+        assert shares_of(shares, shares.size) == total
+        np.testing.assert_allclose(shares, np.exp(values - total) if total > -math.inf else 0.0, atol=1e-15)

@@ -1,0 +1,70 @@
+"""What a surface does to whoever slides along it, by where the force points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.models import Observed
+
+LEAST_N, PACE_M = 3.0, 0.0005
+FRICTION = Friction(LEAST_N, PACE_M)
+STEP = np.array([0.01, 0.0, 0.0])  # [m] along x, on a surface whose normal is z
+PRESS_N = 12.0
+
+force = st.lists(st.floats(-40.0, 40.0), min_size=3, max_size=3).map(np.array)
+step = st.lists(st.floats(-0.03, 0.03), min_size=3, max_size=3).map(np.array)
+
+
+def weight(normal_n: float, along_n: float, step_m: np.ndarray = STEP) -> float:
+    return FRICTION.log_weight(np.array([along_n, 0.0, normal_n]), step_m)
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 0.25, 0.9])
+def test_a_surface_that_holds_a_sliding_hand_back_takes_nothing_away(coefficient: float) -> None:
+    assert weight(PRESS_N, -coefficient * PRESS_N) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("what", "normal_n", "along_n"),
+    [
+        ("a spring drives the hand out", 0.0, PRESS_N),
+        ("the hand pushes in what gives way", 0.0, -PRESS_N),
+        ("something drives it along a surface", PRESS_N, PRESS_N),
+        ("more friction than any surface has", PRESS_N / 3.0, -PRESS_N),
+        ("nothing is touched", 0.0, 0.0),
+    ],
+)
+def test_what_no_surface_does_to_a_sliding_hand_is_no_sliding(
+    what: str, normal_n: float, along_n: float
+) -> None:
+    assert weight(normal_n, along_n) < -3.0, what
+
+
+def test_a_hand_that_stands_tells_no_direction() -> None:
+    still = np.array([0.01 * PACE_M, 0.0, 0.0])
+    assert weight(PRESS_N, PRESS_N, still) == pytest.approx(0.0, abs=0.01)
+
+
+@given(force=force, step=step, turn=st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
+def test_it_is_a_weight_of_at_most_1_that_turns_with_the_base_frame(
+    force: np.ndarray, step: np.ndarray, turn: list[float]
+) -> None:
+    told, turned = FRICTION.log_weight(force, step), Rotation.from_rotvec(turn)
+    assert told <= 0.0
+    assert FRICTION.log_weight(turned.apply(force), turned.apply(step)) == pytest.approx(
+        told, rel=1e-6, abs=1e-6
+    )
+
+
+def test_a_segment_is_weighed_by_each_of_its_samples() -> None:
+    forces = [np.array([-1.0, 0.5, 4.0]), np.array([2.0, 0.0, 3.0]), np.array([-3.0, 0.0, 1.0])]
+    rows = FRICTION.empty()
+    for i, one in enumerate(forces):
+        rows = FRICTION.extend(rows, Observed(i * STEP, one))
+    each = [FRICTION.log_weight(forces[0], np.zeros(3)), *(FRICTION.log_weight(f, STEP) for f in forces[1:])]
+    np.testing.assert_allclose(FRICTION.log_evidence(rows), np.cumsum(each[::-1])[::-1])

@@ -1,0 +1,120 @@
+"""Guided motion and corners: what a movement may do, and where one ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_t
+
+from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.default import SLOW, guided_motion
+from caesura_service.changepoint.guided_motion import GuidedMotion
+from caesura_service.changepoint.models import Observed
+
+CORNER = CornerStart(gamma=30.0, pace=SLOW)
+STEP_M = 0.01
+
+
+def observed(path: np.ndarray) -> list[Observed]:
+    return [Observed(position, np.zeros(3)) for position in path]
+
+
+def bent(turn_deg: float, dip: float, *, reach: int = 6) -> np.ndarray:
+    """A path at STEP_M a step that turns in one place, where its speed is this share of that; (n, 3) [m]."""
+    ahead = np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg)), 0.0])
+    sizes = [*[1.0] * reach, dip, *[1.0] * reach]
+    steps = [s * STEP_M * (np.array([1.0, 0.0, 0.0]) if i <= reach else ahead) for i, s in enumerate(sizes)]
+    return np.cumsum([np.zeros(3), *steps], axis=0)
+
+
+def weight_at(path: np.ndarray, start: int) -> float:
+    return float(CORNER.log_evidence(rows_after(CORNER, observed(path)))[start])
+
+
+def test_evidence_of_one_scale_is_a_product_of_student_t_predictives() -> None:
+    """Multivariate Student t with the degrees of freedom and scale that the values so far leave, by scipy."""
+    model = GuidedMotion(0.8, floor=0.002, share=0.3, burst=0.004, burst_steps=2, nu0=6.0, scales=(1.5,))
+    rng = np.random.default_rng(3)
+    path = np.cumsum(rng.normal(0.0, 0.004, (9, 3)), axis=0)
+    rows = rows_after(model, observed(path))
+    expected, nu, squares = 0.0, model.nu0, 0.0
+    steps = np.diff(path, axis=0)
+    for n, step in enumerate(steps):  # the hypothesis that starts at observation 1
+        before, earlier = (steps[n - k] if n >= k else np.zeros(3) for k in (1, 2))
+        mean = 2.0 * 0.8 * before - 0.8**2 * earlier
+        scale2 = 0.002**2 + 0.3**2 * before @ before + (0.004**2 if n < 2 else 0.0)
+        spread = scale2 * (model.nu0 * 1.5**2 + squares) / nu
+        expected += multivariate_t(mean, spread * np.eye(3), df=nu).logpdf(step)
+        squares += float((step - mean) @ (step - mean)) / scale2
+        nu += 3.0
+    assert model.log_evidence(rows)[1] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [[0.3, -1.0, 2.0], [3.0, 0.0, 0.1]])
+def test_both_turn_with_the_base_frame_and_go_along_with_its_origin(turn: list[float]) -> None:
+    path = bent(80.0, 0.3) + np.random.default_rng(0).normal(0.0, 2e-4, (14, 3))
+    moved = Rotation.from_rotvec(turn).apply(path) + np.array([0.4, -0.2, 0.3])
+    for model in (guided_motion(), CORNER):
+        one, other = (model.log_evidence(rows_after(model, observed(p))) for p in (path, moved))
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
+
+
+def test_an_arc_is_one_movement_rather_than_two() -> None:
+    """A circle of 10 cm at a steady 0.1 m/s: what a library of strokes would cut."""
+    angle = np.concatenate([np.linspace(0.0, 0.15, 4), 0.15 + 0.1 * np.arange(1, 60)])
+    circle = 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    model = guided_motion()
+    rows = rows_after(model, observed(circle[:30]))
+    first_half = model.log_evidence(rows)[1]
+    both = model.log_evidence(rows_after(model, observed(circle)))
+    assert both[1] > first_half + both[30]
+
+
+def test_a_turn_at_a_dip_starts_a_movement() -> None:
+    assert weight_at(bent(100.0, 0.2), 7) > 25.0
+
+
+@pytest.mark.parametrize(
+    ("what", "turn", "dip"), [("a dip alone", 0.0, 0.2), ("a turn alone", 100.0, 1.0), ("neither", 0.0, 1.0)]
+)
+def test_what_only_turns_or_only_slows_down_is_a_via_point(what: str, turn: float, dip: float) -> None:
+    assert weight_at(bent(turn, dip), 7) < 2.0, what
+
+
+def test_at_the_rules_own_limits_a_corner_has_half_of_half_its_weight() -> None:
+    assert weight_at(bent(45.0, 0.6), 7) == pytest.approx(0.25 * CORNER.gamma, rel=0.35)
+
+
+def test_a_corner_at_standstill_weighs_what_any_start_costs() -> None:
+    """The lesser weight at standstill, the whole one in flight: a corner takes no rest's place."""
+    corner = replace(CORNER, standing=10.0, fast=0.5 * STEP_M)
+    for dip, gamma in ((0.0, 10.0), (0.25, 10.0 + 20.0 * 0.25), (0.5, 30.0)):
+        rows = rows_after(corner, observed(bent(120.0, dip)))
+        whole = weight_at(bent(120.0, dip), 7) / CORNER.gamma
+        assert corner.log_evidence(rows)[7] == pytest.approx(gamma * whole, abs=1e-9)
+
+
+def test_a_movement_that_pauses_is_weighed_by_how_little_it_gets_away() -> None:
+    """The weight is that of the way of three steps, and only where a segment has had three of its own."""
+    model = replace(guided_motion(), pace=0.0)
+    path = np.cumsum(np.full((9, 3), 0.0005), axis=0)
+    with_weights, without = (
+        m.log_evidence(rows_after(m, observed(path))) for m in (model, replace(model, away=0.0))
+    )
+    each = np.log(-np.expm1(-0.5 * 3 * 0.0015**2 / model.away**2))
+    np.testing.assert_allclose(with_weights - without, each * np.maximum(np.arange(6, -3, -1), 0), atol=1e-9)
+
+
+def test_a_hand_at_rest_has_no_corners() -> None:
+    tremor = np.random.default_rng(1).normal(0.0, 1e-4, (30, 3))
+    weights = CORNER.log_evidence(rows_after(CORNER, observed(tremor)))
+    assert (weights == 0.0).all()
+
+
+def test_the_youngest_hypotheses_have_no_corner_yet() -> None:
+    weights = CORNER.log_evidence(rows_after(CORNER, observed(bent(100.0, 0.2)[:10])))
+    assert (weights[-CORNER.chord :] == 0.0).all()

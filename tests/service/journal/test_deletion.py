@@ -1,0 +1,176 @@
+"""Sessions that are dropped: unknown at once, gone by and by, and nobody waits for that."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
+from caesura_service.journal.deletion import NEXT, PORTION, drop_some, hide
+from caesura_service.journal.sqlite import PATIENCE
+from harness.processes import eventually
+from harness.sessions import NAME, STATION, batch
+from service.journal.test_sqlite import grow_no_more
+
+COUNT = 3 * PORTION
+KEY = (STATION, NAME)
+DEADLINE_S = 30.0
+
+
+def record(seq: int, session: str = NAME) -> Record:
+    return Record(STATION, session, float(seq), batch(seq, session))
+
+
+def taught(journal: SqliteJournal, count: int = COUNT, session: str = NAME) -> None:
+    for seq in range(count):
+        journal.append(record(seq, session))
+    journal.commit()
+
+
+def failing(*_: object) -> None:
+    raise sqlite3.OperationalError("database is locked")
+
+
+def count(path: Path, table: str) -> int:
+    with closing(sqlite3.connect(path)) as reader:
+        (found,) = reader.execute(f"SELECT count(*) FROM {table}").fetchone()
+    return int(found)
+
+
+def test_a_session_is_unknown_at_once_and_its_records_go_by_and_by(path):
+    with SqliteJournal(path) as journal:
+        taught(journal)
+        taught(journal, 2, "other")
+        journal.forget(*KEY)
+        assert journal.sessions() == ((STATION, "other"),)
+        assert [copy.session for copy in journal.copies()] == ["other"]
+        assert [copy.session for copy in journal.copies(STATION)] == ["other"]
+        assert [*journal.replay(*KEY)] == []
+        assert set(journal.tidy(0.0)) == set()
+        eventually(lambda: (count(path, "records"), count(path, "sessions")) == (2, 1), DEADLINE_S)
+
+
+def test_a_full_journal_makes_room_by_what_it_drops(path):
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        taught(journal)
+        journal.append(record(0, "new"), now=True)
+        grow_no_more(journal)
+        with pytest.raises(JournalError, match="full"):
+            taught(journal, COUNT, "new")
+        waiting = journal.report().waiting
+        assert waiting > 0
+        journal.forget(*KEY)
+        eventually(lambda: journal.report().trouble is None, DEADLINE_S)
+        journal.append(record(COUNT, "new"), now=True)
+        kept = [one.message.seq for one in journal.replay(STATION, "new")]
+        eventually(lambda: count(path, "sessions") == 1, DEADLINE_S)
+    assert kept == sorted(set(kept))
+    assert kept[-1] == COUNT
+
+
+def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
+    with SqliteJournal(path, JournalSettings(commit_s=3600.0)) as journal:
+        journal.append(record(0))
+        journal.append(record(0, "other"))
+        with monkeypatch.context() as patch:
+            patch.setattr(journal, "_write", failing)
+            journal.forget(*KEY)
+        assert journal.sessions() == ((STATION, "other"),)
+
+
+def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
+    refusals = [True] * 3  # more than there are reasons to look
+
+    def drop(database: sqlite3.Connection) -> bool:
+        if database.execute(NEXT).fetchone() and refusals:
+            refusals.pop()
+            failing()
+        return drop_some(database)
+
+    monkeypatch.setattr("caesura_service.journal.sqlite.RETRY_S", 0.01)
+    monkeypatch.setattr("caesura_service.journal.sqlite.drop_some", drop)
+    with SqliteJournal(path) as journal:
+        taught(journal, 5)
+        journal.forget(*KEY)
+        eventually(lambda: count(path, "records") == 0, DEADLINE_S)
+
+
+def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, monkeypatch):
+    with SqliteJournal(path, JournalSettings(age_s=100.0)) as journal:
+        journal.append(record(0, "old"), now=True)
+        journal.append(record(900, "theirs"), now=True)
+        journal.tidy(10.0)
+        with closing(sqlite3.connect(path, isolation_level=None)) as other:
+            hide(other, (STATION, "theirs"))
+        with monkeypatch.context() as patch:
+            patch.setattr("caesura_service.journal.sqlite.hide", failing)
+            assert set(journal.tidy(950.0)) == {(STATION, "theirs")}
+        assert set(journal.tidy(950.0)) == {(STATION, "old")}
+
+
+def test_a_portion_is_all_that_anybody_waits_for(path):
+    with SqliteJournal(path) as journal:
+        taught(journal)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        hide(database, KEY)
+        left = []
+        while drop_some(database):
+            left.append(count(path, "records"))
+    assert left == [2 * PORTION, PORTION, 0, 0]
+    assert count(path, "sessions") == 0
+
+
+def test_the_name_may_be_taken_again_before_everything_is_gone(path):
+    with SqliteJournal(path) as journal:
+        taught(journal)
+        journal.forget(*KEY)
+        taught(journal, 5)
+        eventually(lambda: count(path, "sessions") == 1, DEADLINE_S)
+        assert [kept.message.seq for kept in journal.replay(*KEY)] == [0, 1, 2, 3, 4]
+
+
+def test_what_a_killed_process_began_to_drop_is_dropped_by_the_next(path):
+    with SqliteJournal(path) as journal:
+        taught(journal)
+    with closing(sqlite3.connect(path)) as database, database:
+        hide(database, KEY)
+    with SqliteJournal(path) as journal:
+        assert journal.sessions() == ()
+        eventually(lambda: count(path, "records") == 0, DEADLINE_S)
+
+
+def test_whoever_deletes_while_no_service_runs_leaves_nothing(path):
+    with SqliteJournal(path) as journal:
+        taught(journal)
+    with SqliteJournal(path, alone=False) as journal:
+        journal.forget(*KEY)
+    assert (count(path, "records"), count(path, "sessions")) == (0, 0)
+
+
+def test_a_look_does_not_wait_for_what_is_being_written_but_now_and_then(path):
+    """Once a second every station waited for the disk."""
+    with SqliteJournal(path, JournalSettings(commit_s=3600.0)) as journal:
+        taught(journal, 1)
+        assert journal.tidy(0.0) == {}
+        with SqliteJournal(path, alone=False) as other:
+            other.forget(*KEY)
+        writes, over = threading.Event(), threading.Event()
+
+        def write() -> None:
+            with journal._writing:
+                writes.set()
+                over.wait(DEADLINE_S)
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        assert writes.wait(DEADLINE_S)
+        for second in range(PATIENCE - 1):
+            assert journal.tidy(float(second)) == {}
+            assert writer.is_alive()
+        threading.Timer(0.0, over.set).start()
+        assert journal.tidy(100.0) == {KEY: "deleted by another process"}
+        writer.join()

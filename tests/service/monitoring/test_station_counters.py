@@ -1,0 +1,239 @@
+"""What a watched registry counts and tells, against the fake pipeline."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Heartbeat, Open, SessionStatus
+from caesura_service.journal import MemoryJournal
+from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.log_throttle import MAX_KEYS, Quiet
+from caesura_service.monitoring.registry_calls import Change
+from caesura_service.monitoring.station_counters import BUCKETS_S, Counted, Durations
+from caesura_service.publishing.events import PipelineFactory, ReplayEnded
+from caesura_service.publishing.session_state import status_of
+from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
+from caesura_service.segmentation.view import Pipeline
+from caesura_service.sessions.limits import Limits
+from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
+
+
+class Clock:
+    """Says what it was told last."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def watched(
+    watch: Callable[[], float] | None = None,
+    journal: MemoryJournal | None = None,
+    factory: PipelineFactory = make_fake_pipeline,
+    **limits: Any,
+) -> WatchedRegistry:
+    return WatchedRegistry(
+        watch=watch or Clock(),
+        owner=OWNER,
+        pipeline_factory=factory,
+        default_preset="fake",
+        journal=journal or MemoryJournal(),
+        limits=Limits(**limits),
+    )
+
+
+class Seldom(FakePipeline):
+    """Has news at every fifth push."""
+
+    pushes = 0
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        self.pushes += 1
+        super().push(samples)
+        return self.pushes % 5 == 0
+
+
+def taught(registry: WatchedRegistry, count: int) -> WatchedRegistry:
+    registry.command(STATION, opening(), 0.0)
+    for one in batches(count):
+        registry.samples(STATION, one, 0.0)
+    return registry
+
+
+def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [record.getMessage() for record in caplog.records]
+
+
+@pytest.fixture(autouse=True)
+def _told(caplog):
+    caplog.set_level(logging.INFO, logger="caesura_service.monitoring")
+
+
+def test_what_was_processed_is_counted_by_station():
+    registry = taught(watched(), 3)
+    registry.samples(STATION, batch(1), 0.0)
+    counted = registry.counting.of_station[STATION]
+    assert (counted.batches, counted.samples, counted.duplicates, counted.gaps) == (3, 60, 1, 0)
+    assert counted.observations == registry.board.current()[0].view.observations > 0
+
+
+@pytest.mark.parametrize("count", [7, 10])
+def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count):
+    def seldom(opening: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(opening, preset)
+        assert isinstance(fake, FakePipeline)
+        return Seldom(fake.preset, fake.wrench)
+
+    registry = watched(factory=seldom)
+    registry.command(STATION, opening(), 0.0)
+    for number, one in enumerate(batches(count), start=1):
+        registry.samples(STATION, one, 0.0)
+        (standing,) = registry.board.current()
+        assert (standing.tally.batches, standing.view.samples) == (number, 20 * number)
+        for ask in (registry.restate, lambda station: registry.dropped(station, 0)):
+            (told,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
+            assert (told.batches, told.samples) == (number, 20 * number)
+        registry.tick(float(number))
+        registry.command(STATION, opening(), 0.0)
+    counted = registry.counting.of_station[STATION]
+    registry.command(STATION, closing(count - 1), 0.0)
+    assert (counted.batches, counted.samples) == (count, 20 * count)
+
+
+def test_a_hole_is_a_question_then_a_gap(caplog):
+    registry = taught(watched(), 3)
+    registry.samples(STATION, batch(9), 1.0)
+    counted = registry.counting.of_station[STATION]
+    assert (counted.replays, counted.gaps) == (1, 0)
+    registry.samples(STATION, ReplayEnded(NAME, 3, answered=False, evicted=True, oldest=9), 2.0)
+    counted = registry.counting.of_station[STATION]
+    assert counted.gaps == 1
+    assert counted.gap_s == pytest.approx(6 * 0.2, abs=0.11)
+    assert lines(caplog)[-2] == "cell-1/s1 asks for batches 3 to 8"
+    assert lines(caplog)[-1].startswith("cell-1/s1 gap from 0.")
+    assert "(evicted): the samples were refused, or no bridge has them" in lines(caplog)[-1]
+    assert caplog.records[-1].levelno == logging.WARNING
+    assert vars(caplog.records[-1])["station"] == STATION
+    assert vars(caplog.records[-1])["session"] == NAME
+
+
+def test_a_session_is_told_from_opening_to_close(caplog):
+    registry = taught(watched(), 5)
+    registry.command(STATION, closing(4), 1.0)
+    registry.command(STATION, closing(4), 1.1)  # its acknowledgement was lost
+    first, last = lines(caplog)
+    assert first == "cell-1/s1 opened, preset fake, wrench flange_sensor"
+    assert last.startswith("cell-1/s1 closed: ")
+    assert last.endswith("100 samples in 5 batches")
+
+
+def test_an_unstated_wrench_source_is_logged_as_assumed(caplog):
+    watched().command(STATION, opening(wrench_source=None), 0.0)
+    assert lines(caplog) == ["cell-1/s1 opened, preset fake, wrench none (assumed)"]
+
+
+def test_a_station_that_opens_too_many_sessions_is_told_which_were_closed(caplog):
+    registry = watched(open_sessions=1)
+    registry.command(STATION, opening("first"), 0.0)
+    registry.command(STATION, opening("second"), 0.0)
+    assert [line.partition(":")[0] for line in lines(caplog)] == [
+        "cell-1/first opened, preset fake, wrench flange_sensor",
+        "cell-1/first closed",
+        "cell-1/second opened, preset fake, wrench flange_sensor",
+    ]
+
+
+def test_a_hostile_sender_is_told_of_once_and_then_by_number(caplog):
+    clock = Clock()
+    registry = watched(clock)
+    for _ in range(100):
+        registry.refuse(STATION, ProtocolError("malformed", "rubbish"))
+    registry.refuse(STATION, ProtocolError("too_large", "much"))
+    clock.now += 60.0
+    registry.refuse(STATION, ProtocolError("malformed", "rubbish"))
+    assert lines(caplog) == [
+        "cell-1 refused: malformed: rubbish",
+        "cell-1 refused: too_large: much",
+        "cell-1 refused: malformed: rubbish (and 99 more like it)",
+    ]
+
+
+def test_a_bridge_that_does_not_answer_is_told_of(caplog):
+    registry = taught(watched(), 3)
+    registry.samples(STATION, heartbeat(5), 1.0)
+    registry.samples(STATION, ReplayEnded(NAME, 3, answered=False), 2.0)
+    assert lines(caplog)[-1] == "cell-1/s1 its bridge did not answer for batches from 3 on"
+
+
+def test_what_the_queue_had_no_room_for_is_counted():
+    registry = taught(watched(), 1)
+    registry.dropped(STATION, 7)
+    assert registry.counting.of_station[STATION].dropped == 7
+
+
+def test_a_batch_whose_content_is_refused_is_lost():
+    registry = taught(watched(), 1)
+    registry.samples(STATION, batch(1, n=7), 0.0)
+    registry.samples(STATION, batch(2), 0.0)
+    counted = registry.counting.of_station[STATION]
+    assert (counted.batches, counted.lost) == (2, 1)
+
+
+def test_names_that_nobody_knows_take_no_room():
+    registry = taught(watched(), 1)
+    for number in range(1000):
+        registry.samples(f"nobody-{number}", Heartbeat(session="x", epoch=0, seq=1), 0.0)
+    assert list(registry.counting.of_station) == [STATION]
+
+
+def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
+    clock = Clock()
+    registry = taught(watched(clock), 1)
+    clock.now += 7.0
+    registry.samples(STATION, heartbeat(0), 0.0)
+    assert registry.counting.of_station[STATION].received_s == 100.0
+    registry.samples(STATION, batch(1), 0.0)
+    assert registry.counting.of_station[STATION].received_s == 107.0
+
+
+def test_what_a_restart_replays_is_not_counted_again():
+    journal = MemoryJournal()
+    taught(watched(journal=journal), 5)
+    after = watched(journal=journal)
+    assert after.restore() == []
+    assert after.counting.of_station == {}
+    after.samples(STATION, batch(5), 0.0)
+    assert after.counting.of_station[STATION].batches == 1
+
+
+def test_durations_are_a_cumulative_histogram():
+    durations = Durations()
+    for took_s in (0.0001, 0.001, 0.03, 99.0):
+        durations.add(took_s)
+    found = dict(durations.cumulative())
+    assert (found["0.001"], found["0.025"], found["0.05"], found["+Inf"]) == (2, 2, 3, 4)
+    assert len(found) == len(BUCKETS_S) + 1
+    assert durations.total_s == pytest.approx(99.0311)
+
+
+def test_a_change_without_a_before_adds_nothing():
+    standing = taught(watched(), 2).board.current()[0]
+    counted = Counted()
+    counted.add(Change(None, standing))
+    assert counted == Counted()
+
+
+def test_what_is_kept_quiet_takes_bounded_room():
+    quiet = Quiet(10.0)
+    said = [quiet.kept_back(key, 0.0) for key in range(MAX_KEYS + 50)]
+    assert said.count(0) == MAX_KEYS
+    assert quiet.kept_back("new", 20.0) == 0

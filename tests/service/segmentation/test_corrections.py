@@ -1,0 +1,406 @@
+"""Corrections: what they come to, and that they mean the same whenever they are made."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import (
+    Action,
+    Insert,
+    LimitForce,
+    Move,
+    NamePhase,
+    Open,
+    Redo,
+    Relabel,
+    Remove,
+    Undo,
+)
+from caesura_protocol.programs.groups import groups_of
+from caesura_service.changepoint.preset import STEP_S
+from caesura_service.offline_segmentation import batches, opening_of
+from caesura_service.segmentation.corrections import (
+    AHEAD_S,
+    MAX_CORRECTIONS,
+    Correction,
+    Corrections,
+    Heeded,
+    correction_of,
+)
+from caesura_service.segmentation.encoded_log import MessageSequence
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.segmentation.view import Pipeline, View
+
+DATA = Path(__file__).parents[3] / "data"
+LOST = range(200, 212)  # batches that never come, in the demonstration with a hole
+SHORT = 400  # batches of a demonstration that is edited at random
+KINDS = ("motion", "contact", "transport", "steady", "hold", "sliding")
+
+
+@cache
+def taught(name: str = "pick_and_place") -> tuple[Open, list[NDArray[np.float64]]]:
+    recording = load_recording(DATA / f"{name}.npz")
+    return opening_of(recording, "default"), list(batches(recording))
+
+
+def begun(name: str = "pick_and_place", threshold: float | None = None) -> Pipeline:
+    return make_pipeline(taught(name)[0], "default", threshold=threshold)
+
+
+def fed(pipeline: Pipeline, numbers: range, name: str = "pick_and_place", lost: range = range(0)) -> Pipeline:
+    for number in numbers:
+        if number in lost:
+            pipeline.declare_gap()
+        else:
+            pipeline.push(taught(name)[1][number])
+    return pipeline
+
+
+def whole(name: str = "pick_and_place", lost: range = range(0), threshold: float | None = None) -> Pipeline:
+    pipeline = fed(begun(name, threshold), range(len(taught(name)[1])), name, lost)
+    pipeline.finish()
+    return pipeline
+
+
+@pytest.fixture(scope="module")
+def shown() -> Pipeline:
+    return whole()
+
+
+def with_one(pipeline: Pipeline, action: Any) -> View:
+    return pipeline.corrected([pipeline.resolve(action)]).view
+
+
+def times(view: View) -> list[float]:
+    return [one.t for one in view.changepoints]
+
+
+def refusal(pipeline: Pipeline, action: Any) -> ProtocolError:
+    with pytest.raises(ProtocolError) as caught:
+        pipeline.resolve(action)
+    return caught.value
+
+
+# --- what each of them means ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("t", np.linspace(0.3, 12.3, 25))
+def test_an_inserted_changepoint_is_as_near_as_there_are_observations_certain_final_and_marked(
+    shown: Pipeline, t: float
+):
+    view = with_one(shown, Insert(t=t))
+    (found,) = [one for one in view.changepoints if one.corrected]
+    assert abs(found.t - t) <= 0.5 * STEP_S + 1e-9
+    assert (found.probability, found.certainty, found.t_low, found.t_high) == (
+        1.0,
+        "final",
+        found.t,
+        found.t,
+    )
+    assert found.t in [one.t0 for one in view.segments]
+
+
+def test_a_removed_changepoint_is_gone_and_nothing_takes_its_place_between_its_neighbours(shown: Pipeline):
+    before = [shown.view.segments[0].t0, *times(shown.view), np.inf]
+    for last, t, following in zip(before, before[1:], before[2:], strict=False):
+        left = [one for one in times(with_one(shown, Remove(t=t))) if last < one < following]
+        assert left == []
+
+
+def test_forbidding_its_interval_only_would_put_a_removed_changepoint_right_beside(shown: Pipeline):
+    first, back = shown.view.segments[0].t0, 0
+    for one in shown.view.changepoints:
+        low, high = (round((t - first) / STEP_S + 0.5) for t in (one.t_low, one.t_high))
+        view = shown.corrected([Correction(none=tuple(range(low, high + 1)))]).view
+        back += any(abs(t - one.t) < 0.35 for t in times(view))
+    assert (back, len(shown.view.changepoints)) == (5, 8)
+
+
+def test_a_changepoint_is_meant_from_half_a_second_away_and_the_nearest_of_all(shown: Pipeline):
+    assert shown.resolve(Remove(t=4.15 + 0.45)) == shown.resolve(Remove(t=4.15))
+    assert shown.resolve(Remove(t=5.55 - 0.45)) == shown.resolve(Remove(t=5.55))
+
+
+def test_a_moved_changepoint_is_where_it_was_moved_to_and_nowhere_else(shown: Pipeline):
+    view = with_one(shown, Move(t=4.15, to=4.75))
+    assert [round(t, 2) for t in times(view) if 1.8 < t < 5.5] == [4.75]
+    assert [one.corrected for one in view.changepoints if 4.7 < one.t < 4.8] == [True]
+
+
+def test_a_relabelled_segment_keeps_its_ends_and_is_what_it_is_said_to_be(shown: Pipeline):
+    old = shown.view.segments[2]
+    view = with_one(shown, Relabel(t=0.5 * (old.t0 + old.tn), kind="contact"))
+    (new,) = [one for one in view.segments if one.corrected]
+    assert (new.t0, new.tn) == (old.t0, old.tn)
+    assert (new.kind, new.motion, new.contact) == ("contact", "steady", "contact")
+    assert (new.probability, new.runner_up, new.log_odds) == (1.0, None, 0.0)
+    assert new.force_held is not None
+    assert [one.t for one in view.changepoints if one.corrected] == [old.t0, old.tn]
+
+
+def test_a_relabelled_segment_keeps_its_kind_when_its_end_is_moved(shown: Pipeline):
+    old = shown.view.segments[2]
+    labelled = shown.resolve(Relabel(t=old.tn - 0.05, kind="contact"))
+    once = shown.corrected([labelled])
+    for to in (old.tn - 0.4, old.tn + 0.4):
+        view = once.corrected([labelled, once.resolve(Move(t=old.tn, to=to))]).view
+        (new,) = [one for one in view.segments if one.corrected]
+        assert (new.t0, new.kind) == (old.t0, "contact")
+        assert new.tn == pytest.approx(to, abs=0.06)
+
+
+def test_a_kind_changes_the_program(shown: Pipeline):
+    carried = next(one for one in shown.view.segments if one.kind == "transport")
+    view = with_one(shown, Relabel(t=carried.t0 + 0.3, kind="motion"))
+    kinds = [app.kind for app in view.apps if app.t0 == carried.t0]
+    assert "transport" not in kinds
+    assert kinds
+
+
+def test_a_limited_force_is_found_again_by_its_time_and_its_direction_stays():
+    wiped = whole("wiping")
+    app = max((one for one in wiped.view.apps if one.force), key=lambda one: one.tn - one.t0)
+    limited = wiped.resolve(LimitForce(t=app.t0 + 0.01, newton=2.0))
+    inside = 0.5 * (app.t0 + app.tn) - 0.4
+    for corrections in ([limited], [wiped.resolve(Insert(t=app.t0 - 1.0)), limited]):
+        view = wiped.corrected(corrections).view
+        (found,) = [one for one in view.apps if one.t0 <= inside <= one.tn and one.force]
+        np.testing.assert_allclose(np.linalg.norm(found.force), 2.0)
+        np.testing.assert_allclose(np.cross(found.force, found.force_taught), 0.0, atol=1e-9)
+        assert found.force_taught == app.force_taught
+        assert isinstance(view.apps, MessageSequence), "only its end is made anew at every look"
+    lifted = wiped.resolve(LimitForce(t=app.t0 + 0.01, newton=None))
+    assert wiped.corrected([limited, lifted]).view == wiped.view
+
+
+def test_a_named_phase_keeps_its_name_and_gives_it_to_its_group():
+    wiped = whole("wiping")
+    (wipe,) = [phase for phase in wiped.view.phases if phase.kind == "contact"]
+    named = wiped.resolve(NamePhase(t=wipe.t0 + 0.1, name="wipe the table"))
+    again = correction_of(named.recorded())  # as the journal keeps it
+    for corrections in ([named], [wiped.resolve(Insert(t=wipe.t0 - 1.0)), again]):
+        view = wiped.corrected(corrections).view
+        assert [phase.name for phase in view.phases] == [None, "wipe the table", None]
+        groups = groups_of(view.apps, view.phases)
+        assert [group.name for group in groups] == ["free 1", "wipe the table", "free 2"]
+    other = wiped.resolve(NamePhase(t=wipe.tn - 0.1, name="polish"))
+    assert wiped.corrected([named, other]).view.phases[1].name == "polish"
+    assert wiped.corrected([]).view.phases == wiped.view.phases
+
+
+def test_the_later_of_two_corrections_counts(shown: Pipeline):
+    inserted = shown.resolve(Insert(t=3.02))
+    once = shown.corrected([inserted])
+    removed = once.resolve(Remove(t=3.0))
+    gone = once.corrected([inserted, removed])
+    assert [t for t in times(gone.view) if 2.7 < t < 3.3] == []
+    back = gone.corrected([inserted, removed, gone.resolve(Insert(t=2.98))])
+    assert [round(t, 2) for t in times(back.view) if 2.7 < t < 3.3] == [2.95]
+
+
+# --- what is refused ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        Insert(t=99.0),
+        Remove(t=-1.0),
+        Move(t=4.15, to=99.0),
+        LimitForce(t=99.0, newton=1.0),
+        NamePhase(t=99.0, name="a"),
+    ],
+)
+def test_a_time_outside_the_demonstration_is_refused_with_its_ends(shown: Pipeline, action: Action):
+    error = refusal(shown, action)
+    assert error.code == "malformed"
+    assert error.limit == [shown.view.segments[0].t0, shown.view.t]
+
+
+@pytest.mark.parametrize("action", [Remove(t=3.0), Move(t=3.0, to=4.0)])
+def test_where_there_is_no_changepoint_the_nearest_are_named(shown: Pipeline, action: Action):
+    error = refusal(shown, action)
+    assert (error.code, error.value, error.limit) == ("conflict", 3.0, 0.5)
+    assert error.expected == pytest.approx([3.65, 4.15, 1.75])
+
+
+def test_a_kind_that_the_session_does_not_know_is_refused_with_those_that_it_does():
+    opening, samples = taught()
+    blind = make_pipeline(opening.model_copy(update={"wrench_source": "none"}), "default")
+    for batch in samples[:300]:
+        blind.push(batch)
+    error = refusal(blind, Relabel(t=2.0, kind="contact"))
+    assert (error.code, error.value, error.expected) == (
+        "malformed",
+        "contact",
+        ["motion", "steady", "turning"],
+    )
+
+
+def test_a_force_limit_without_a_force_or_above_the_cells_is_refused(shown: Pipeline):
+    assert refusal(shown, LimitForce(t=3.0, newton=1.0)).code == "conflict"
+    opening, _ = taught()
+    limited = make_pipeline(opening.model_copy(update={"force_limit_n": 10.0}), "default")
+    error = refusal(limited, LimitForce(t=0.0, newton=10.5))
+    assert (error.code, error.value, error.limit) == ("malformed", 10.5, 10.0)
+
+
+def test_a_segment_behind_a_gap_begins_there_whatever_anybody_says():
+    holed = whole(lost=LOST)
+    (gap,) = holed.view.gaps
+    behind = next(t for t in times(holed.view) if t >= gap.tn - 0.01)
+    assert "samples are missing" in str(refusal(holed, Remove(t=behind)))
+    before = max(t for t in times(holed.view) if t < gap.t0)
+    assert behind in times(with_one(holed, Remove(t=before)))
+
+
+def test_before_the_first_observation_there_is_nothing_to_correct():
+    assert refusal(begun(), Insert(t=0.0)).code == "conflict"
+
+
+# --- while it goes on -----------------------------------------------------------------------------------
+
+
+def test_an_insert_may_be_a_little_ahead_of_what_has_been_observed():
+    half = fed(begun(), range(300))
+    t = half.view.t + 0.6
+    ahead = half.corrected([half.resolve(Insert(t=t))])
+    assert times(ahead.view) == times(half.view)
+    first = half.view.segments[0].t0
+    later = fed(ahead, range(300, 400))
+    (found,) = [one for one in later.view.changepoints if one.corrected]
+    assert found.t == pytest.approx(t, abs=0.5 * STEP_S + 1e-9)
+    error = refusal(later, Insert(t=later.view.t + AHEAD_S + 0.1))
+    assert (error.code, error.limit) == ("malformed", [first, later.view.t + AHEAD_S])
+
+
+def test_the_growing_segment_can_be_named_and_still_ends_by_itself():
+    half = fed(begun(), range(300))
+    named = half.corrected([half.resolve(Relabel(t=half.view.t, kind="hold"))])
+    assert (named.view.segments[-1].kind, named.view.segments[-1].tn) == ("hold", half.view.t)
+    later = fed(named, range(300, len(taught()[1])))
+    (found,) = [one for one in later.view.segments if one.corrected]
+    assert half.view.t <= found.tn < later.view.t
+
+
+# --- the same whenever they are made --------------------------------------------------------------------
+
+
+def _action(seed: np.random.Generator, view: View, *, finished: bool) -> Action:
+    t = float(seed.uniform(0.0, max(view.t, 0.0) + (0.0 if finished else 1.0)))
+    near = float(seed.choice([one.t for one in view.changepoints] or [t])) + float(seed.normal(0.0, 0.1))
+    actions: list[Action] = [
+        Insert(t=t),
+        Remove(t=near),
+        Move(t=near, to=t),
+        Relabel(t=t, kind=str(seed.choice(KINDS))),  # type: ignore[arg-type]
+        LimitForce(t=t, newton=float(seed.uniform(0.0, 10.0))),
+        NamePhase(t=t, name=str(seed.choice(["reach", "wipe"]))),
+        Undo(),
+        Redo(),
+    ]
+    return actions[int(seed.integers(len(actions)))]
+
+
+def edited_at_random(
+    seed: np.random.Generator, threshold: float | None, lost: range
+) -> tuple[Pipeline, Corrections, int]:
+    """A demonstration with edits at any moment; how many were taken."""
+    pipeline, corrections, taken, count = begun(threshold=threshold), Corrections(), 0, SHORT
+    stops = sorted({*seed.integers(1, count, 5).tolist(), count})
+    for first, stop in zip([0, *stops], [*stops, None], strict=True):
+        if stop is None:
+            pipeline.finish()
+        else:
+            fed(pipeline, range(first, stop), lost=lost)
+        for _ in range(int(seed.integers(0, 4))):
+            try:
+                after = corrections.after(
+                    _action(seed, pipeline.view, finished=stop is None), pipeline.resolve
+                )
+            except ProtocolError:
+                continue
+            pipeline, corrections, taken = pipeline.corrected(after.active), after, taken + 1
+    return pipeline, corrections, taken
+
+
+def check_same(seed: int, threshold: float | None, lost: range) -> int:
+    pipeline, corrections, taken = edited_at_random(np.random.default_rng(seed), threshold, lost)
+    fresh = begun(threshold=threshold).corrected(corrections.active)
+    fed(fresh, range(SHORT), lost=lost).finish()
+    assert pipeline.view == fresh.view
+    assert pipeline.corrected([]).view == plain(threshold, lost)
+    return taken
+
+
+@cache
+def plain(threshold: float | None, lost: range) -> View:
+    pipeline = fed(begun(threshold=threshold), range(SHORT), lost=lost)
+    pipeline.finish()
+    return pipeline.view
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample_on(seed: int, holed: bool):
+    check_same(seed, None, LOST if holed else range(0))
+
+
+def test_the_thesis_decision_heeds_corrections_as_well():
+    assert check_same(3, 0.2, range(0)) > 5
+    pipeline = whole(threshold=0.2)
+    assert [one.corrected for one in with_one(pipeline, Insert(t=3.0)).changepoints].count(True) == 1
+    before = times(pipeline.view)
+    place = before.index(pytest.approx(7.55))
+    last, following = before[place - 1], before[place + 1]
+    assert [t for t in times(with_one(pipeline, Remove(t=7.55))) if last < t < following] == []
+
+
+# --- undo and redo --------------------------------------------------------------------------------------
+
+
+def _given(t: float) -> Corrections:
+    return Corrections().after(Insert(t=t), lambda change: Correction(inserted=t))
+
+
+def test_undo_takes_the_last_one_back_and_redo_makes_it_again():
+    two = _given(1.0).after(Insert(t=2.0), lambda change: Correction(inserted=2.0))
+    once = two.after(Undo(), pytest.fail)
+    assert ([one.inserted for one in once.active], once.revision) == ([1.0], 3)
+    again = once.after(Redo(), pytest.fail)
+    assert (again.active, again.undone, again.revision) == (two.active, (), 4)
+
+
+def test_a_new_correction_ends_what_could_be_made_again():
+    undone = _given(1.0).after(Undo(), pytest.fail)
+    assert undone.undone
+    assert not undone.after(Insert(t=2.0), lambda change: Correction(inserted=2.0)).undone
+
+
+@pytest.mark.parametrize("action", [Undo(), Redo()])
+def test_with_nothing_to_undo_or_redo_an_edit_is_refused(action: Action):
+    with pytest.raises(ProtocolError, match="nothing to"):
+        Corrections().after(action, pytest.fail)
+
+
+def test_corrections_are_bounded():
+    full = Corrections(active=(Correction(),) * MAX_CORRECTIONS)
+    with pytest.raises(ProtocolError, match=f"limit {MAX_CORRECTIONS}"):
+        full.after(Insert(t=1.0), lambda change: Correction())
+
+
+def test_the_filter_is_told_once_for_each_observation_and_the_later_word_counts():
+    said = Heeded([Correction(none=(3, 4)), Correction(inserted=0.35), Correction(none=(5,), starts=(6,))])
+    told = [said.start(index, 0.1 * index) for index in range(8)]
+    assert told == [None, None, None, False, True, False, True, None]
+    assert [said.is_certain(index) for index in range(8)].count(True) == 2

@@ -1,0 +1,402 @@
+"""Samples in, segments out: what must not change them, and what a wrench source switches off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import cycle
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caesura_protocol import messages as wire
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.plausibility import UNITS
+from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
+from caesura_service.program import Paths, ProgramSegment, task_program
+from caesura_service.segmentation.pipeline import (
+    LOOK_EVERY,
+    SegmentationPipeline,
+    make_pipeline,
+)
+from caesura_service.segmentation.segmenter import Division
+from caesura_service.segmentation.view import View
+from caesura_service.signals.layout import SIGNALS
+from caesura_service.signals.wrench import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from service.streams import pieces
+
+DATA = Path(__file__).parents[3] / "data"
+
+
+@pytest.fixture(scope="module")
+def taught() -> Recording:
+    return load_recording(DATA / "pick_and_place.npz")
+
+
+@pytest.fixture(scope="module")
+def found(taught: Recording) -> View:
+    return segment_recording(taught)
+
+
+def changed(recording: Recording, **signals: np.ndarray) -> Recording:
+    """The recording with some signals replaced and without those that would contradict them."""
+    kept = {name: values for name, values in recording.signals.items() if name not in {"q", "quat", "torque"}}
+    return replace(recording, signals=MappingProxyType(kept | signals))
+
+
+def boundaries(view: View) -> list[tuple[float, float, str]]:
+    return [(one.t0, one.tn, one.kind) for one in view.segments]
+
+
+def test_moving_the_origin_changes_no_boundary_and_no_class(taught: Recording, found: View):
+    moved = segment_recording(changed(taught, pos=taught.signals["pos"] + [1.0, -1.0, 1.0]))
+    assert boundaries(moved) == boundaries(found)
+
+
+def test_turning_the_base_changes_no_boundary_and_no_class(taught: Recording, found: View):
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = {name: taught.signals[name] @ quarter.T for name in ("pos", "force")}
+    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+
+
+def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(taught: Recording, found: View):
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = {name: taught.signals[name] @ turn.T for name in ("pos", "force")}
+    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0)])
+def test_a_declared_unit_changes_no_boundary_and_no_class(
+    taught: Recording, found: View, unit: str, per_metre: float
+):
+    scaled = replace(changed(taught, pos=per_metre * taught.signals["pos"]), length_unit=unit)  # type: ignore[arg-type]
+    assert boundaries(segment_recording(scaled)) == boundaries(found)
+
+
+def test_times_may_begin_anywhere(taught: Recording, found: View):
+    later = segment_recording(replace(changed(taught), t=taught.t + 1000.0))
+    np.testing.assert_allclose(
+        [(one.t0 - 1000.0, one.tn - 1000.0) for one in later.segments],
+        [(one.t0, one.tn) for one in found.segments],
+        atol=0.011,
+    )
+    assert [one.kind for one in later.segments] == [one.kind for one in found.segments]
+
+
+def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: View):
+    joints = {name: taught.signals[name] for name in ("q", "force", "gripper")}
+    by_joints = segment_recording(replace(taught, signals=MappingProxyType(joints)))
+    assert [one.kind for one in by_joints.segments] == [one.kind for one in found.segments]
+    assert by_joints.apps[0].joints is not None
+
+
+def test_segments_join_without_gaps_or_overlaps(found: View):
+    for before, after in zip(found.segments, found.segments[1:], strict=False):
+        assert before.tn == after.t0
+    assert [one.t for one in found.changepoints] == [one.t0 for one in found.segments[1:]]
+    assert {one.certainty for one in found.segments} == {"final"}
+
+
+def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught: Recording):
+    view = segment_recording(without(taught, 5.0, 5.6))
+    (gap,) = view.gaps
+    assert (gap.t0, gap.tn, gap.reason) == (
+        pytest.approx(5.0, abs=0.01),
+        pytest.approx(5.6, abs=0.01),
+        "source",
+    )
+    before = max(one.tn for one in view.segments if one.tn <= gap.tn)
+    after = min(one.t0 for one in view.segments if one.t0 >= gap.t0)
+    assert before <= gap.t0 + 0.05
+    assert after >= gap.tn - 0.05
+    assert view.notes == (
+        view.wrench.note.partition(" Tared")[0],
+        "Not observed: 5.00–5.60 s (the source paused). What was taught then is missing, and apps beside it "
+        "are less sure.",
+    )
+
+
+def without(recording: Recording, t0: float, tn: float) -> Recording:
+    there = (recording.t < t0) | (recording.t > tn)
+    signals = {name: values[there] for name, values in recording.signals.items()}
+    return replace(recording, t=recording.t[there], signals=MappingProxyType(signals))
+
+
+def test_apps_beside_a_hole_are_less_sure_and_the_others_are_not(taught: Recording):
+    holed = without(taught, 5.0, 5.6)
+    view = segment_recording(holed)
+    (gap,) = view.gaps
+    starts = {one.t: one.probability for one in view.changepoints}
+    checked = set()
+    for app in view.apps:
+        mine = [view.segments[i] for i in app.segments]
+        sure = [starts.get(one.t0, 1.0) for one in mine] + [starts.get(one.tn, 1.0) for one in mine]
+        beside = app.t0 - 0.2 <= gap.tn and gap.t0 <= app.tn + 0.2
+        if beside:
+            lost, seen = gap.tn - gap.t0, app.tn - app.t0
+            assert app.confidence <= seen / (seen + lost)
+        elif mine:
+            assert app.confidence >= 0.999 * min(one.probability for one in mine) * min(sure)
+        checked.add(beside)
+    assert checked == {True, False}
+
+
+def test_samples_that_are_lost_divide_and_are_named_as_lost(taught: Recording):
+    every = list(batches(taught))
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    for number, samples in enumerate(every):
+        if 20 <= number < 24:
+            pipeline.declare_gap()
+        else:
+            pipeline.push(samples)
+    pipeline.finish()
+    (gap,) = pipeline.view.gaps
+    assert (gap.t0, gap.tn, gap.reason) == (every[19][-1, 0], every[24][0, 0], "evicted")
+    assert any(one.tn <= gap.t0 + 0.05 for one in pipeline.view.segments)
+    assert not [one for one in pipeline.view.segments if one.t0 < gap.t0 - 0.05 and one.tn > gap.tn + 0.05]
+    assert "(samples were lost)" in pipeline.view.notes[-1]
+
+
+def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recording):
+    first, second = list(batches(taught))[:2]
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    pipeline.declare_gap()
+    for samples in (first, second):
+        pipeline.push(samples)
+    pipeline.declare_gap()
+    pipeline.finish()
+    assert [(gap.t0, gap.tn) for gap in pipeline.view.gaps] == [(t, t) for t in (first[0, 0], second[-1, 0])]
+    note = pipeline.view.notes[-1]
+    for words in (f"before {first[0, 0]:.2f} s", f"after {second[-1, 0]:.2f} s"):
+        assert words in note
+
+
+@pytest.mark.parametrize("source", ["flange_sensor_with_hand", "joint_torque_estimate", "none"])
+def test_a_wrench_that_cannot_tell_contact_is_not_asked_and_the_program_says_so(
+    taught: Recording, source: str
+):
+    view = segment_recording(replace(changed(taught), wrench_source=source))  # type: ignore[arg-type]
+    assert {one.contact for one in view.segments} == {"free"}
+    assert not view.wrench.contact_models
+    assert view.notes
+
+
+def test_an_unknown_preset_is_refused_with_those_that_exist(taught: Recording):
+    with pytest.raises(ProtocolError, match="unknown preset") as refused:
+        segment_recording(taught, "magic")
+    assert "default" in refused.value.expected
+
+
+def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording):
+    pos = taught.signals["pos"].copy()
+    pos[1234, 1] = np.nan
+    with pytest.raises(RecordingError, match="sample 1234: py is nan"):
+        segment_recording(changed(taught, pos=pos))
+
+
+def test_an_hour_long_pause_anywhere_is_a_gap(taught: Recording):
+    pause = 3000.0 * (np.arange(taught.t.size) >= 6007)
+    view = segment_recording(replace(taught, t=taught.t + pause))
+    assert [(gap.t0, gap.reason) for gap in view.gaps] == [(pytest.approx(6.006), "source")]
+
+
+def test_a_time_that_goes_back_is_refused_with_its_place(taught: Recording):
+    back = 3.0 * (np.arange(taught.t.size) >= 6001)
+    with pytest.raises(ValueError, match="from sample 6000 on: sample 1: time goes back"):
+        segment_recording(replace(taught, t=taught.t - back))
+
+
+COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
+
+
+def stream(seed: int, n: int) -> np.ndarray:
+    """n seconds of samples at 100 Hz, of pieces of anything, with holes here and there."""
+    seen, holes = zip(*pieces(np.random.default_rng(seed), 10 * n), strict=True)
+    coarse, fine = np.arange(10 * n) / 10, np.arange(100 * n) / 100
+    held = np.interp(fine, coarse, [0.02 if one.holding == 1.0 else 0.08 for one in seen])
+    values = np.array([[*one.position, *one.force] for one in seen])
+    smooth = [np.interp(fine, coarse, column) for column in values.T]
+    late = np.repeat(0.5 * np.cumsum(holes), 10)
+    return np.column_stack([fine + late, *smooth, held])
+
+
+def final_of(view: View) -> tuple[list[float], list[wire.Segment]]:
+    """What is final, but for the loads, which free space that is still to come may change."""
+    certain = [one.certainty == "final" for one in view.changepoints]
+    assert certain == sorted(certain, reverse=True), "what is final comes before what is not"
+    segments = [one for one in view.segments if one.certainty == "final"]
+    assert segments == list(view.segments[: len(segments)])
+    unweighed = [one.model_copy(update={"load_kg": None, "load_sd_kg": None}) for one in segments]
+    return [one.t for one, sure in zip(view.changepoints, certain, strict=True) if sure], unweighed
+
+
+def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
+    """From all that is shown at once, not as it grew."""
+    view = pipeline.view
+    sure = [1.0, *(one.probability for one in view.changepoints), 1.0]
+    steps = [
+        ProgramSegment(i, one, one.probability * min(sure[i], sure[i + 1]))
+        for i, one in enumerate(view.segments)
+    ]
+    paths = Paths(pipeline._history.poses)
+    if view.segments and not pipeline._finished:
+        paths.settled_until = view.segments[-1].t0
+    history = pipeline._history
+    return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
+
+
+def test_phases_hold_every_segment_and_a_final_one_is_never_revised():
+    wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
+    final: tuple[wire.Phase, ...] = ()
+    for view in views(wiping):
+        shown = tuple(view.phases)
+        assert shown[: len(final)] == final
+        final = tuple(one for one in shown if one.certainty == "final")
+        assert shown[: len(final)] == final, "only the last ones may change"
+        numbers = [n for one in shown for n in range(one.first_segment, one.last_segment + 1)]
+        assert numbers == list(range(len(view.segments)))
+    assert [one.kind for one in final] == ["free", "contact", "free"]
+    reach, retract = view.segments[final[1].first_segment], view.segments[final[1].last_segment]
+    assert (final[1].t0, final[1].tn) == (reach.t0, retract.tn)
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["default", "default", "integrated", "contact", "second_order_2"]),
+    st.sampled_from([None, None, 0.2]),
+    st.lists(st.integers(1, 60), min_size=1, max_size=5),
+)
+def test_what_was_shown_as_final_is_never_revised(
+    seed: int, preset: str, threshold: float | None, cuts: list[int]
+):
+    opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
+    pipeline, samples = make_pipeline(opening, preset, threshold=threshold), stream(seed, 7)
+    assert isinstance(pipeline, SegmentationPipeline)
+    changepoints: list[float] = []
+    segments: list[wire.Segment] = []
+    phases: list[wire.Phase] = []
+    programs: dict[int, tuple[wire.App, ...]] = {}  # by how many observations they were made of
+    for cut in cycle(cuts):
+        pipeline.push(samples[:cut])
+        samples = samples[cut:]
+        if cut == 1:
+            pipeline.declare_gap()
+        if not len(samples):
+            pipeline.finish()
+        now, divided = final_of(pipeline.view)
+        assert now[: len(changepoints)] == changepoints
+        assert divided[: len(segments)] == segments
+        count = pipeline.view.observations
+        programs[count] = program_of(pipeline)
+        assert any(programs.get(count - old) == pipeline.view.apps for old in range(LOOK_EVERY))
+        changepoints, segments = now, divided
+        assert list(pipeline.view.phases[: len(phases)]) == phases
+        phases = [one for one in pipeline.view.phases if one.certainty == "final"]
+        if not len(samples):
+            break
+    assert pipeline.view.apps == program_of(pipeline)
+
+
+@settings(max_examples=16, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["default", "integrated", "contact", "second_order_2"]),
+    st.integers(200, 2000),
+)
+def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str, cut: int):
+    opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
+    samples = stream(seed, 30)
+
+    def shown(cut: int) -> tuple[object, ...]:
+        pipeline = make_pipeline(opening, preset)
+        for first in range(0, len(samples), cut):
+            pipeline.push(samples[first : first + cut])
+        pipeline.finish()
+        view = pipeline.view
+        return tuple(view.segments), tuple(view.changepoints), view.apps
+
+    assert shown(cut) == shown(10)
+
+
+@pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
+def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
+    taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
+):
+    def shown(view: View) -> tuple[object, ...]:
+        divided = [(one.t0, one.kind, one.certainty) for one in view.segments]
+        return divided, [(one.t, one.certainty) for one in view.changepoints], view.gaps
+
+    now_and_then = list(views(taught, preset, threshold=threshold))
+    monkeypatch.setattr("caesura_service.segmentation.pipeline.LOOK_EVERY", 1)
+    always = list(views(taught, preset, threshold=threshold))
+    assert [shown(view) for view in now_and_then] == [shown(view) for view in always]
+    pairs = zip(always, now_and_then, strict=True)
+    late = [fresh.segments[-1].tn - view.segments[-1].tn for fresh, view in pairs if fresh.segments]
+    assert 0.3 < max(late) < 0.1 * LOOK_EVERY
+    assert [view.t for view in now_and_then] == [view.t for view in always]
+    assert [view.posterior_starts for view in now_and_then] == [view.posterior_starts for view in always]
+    assert now_and_then[-1] == always[-1]
+
+
+def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
+    shown = [[*view.segments, *view.changepoints] for view in views(taught, "default")]
+    monkeypatch.setattr("caesura_service.segmentation.segmenter._starts_alike", lambda *_: False)
+    monkeypatch.setattr(Division, "_stays", lambda *_: False)
+    assert shown == [[*view.segments, *view.changepoints] for view in views(taught, "default")]
+
+
+def test_a_view_costs_no_more_as_the_demonstration_goes_on(taught: Recording):
+    """A view used to build everything anew: 6 ms after 350 segments."""
+    samples = np.concatenate(list(batches(taught)))
+    pipeline = make_pipeline(opening_of(taught, "default"), "default")
+    assert isinstance(pipeline, SegmentationPipeline)
+    fresh = []
+    for again in range(5):  # one rest joins two of them
+        samples[:, 0] += 12.9 * bool(again)
+        for first in range(0, len(samples), 100):
+            pipeline.push(samples[first : first + 100])
+            settled = min(len(pipeline._division.settled), pipeline._program.first)
+            fresh.append(len(pipeline.view.segments) - settled)
+    assert len(pipeline.view.segments) > 30  # enough for what grows to show
+    assert max(fresh) < 20
+    pipeline.finish()
+    assert pipeline.view.apps == program_of(pipeline)
+
+
+def test_a_threshold_decides_online_as_it_does_for_the_whole_recording(taught: Recording):
+    view = segment_recording(taught, "integrated", threshold=0.2)
+    kinds = [one.kind for one in view.segments]
+    assert kinds == ["motion", "contact", "contact", "motion", "transport", "transport", *kinds[6:]]
+    every = list(views(taught, "integrated", threshold=0.2))
+    assert any(one.certainty == "final" for one in every[-2].changepoints)
+    with pytest.raises(ValueError, match="threshold is 20"):
+        segment_recording(taught, threshold=20.0)
+
+
+def test_a_changepoint_lies_in_its_interval(found: View):
+    for one in found.changepoints:
+        assert one.t_low <= one.t <= one.t_high
+        assert one.t_high - one.t_low <= 1.0
+    assert min(one.t_high - one.t_low for one in found.changepoints) <= 0.25
+
+
+def test_the_wire_and_the_signals_name_the_same_columns():
+    """The core sees no message, so the names stand twice; they must not drift apart."""
+    assert dict(SIGNALS) == COLUMNS_OF_SIGNAL
+    assert set(WRENCH_SOURCES) == set(wire.WRENCH_SOURCES)
+    assert set(HANDS_ON_ROBOT) == set(wire.HANDS_ON_ROBOT)
+    assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
+    assert set(UNITS["length"]) == set(wire.LENGTH_UNITS)
+
+
+def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):
+    view = segment_recording(replace(taught, length_unit="mm", force_frame="flange"))
+    assert (view.length_unit, view.wrench.frame) == ("mm", "flange")

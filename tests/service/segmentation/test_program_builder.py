@@ -1,0 +1,107 @@
+"""A program that grows is, at every moment, the program built from all segments at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caesura_protocol.messages import Gap, Segment
+from caesura_service.changepoint.presets import PRESETS
+from caesura_service.program import Grip, Moment, ProgramSegment, task_program
+from caesura_service.segmentation.program_builder import MOST_UNQUIET, GrowingProgram
+
+KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
+LENGTHS = (0.1, 0.3, 0.4, 2.0)
+PAUSES = (0.0, 0.0, 0.0, 0.2, 1.0)
+FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0), (0.0, 0.0, -5.0))
+
+
+def moment_at(t: float) -> Moment:
+    return Moment((t, 0.0, 0.0), None, None, 0.04, FORCES[round(10.0 * t) % len(FORCES)])
+
+
+def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:
+    kind = KINDS[str(rng.choice(sorted(KINDS)))]
+    carried = kind.contact == "transport"
+    return Segment(
+        t0=t0,
+        tn=t0 + float(rng.choice(LENGTHS)),
+        kind=kind.name,
+        motion=kind.motion,
+        contact=kind.contact,
+        probability=1.0,
+        runner_up=None,
+        log_odds=0.0,
+        certainty="final",
+        position_start=(0.0, 0.0, 0.0),
+        position_end=(float(rng.choice([0.0, 0.3])), 0.0, 0.0),
+        force_start=FORCES[rng.integers(len(FORCES))],
+        force_end=FORCES[rng.integers(len(FORCES))],
+        force_held=None,
+        load_kg=0.1 * index if carried else None,
+        load_sd_kg=0.01 if carried else None,
+    )
+
+
+def demonstration(rng: np.random.Generator, n: int, *, holes: bool = False) -> list[ProgramSegment]:
+    steps: list[ProgramSegment] = []
+    for i in range(n):
+        pause = float(rng.choice(PAUSES)) if holes else 0.0
+        steps.append(ProgramSegment(i, segment(rng, i, steps[-1].segment.tn + pause if steps else 0.0), 0.9))
+    return steps
+
+
+def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
+    """What was not observed, a little shorter than the time between the segments, as conditioning has it."""
+    pairs = [(before.segment.tn, after.segment.t0) for before, after in pairwise(steps)]
+    return [Gap(t0=t0 + 0.1, tn=tn - 0.05, reason="evicted") for t0, tn in pairs if tn > t0]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.booleans())
+def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, holes: bool):
+    rng = np.random.default_rng(seed)
+    steps = demonstration(rng, 40, holes=holes)
+    near = [step.segment.t0 + rng.choice([-0.3, -0.1, 0.0, 0.1, 0.3]) for step in steps]
+    times = np.sort(rng.choice(near, gripping))
+    grips = [Grip(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
+    growing = GrowingProgram(moment_at, 0.3)
+    for now in range(1, len(steps) + 1):
+        seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.t0 + 0.4]
+        gaps = gaps_between(steps[:now])
+        settled = max(now - int(rng.integers(4)), growing.first)
+        apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
+        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+
+
+def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_often_it_is_looked_at():
+    rng = np.random.default_rng(2)
+    contact = {"kind": "contact", "contact": "contact", "motion": "steady"}
+    steps = [
+        replace(step, segment=step.segment.model_copy(update={**contact, "t0": 0.5 * i, "tn": 0.5 * (i + 1)}))
+        for i, step in enumerate(demonstration(rng, 2 * MOST_UNQUIET + 50))
+    ]
+    programs, left = [], []
+    for every in (7, 97, len(steps)):
+        growing = GrowingProgram(moment_at, 0.3)
+        for now in (*range(every, len(steps), every), len(steps)):
+            apps = growing.apps(steps[growing.first : now], now, [])
+        programs.append(list(apps))
+        left.append(growing.first)
+    assert programs[0] == programs[1] == programs[2]
+    assert left == [2 * MOST_UNQUIET] * 3
+
+
+def test_only_what_follows_the_last_quiet_place_is_built_again():
+    rng = np.random.default_rng(1)
+    growing = GrowingProgram(moment_at, 0.3)
+    steps = demonstration(rng, 300)
+    again = []
+    for now in range(1, len(steps) + 1):
+        growing.apps(steps[growing.first : now], now, [])
+        again.append(now - growing.first)
+    assert max(again) < 100

@@ -1,0 +1,174 @@
+"""A station whose work takes long, and its neighbours: they do not wait for it, and it keeps its order."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import zenoh
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Message, Open
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.publishing.events import PipelineFactory
+from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
+from caesura_service.segmentation.time_slices import give_way
+from caesura_service.segmentation.view import Pipeline
+from caesura_service.server import result_publisher
+from caesura_service.server.lanes import WAITING, Lanes
+from caesura_service.server.rates import Rate, RateSettings
+from harness.peer import Peer
+from harness.sessions import batches, closing, opening
+from service.server.test_zenoh_server import until_closed
+
+
+class Slow(FakePipeline):
+    """A push lasts until the gate opens."""
+
+    gate: threading.Event
+    begun: threading.Event
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        self.begun.set()
+        while not self.gate.wait(0.001):
+            give_way()
+        return super().push(samples)
+
+
+def slow(gate: threading.Event, begun: threading.Event) -> PipelineFactory:
+    """The fake pipeline, slow for sessions of that name."""
+
+    def made(command: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(command, preset)
+        if command.session == "slow":
+            vars(fake).update(gate=gate, begun=begun)
+            fake.__class__ = Slow
+        return fake
+
+    return made
+
+
+@pytest.fixture
+def gate() -> Iterator[threading.Event]:
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+@pytest.fixture
+def begun() -> threading.Event:
+    return threading.Event()
+
+
+@pytest.fixture
+def service(config: ServiceConfig, gate: threading.Event, begun: threading.Event) -> Iterator[Service]:
+    with Service(config, pipeline_factory=slow(gate, begun)) as running:
+        yield running
+        gate.set()
+
+
+def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_to_its_end(
+    service, peer, gate, begun
+):
+    peer.command(opening("slow"), "cell-1")
+    for batch in batches(3, "slow"):
+        peer.send(batch, "cell-1")
+    assert begun.wait(30.0)
+    peer.command(opening(), "cell-2")
+    for batch in batches(20):
+        peer.send(batch, "cell-2")
+    assert until_closed(peer, 19, "cell-2").next_seq == 20
+    assert peer.snapshot("slow", "cell-1").status.batches == 0, "nothing of a batch is shown before its end"
+    gate.set()
+    ack = peer.command(closing(2, "slow"), "cell-1")  # which waits behind its batches
+    assert (ack.state, ack.next_seq) == ("closed", 3)
+    status = peer.snapshot("slow", "cell-1").status
+    assert (status.batches, status.repeats, status.gaps, status.lost) == (3, 0, (), 0)
+
+
+WORK = Rate(0.001, 0.0001)
+
+
+def open_again_and_again(peer: Peer) -> None:
+    for _ in range(100):  # what it took is known after the answer
+        peer.command(opening())
+
+
+def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(config):
+    rates = RateSettings(work=WORK)
+    with (
+        Service(replace(config, rates=rates), pipeline_factory=make_fake_pipeline) as service,
+        Peer(service.endpoint) as peer,
+    ):
+        peer.command(opening())
+        with pytest.raises(ProtocolError, match=r"of work: .* of 0.0001 s .* 0.001 come back") as no:
+            open_again_and_again(peer)
+        assert (no.value.code, no.value.limit) == ("overloaded", WORK.burst)
+        assert no.value.value > WORK.burst, "what it has used"
+        peer.command(opening("s2"), "cell-2")
+        peer.send(batches(1)[0])
+        status = peer.until_service(
+            lambda status: status.dropped > 0 and "cell-1" in str(status.last_refusal)
+        )
+        assert status.refused["overloaded"] >= 2, "the command, and that batches are dropped for that reason"
+        assert "used up its budget of work" in peer.snapshot().status.last_refusal.message
+        assert service.registry.counting.of_station["cell-1"].work_s > 0.0
+        assert not peer.snapshot("s2", "cell-2").status.refused
+
+
+def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gate, begun):
+    with Service(config, pipeline_factory=slow(gate, begun)) as service, Peer(service.endpoint) as peer:
+        peer.command(opening("slow"))
+        peer.send(batches(1, "slow")[0])
+        assert begun.wait(30.0)
+    assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]
+
+
+def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(config, gate, begun, monkeypatch):
+    """The worker waited in it until Zenoh closed the link, five seconds later."""
+    sent = result_publisher.answer
+
+    def blocked(query: zenoh.Query, key: str, message: Message) -> None:
+        if "slow" in key:
+            begun.set()
+            gate.wait(5.0)
+        sent(query, key, message)
+
+    monkeypatch.setattr(result_publisher, "answer", blocked)
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)
+        late.start()
+        assert begun.wait(5.0)
+        assert peer.command(opening(), "cell-2").state == "open"
+        assert not gate.is_set()
+        gate.set()
+        late.join(5.0)
+        assert not late.is_alive(), "and it has its answer in the end"
+    gate.set()
+
+
+def test_of_one_lane_one_job_is_done_after_the_other_and_so_many_wait(gate, begun):
+    done: list[int] = []
+
+    def wait() -> None:
+        begun.set()
+        gate.wait(5.0)
+
+    with Lanes() as lanes:
+        assert lanes.submit("slow", wait)
+        assert begun.wait(5.0)
+        assert [lanes.submit("slow", partial(done.append, n)) for n in range(WAITING)].count(
+            True
+        ) == WAITING - 1
+        other = threading.Event()
+        assert lanes.submit("other", other.set)
+        assert other.wait(5.0)
+        assert done == []
+        gate.set()
+    assert done == [*range(WAITING - 1)]

@@ -1,0 +1,53 @@
+"""Questions to bridges: each ends once, however it fails, and makes room for the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import zenoh
+
+from caesura_service.publishing.events import AskReplay
+from caesura_service.server.budgets import Budgets
+from caesura_service.server.inbound import Arrival, ReplayFinished
+from caesura_service.server.lanes import Lanes
+from caesura_service.server.rates import RateSettings
+from caesura_service.server.result_publisher import QUESTIONS, Outgoing
+from caesura_service.server.work_queue import QueueSettings, WorkQueue
+
+DEADLINE_S = 5.0
+ASKED = 3 * QUESTIONS
+
+
+class Broken:
+    """A network session of which no question leaves: of Zenoh's errors not every one is a ZError."""
+
+    def get(self, *_: Any, **__: Any) -> None:
+        raise RuntimeError("no runtime")
+
+
+def closed() -> zenoh.Session:
+    """A real one, which ends the question, and raises as well."""
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", "[]")
+    session = zenoh.open(config)
+    session.close()
+    return session
+
+
+@pytest.mark.parametrize("network", [Broken, closed])
+def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
+    inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
+    with Lanes() as lanes:
+        outgoing = Outgoing(network(), inbox, Budgets(RateSettings()), lanes)
+        for number in range(ASKED):
+            outgoing.ask(AskReplay(f"cell-{number}", "s1", 0, 9))
+        ended: list[str] = []
+        while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), ReplayFinished):
+            ended.append(arrival.asked.ask.station)
+            outgoing.ended()
+    assert sorted(ended) == sorted(f"cell-{number}" for number in range(ASKED))
+    assert not len(inbox), "each has ended once"

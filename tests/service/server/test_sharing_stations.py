@@ -1,0 +1,184 @@
+"""Instances in one process on one router: who serves which station, and what happens when the router goes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, Open, Posterior
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.ownership.station_assignment import owner_of
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from clients.conftest import RouterNetwork
+from harness.peer import Peer
+from harness.processes import eventually
+from harness.sessions import batch, batches, closing, heartbeat, opening
+
+BOTH = ("east", "west")
+EASTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of(name, BOTH) == "east"]
+WESTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of(name, BOTH) == "west"]
+
+
+class Floor:
+    """A router, and instances on it with a directory in common."""
+
+    def __init__(self, router: RouterNetwork, directory: Path) -> None:
+        self.router, self.directory = router, directory
+
+    @contextmanager
+    def serving(self, instance: str, **options: object) -> Iterator[Service]:
+        given = {"connect": self.router.endpoint, "preset": "fake", "journal": self.directory, **options}
+        config = ServiceConfig(instance=instance, **given)  # type: ignore[arg-type]
+        with Service(config, pipeline_factory=make_fake_pipeline) as running:
+            yield running
+
+
+@pytest.fixture
+def router() -> Iterator[RouterNetwork]:
+    with RouterNetwork() as network:
+        yield network
+
+
+@pytest.fixture
+def floor(router: RouterNetwork, tmp_path: Path) -> Floor:
+    return Floor(router, tmp_path)
+
+
+@pytest.fixture
+def peer(router: RouterNetwork) -> Iterator[Peer]:
+    with Peer(router.endpoint) as connected:
+        yield connected
+
+
+@contextmanager
+def bridge_at(peer: Peer, station: str) -> Iterator[None]:
+    token = peer.network.liveliness().declare_token(station_key(station, "alive"))
+    yield
+    token.undeclare()
+
+
+def asked(peer: Peer, command: Open, station: str) -> Ack | None:
+    """As a bridge does: no answer, or not now, is no answer."""
+    try:
+        return peer.command(command, station)
+    except ProtocolError as refusal:
+        if refusal.code != "overloaded":
+            raise
+    except ValueError:  # nobody
+        pass
+    return None
+
+
+def opens(peer: Peer, station: str) -> Ack:
+    acks: list[Ack] = []
+    eventually(lambda: bool(acks.extend(filter(None, [asked(peer, opening(), station)])) or acks))
+    return acks[0]
+
+
+def holds(service: Service, *stations: str) -> bool:
+    return set(service.registry.board.sessions) == set(stations)
+
+
+def test_alone_everybody_is_served_though_nobody_knows_of_a_bridge(floor, peer):
+    with floor.serving("east"):
+        assert opens(peer, EASTS[0]).state == "open"
+        assert opens(peer, WESTS[0]).state == "open"
+
+
+def test_a_second_instance_takes_its_share_and_gives_it_back_when_it_leaves(floor, peer):
+    stations = (EASTS[0], WESTS[0])
+    with floor.serving("east") as east:
+        for station in stations:
+            opens(peer, station)
+            for made in batches(5):
+                peer.send(made, station)
+        eventually(lambda: all(peer.snapshot(station=each).status.batches == 5 for each in stations))
+        with floor.serving("west") as west:
+            eventually(lambda: holds(east, EASTS[0]) and holds(west, WESTS[0]))
+            for station in stations:
+                eventually(lambda s=station: opens(peer, s).next_seq == 5)  # what was not yet written too
+                peer.send(batch(5), station)
+            eventually(lambda: all(peer.snapshot(station=each).status.batches == 6 for each in stations))
+            assert peer.snapshot(station=WESTS[0]).status.instance == "west"
+        eventually(lambda: holds(east, *stations))
+        for station in stations:
+            eventually(lambda s=station: opens(peer, s).next_seq == 6)
+            assert peer.command(closing(5), station).state == "closed"
+            status = peer.snapshot(station=station).status
+            assert (status.instance, status.samples) == ("east", 120)
+
+
+def test_a_bridge_that_comes_is_served_by_the_one_whose_station_it_is(floor, peer):
+    with floor.serving("east") as east, floor.serving("west") as west, ExitStack() as stack:
+        for station in (*EASTS[:2], *WESTS[:2]):
+            stack.enter_context(bridge_at(peer, station))
+            assert opens(peer, station).next_seq == 0
+        assert holds(east, *EASTS[:2])
+        assert holds(west, *WESTS[:2])
+
+
+def test_without_a_directory_in_common_the_bridges_ring_is_what_there_is(floor, peer, tmp_path):
+    station = WESTS[0]
+    sent = batches(20)
+    with floor.serving("east", journal=tmp_path / "east") as east, bridge_at(peer, station):
+        with floor.serving("west", journal=tmp_path / "west") as west:
+            # Until east knows of west it opens the session itself, and gives up what west then cannot find.
+            eventually(lambda: opens(peer, station).next_seq == 0 and holds(west, station))
+            for made in sent[:10]:
+                peer.send(made, station)
+            eventually(lambda: peer.snapshot(station=station).status.batches == 10)
+        assert opens(peer, station).next_seq == 0
+        assert holds(east, station)
+        with peer.replaying(sent, station=station):
+            peer.send(heartbeat(19), station)
+            eventually(lambda: peer.snapshot(station=station).status.batches == 20)
+        assert peer.command(closing(19), station).state == "closed"
+        status = peer.snapshot(station=station).status
+        assert (status.instance, status.samples, status.gaps) == ("east", 400, ())
+
+
+def test_who_listens_behind_a_router_that_came_back_hears_what_is_said_from_then_on(floor, router):
+    station = EASTS[0]
+    with floor.serving("east"):
+        with Peer(router.endpoint) as peer:
+            opens(peer, station)
+            with peer.listening() as heard:
+                peer.send(batch(0), station)
+                heard.until(Posterior)
+            peer.send(batch(1), station)  # nobody listens
+            eventually(lambda: peer.snapshot(station=station).status.batches == 2)
+            with peer.listening() as heard:
+                peer.send(batch(2), station)
+                heard.until(Posterior)
+        router.stop()
+        router.start()
+        with Peer(router.endpoint) as peer, peer.listening() as heard:
+            assert opens(peer, station).next_seq == 3
+            peer.send(batch(3), station)
+            heard.until(Posterior)
+
+
+def test_when_the_router_goes_and_comes_back_everybody_keeps_what_it_has(floor, router):
+    station = {"east": EASTS[0], "west": WESTS[0]}
+    with floor.serving("east") as east, floor.serving("west") as west:
+        with Peer(router.endpoint) as peer, ExitStack() as stack:
+            for each in station.values():
+                stack.enter_context(bridge_at(peer, each))
+                assert opens(peer, each).next_seq == 0
+        boards = (east.registry.board, west.registry.board)
+        epochs = [board.current()[0].owner.epoch for board in boards]
+        router.stop()
+        router.start()
+        with Peer(router.endpoint) as peer:
+            for each in station.values():
+                assert opens(peer, each).next_seq == 0
+        for service, before, epoch in zip((east, west), boards, epochs, strict=True):
+            eventually(lambda s=service, e=epoch: s.registry.board.current()[0].owner.epoch > e)
+            # The very session, not one that somebody else had meanwhile.
+            assert service.registry.board.sessions == before.sessions

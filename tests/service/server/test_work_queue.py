@@ -1,0 +1,224 @@
+"""The queue before the worker: what it drops, and what it does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from caesura_service.server.work_queue import SOURCES, WHOLE, QueueSettings, WorkQueue
+
+
+def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) -> WorkQueue[int]:
+    return WorkQueue(QueueSettings(capacity, capacity_bytes, shares))
+
+
+def test_items_come_out_in_the_order_in_which_they_went_in():
+    inbox = inbox_of()
+    assert inbox.offer(1, "a")
+    assert inbox.insist(2)
+    assert inbox.offer(3, "b")
+    assert [inbox.get(0.0) for _ in range(4)] == [1, 2, 3, None]
+
+
+def test_a_full_queue_drops_the_newest_samples_and_counts_them():
+    inbox = inbox_of(2)
+    assert [inbox.offer(item, "a") for item in range(4)] == [True, True, False, False]
+    assert inbox.dropped == 2
+    assert [inbox.get(0.0), inbox.get(0.0), inbox.get(0.0)] == [0, 1, None]
+
+
+def test_a_queue_full_of_bytes_drops_what_does_not_fit_and_takes_what_does():
+    inbox = inbox_of(capacity_bytes=100)
+    assert [inbox.offer(1, "a", 80), inbox.offer(2, "b", 30), inbox.offer(3, "b", 20)] == [True, False, True]
+    inbox.get(0.0)
+    assert inbox.offer(4, "b", 80)
+
+
+def test_one_source_cannot_take_more_than_its_share_of_items_or_of_bytes():
+    inbox = inbox_of(4, 100, shares=2)
+    assert [inbox.offer(item, "a") for item in range(3)] == [True, True, False]
+    assert [inbox.offer(item, "b", 40) for item in range(2)] == [True, False]
+    inbox.get(0.0)
+    assert inbox.offer(9, "a")
+
+
+def test_commands_are_taken_when_samples_are_not_until_their_own_room_is_used_up():
+    inbox = inbox_of(2)
+    assert [inbox.offer(item, "a") for item in range(3)] == [True, True, False]
+    assert [inbox.insist(item) for item in range(3)] == [True, True, False]
+    inbox.deliver(9)
+    assert inbox.dropped == 1
+    assert len(inbox) == 5
+
+
+def test_what_was_taken_out_leaves_nothing_behind():
+    inbox = inbox_of(4, 100, shares=2)
+    for source in ("a", "b", "c"):
+        inbox.offer(1, source, 10)
+    while inbox.get(0.0):
+        pass
+    assert {(load.items, load.size) for load in inbox._of_source.values()} == {(0, 0)}
+    assert (inbox._total.size, inbox.fill(), inbox.pressed) == (0, 0.0, frozenset())
+
+
+def test_a_waiting_reader_can_be_woken():
+    inbox = inbox_of()
+    inbox.wake()
+    assert inbox.get(60.0) is None
+
+
+def taken(inbox: WorkQueue[int], *, spent_s: dict[int, float]) -> list[int]:
+    """Everything, as it has its turn, if the work on an item takes so long."""
+    order = []
+    while (item := inbox.get(0.0)) is not None:
+        order.append(item)
+        inbox.spent(spent_s.get(item, 0.001))
+    return order
+
+
+def test_the_lane_that_has_used_least_is_next_and_within_one_nothing_overtakes():
+    inbox = inbox_of()
+    for item in (10, 11, 12):
+        inbox.offer(item, "dense")
+    for item in (20, 21, 22):
+        inbox.offer(item, "honest")
+    assert taken(inbox, spent_s={10: 0.1, 11: 0.1}) == [10, 20, 21, 22, 11, 12]
+
+
+def test_a_lane_that_was_idle_waits_for_no_work_that_was_done_before_and_has_no_claim_to_it():
+    inbox = inbox_of()
+    inbox.offer(10, "dense")
+    assert taken(inbox, spent_s={10: 5.0}) == [10]
+    inbox.offer(11, "dense")
+    inbox.get(0.0)
+    inbox.spent(5.0)
+    for item in (20, 21, 22):
+        inbox.offer(item, "late", lane="late")
+    inbox.offer(12, "dense")
+    assert taken(inbox, spent_s={20: 3.0, 21: 3.0}) == [20, 21, 12, 22]
+
+
+def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_its_next():
+    inbox = inbox_of()
+    inbox.offer(1, "a/samples", lane="a")
+    inbox.offer(2, "a", lane="a")
+    assert inbox.command(3, "a")
+    assert inbox.get(0.0) == 1
+    inbox.put_back(9)
+    assert (len(inbox), taken(inbox, spent_s={})) == (3, [9, 2, 3])
+
+
+def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_own_room():
+    inbox: WorkQueue[int] = WorkQueue(QueueSettings(10, commands=2))
+    assert [inbox.command(item, "a") for item in range(3)] == [True, True, False]
+    assert inbox.command(4, "b")
+    inbox.get(0.0)
+    assert inbox.command(5, "a")
+
+
+# --- overload -------------------------------------------------------------------------------------------
+
+
+def pressed_inbox(*, announced: bool = False) -> WorkQueue[int]:
+    """Room for 16 items, 8 of a source; pressed at 10 and 5, relieved at 4 and 2."""
+    return WorkQueue(QueueSettings(16, 1600, 2, overloaded_at=0.625, relieved_at=0.25), announced=announced)
+
+
+def test_a_source_that_fills_its_share_is_pressed_until_most_of_it_is_gone():
+    inbox = pressed_inbox()
+    for item in range(4):
+        inbox.offer(item, "a")
+    assert not inbox.pressed
+    assert not inbox.changed.is_set()
+    inbox.offer(4, "a")
+    assert inbox.is_pressed("a", "a/samples")
+    assert not inbox.is_pressed("b")
+    assert inbox.changed.is_set()
+    for left in (4, 3):
+        inbox.get(0.0)
+        assert inbox.is_pressed("a"), left
+    inbox.get(0.0)
+    assert not inbox.pressed
+    assert inbox.news == 2
+
+
+def test_bytes_press_like_items():
+    inbox = pressed_inbox()
+    inbox.offer(1, "a", 499)
+    assert not inbox.pressed
+    inbox.offer(2, "a", 1)
+    assert inbox.pressed == {"a"}
+    assert inbox.fill() == pytest.approx(500 / 800)
+
+
+def test_a_queue_that_ends_in_commands_is_relieved_too():
+    inbox = pressed_inbox()
+    for source in "aaaabbbbcc":
+        inbox.offer(0, source)
+    for item in range(6):
+        assert inbox.insist(item)
+    assert inbox.pressed == {WHOLE}
+    while inbox.get(0.0) is not None:
+        pass
+    assert not inbox.pressed
+
+
+def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
+    inbox = pressed_inbox()
+    for source in ("a", "b", "c"):
+        for item in range(3):
+            inbox.offer(item, source)
+    assert not inbox.is_pressed("a")
+    inbox.offer(9, "d")
+    assert inbox.pressed == {WHOLE}
+    assert inbox.is_pressed("z")
+
+
+def test_nothing_is_dropped_before_the_overload_is_announced_and_then_what_is_too_much():
+    inbox = pressed_inbox(announced=True)
+    assert all(inbox.offer(item, "a") for item in range(8))
+    assert all(inbox.offer(item, "a") for item in range(8))  # as much again, while nobody has been told
+    assert not inbox.offer(99, "a")  # but no more than that
+    for _ in range(8):
+        inbox.get(0.0)
+    inbox.has_announced()
+    assert not inbox.offer(99, "a")
+    assert inbox.offer(0, "b")
+    assert inbox.dropped == 2
+
+
+def test_every_overload_is_announced_anew():
+    inbox = pressed_inbox(announced=True)
+    for _ in range(2):
+        assert all(inbox.offer(item, "a") for item in range(9))
+        inbox.has_announced()
+        assert not inbox.offer(9, "a")
+        while inbox.get(0.0) is not None:
+            pass
+    assert inbox.dropped == 2
+
+
+def test_sources_that_come_and_go_are_forgotten():
+    inbox: WorkQueue[int] = WorkQueue(QueueSettings())
+    for index in range(2 * SOURCES):
+        inbox.offer(index, f"source-{index}")
+        assert inbox.get(0.0) == index
+    assert len(inbox._of_source) <= SOURCES
+
+
+def test_what_was_dropped_is_told_by_source_once_and_bounded():
+    inbox = pressed_inbox()
+    for item in range(11):
+        inbox.offer(item, "a")
+    for index in range(2 * SOURCES):
+        inbox.offer(1, f"big-{index}", 10_000)
+    drops = inbox.take_drops()
+    assert drops["a"] == 3
+    assert len(drops) == SOURCES
+    assert inbox.dropped == 3 + 2 * SOURCES
+    assert inbox.take_drops() == {}
+
+
+@pytest.mark.parametrize("marks", [(0.5, 0.5), (0.2, 0.4), (1.1, 0.5), (0.5, -0.1)])
+def test_marks_that_are_out_of_order_are_refused(marks):
+    with pytest.raises(ValueError, match="expected 0 ≤ relieved_at < overloaded_at ≤ 1"):
+        QueueSettings(overloaded_at=marks[0], relieved_at=marks[1])

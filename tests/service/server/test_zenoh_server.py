@@ -1,0 +1,185 @@
+"""The service over a real network, from the opening of a session to its close."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import ExitStack
+
+import pytest
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import service_key, session_key, station_key
+from caesura_protocol.messages import (
+    Ack,
+    Changepoints,
+    Posterior,
+    Program,
+    Segments,
+    SessionStatus,
+    Snapshot,
+)
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server import NetworkError
+from harness.peer import Peer
+from harness.sessions import batch, batches, closing, heartbeat, opening
+
+
+def test_a_demonstration_is_followed_from_its_opening_to_its_close(peer):
+    with peer.listening() as heard:
+        assert peer.command(opening()) == Ack(session="s1", next_seq=0, state="open")
+        for made in batches(20):
+            peer.send(made)
+        heard.until(Posterior, lambda posterior: posterior.t > 3.9)
+        assert peer.command(closing(19)) == Ack(session="s1", next_seq=20, state="closed")
+        heard.until(SessionStatus, lambda status: status.state == "closed")
+    snapshot = peer.snapshot()
+    assert snapshot.status.samples == 400
+    assert [message for message in heard.all if isinstance(message, Program)][-1] == snapshot.program
+    for kind in (Changepoints, Segments, Posterior, SessionStatus):
+        numbers = [message.seq for message in heard.all if isinstance(message, kind)]
+        assert numbers == list(range(len(numbers)))
+    assert peer.ask(station_key("cell-1", "program"), Program) == {
+        station_key("cell-1", "program"): snapshot.program
+    }
+
+
+def test_a_query_for_all_snapshots_lists_every_session_on_its_own_key(peer):
+    for station, session in (("cell-1", "s1"), ("cell-1", "s2"), ("cell-2", "s1")):
+        peer.command(opening(session), station)
+    listed = peer.ask(session_key("*", "*", "snapshot"), Snapshot)
+    assert set(listed) == {
+        session_key("cell-1", "s1", "snapshot"),
+        session_key("cell-1", "s2", "snapshot"),
+        session_key("cell-2", "s1", "snapshot"),
+    }
+    assert all(snapshot.status.state == "open" for snapshot in listed.values())
+    assert len(peer.ask(session_key("cell-1", "*", "snapshot"), Snapshot)) == 2
+    programs = peer.ask(station_key("*", "program"), Program)
+    assert {key: program.session for key, program in programs.items()} == {
+        station_key("cell-1", "program"): "s2",
+        station_key("cell-2", "program"): "s1",
+    }
+
+
+def test_what_is_not_there_is_not_answered(peer):
+    assert peer.ask(session_key("cell-1", "s1", "snapshot"), Snapshot) == {}
+    assert peer.ask(station_key("cell-1", "program"), Program) == {}
+
+
+def test_lost_batches_are_replayed_and_change_no_result(service, peer):
+    sent = batches(20)
+    with peer.replaying(sent, station="cell-2") as ranges:
+        peer.command(opening(), "cell-1")
+        peer.command(opening(), "cell-2")
+        for made in sent:
+            peer.send(made, "cell-1")
+            if made.seq not in {5, 6, 11, 18, 19}:
+                peer.send(made, "cell-2")
+        peer.send(heartbeat(19), "cell-2")
+        closed = until_closed(peer, 19, "cell-2")
+    assert closed.next_seq == 20
+    assert ranges[0][:2] == (5, 6)
+    until_closed(peer, 19, "cell-1")
+    whole, mended = peer.snapshot(station="cell-1"), peer.snapshot(station="cell-2")
+    assert mended.changepoints.changepoints == whole.changepoints.changepoints
+    assert mended.segments.segments == whole.segments.segments
+    assert mended.program.apps == whole.program.apps
+    assert mended.status.gaps == ()
+
+
+def until_closed(peer: Peer, last_seq: int, station: str = "cell-1") -> Ack:
+    """Close as a bridge does: again and again while batches are missing."""
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        try:
+            return peer.command(closing(last_seq), station)
+        except ProtocolError as refusal:
+            if refusal.code != "conflict":
+                raise
+    raise TimeoutError("not closed in time")
+
+
+def test_an_outage_of_many_stations_is_made_good(peer):
+    stations = [f"cell-{index}" for index in range(20)]
+    sent = batches(40)
+    with ExitStack() as stack:
+        for station in stations:
+            stack.enter_context(peer.replaying(sent, station=station))
+            peer.command(opening(), station)
+        for station in stations:
+            peer.send(heartbeat(39), station)
+        for station in stations:
+            assert until_closed(peer, 39, station).next_seq == 40
+    snapshots = peer.ask(session_key("*", "*", "snapshot"), Snapshot).values()
+    assert {snapshot.status.samples for snapshot in snapshots} == {800}
+    assert peer.service_status().dropped == 0
+
+
+def test_what_the_bridge_no_longer_has_is_a_gap(peer):
+    with peer.replaying(batches(20), oldest=10), peer.listening() as heard:
+        peer.command(opening())
+        peer.send(batch(0))
+        peer.send(heartbeat(15))
+        status = heard.until(SessionStatus, lambda status: bool(status.gaps))
+        assert status.gaps[0].reason == "evicted"
+        assert until_closed(peer, 15).next_seq == 16
+    assert peer.snapshot().status.batches == 7
+
+
+def test_a_bridge_that_comes_back_is_asked_again(peer):
+    with peer.listening() as heard:
+        peer.command(opening())
+        peer.send(heartbeat(3))
+        heard.until(SessionStatus, lambda status: status.waiting_for == 0)
+        with peer.replaying(batches(4)):
+            heard.until(Posterior, lambda posterior: posterior.t > 0.7)
+
+
+def test_the_service_is_seen_while_it_lives(config):
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        tokens = peer.network.liveliness().get(service_key("*", "alive"), timeout=5.0)
+        assert [str(token.ok.key_expr) for token in tokens] == [service_key("test-1", "alive")]
+
+
+def test_the_service_tells_how_it_is_doing(peer):
+    peer.command(opening("s1"))
+    peer.command(opening("s2"))
+    peer.command(closing(-1, "s2"))
+    status = peer.service_status()
+    assert (status.sessions_open, status.sessions_closed, status.messages) == (1, 1, 3)
+    assert status.queue_capacity == 4096
+    assert status.epoch > 1_700_000_000_000
+
+
+def test_a_service_that_is_client_of_a_router_is_found_through_it(service, config):
+    second = ServiceConfig(instance="test-2", connect=service.endpoint, preset="fake")
+    with Service(second, pipeline_factory=make_fake_pipeline), Peer(service.endpoint) as peer:
+        assert peer.service_status("test-2").instance == "test-2"
+
+
+def test_a_router_that_is_not_there_is_an_error_after_the_timeout():
+    config = ServiceConfig(connect="tcp/127.0.0.1:9", connect_timeout_s=0.0)
+    with pytest.raises(NetworkError, match=r"127\.0\.0\.1:9"), Service(config):
+        pass
+
+
+def test_an_endpoint_that_is_taken_is_an_error(service):
+    config = ServiceConfig(listen=service.endpoint)
+    with pytest.raises(NetworkError, match="in use"), Service(config):
+        pass
+
+
+def test_the_service_leaves_quickly_and_leaves_no_thread(config):
+    before = set(threading.enumerate())
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        peer.command(opening())
+        peer.send(heartbeat(100))
+        peer.until_service(lambda status: status.messages >= 2)
+        began = time.monotonic()
+        service.__exit__(None, None, None)
+        assert time.monotonic() - began < 1.5
+    assert [thread for thread in threading.enumerate() if "caesura" in thread.name] == []
+    assert set(threading.enumerate()) - before == set()

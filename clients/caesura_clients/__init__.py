@@ -8,6 +8,18 @@
 
 from caesura_clients.client import Caesura, connect
 from caesura_clients.results import Update
-from caesura_protocol.errors import Absent, BadSource, CaesuraError, Unreachable
+from caesura_protocol.errors import CaesuraError, NotFound, SourceError, Unreachable
 
-__all__ = ["Absent", "BadSource", "Caesura", "CaesuraError", "Unreachable", "Update", "connect"]
+Absent, BadSource = NotFound, SourceError  # the names before 0.2, kept for one release
+
+__all__ = [
+    "Absent",
+    "BadSource",
+    "Caesura",
+    "CaesuraError",
+    "NotFound",
+    "SourceError",
+    "Unreachable",
+    "Update",
+    "connect",
+]

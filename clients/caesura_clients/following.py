@@ -16,15 +16,15 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
 from caesura_clients.query import services, snapshots
-from caesura_clients.refresh_backoff import Silence
+from caesura_clients.refresh_backoff import RefreshBackoff
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
-from caesura_clients.service_liveliness import Attendance, Change
+from caesura_clients.service_liveliness import Change, LiveServices
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import ProtocolError, Unreachable
-from caesura_protocol.fragments import Joining
+from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import MAX_WHOLE_BYTES, Snapshot
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
@@ -42,13 +42,13 @@ class SessionRemoved:
 
 
 @dataclass(frozen=True)
-class ServiceIs:
+class ServiceAvailability:
     """The last service went, or the first one came."""
 
     state: Change
 
 
-Event = Update | SessionRemoved | ServiceIs
+Event = Update | SessionRemoved | ServiceAvailability
 
 
 def follow(
@@ -94,7 +94,7 @@ def events(
             item = inbox.get(wait_s)
             if item is None:
                 silent_s += wait_s
-            if isinstance(item, Delivery):
+            if isinstance(item, ReceivedSample):
                 silent_s = 0.0
                 yield from follower.receive(item)
             elif isinstance(item, TokenChange):
@@ -110,16 +110,18 @@ class _Follower:
         self._station = station
         self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
-        self._silence: Silence[tuple[str, str]] = Silence(refresh_s)  # of sessions, and of all of them
-        self._attendance = Attendance()
-        self._joining = Joining()
+        self._silence: RefreshBackoff[tuple[str, str]] = RefreshBackoff(
+            refresh_s
+        )  # of sessions, and of all of them
+        self._attendance = LiveServices()
+        self._joining = Reassembler()
         self._asked_all = float("-inf")  # [s]
 
     def attend(self, presence: TokenChange) -> Iterator[Event]:
         """Yield that a service came or went, and query its sessions."""
         change = self._attendance.receive(presence)
         if change is not None:
-            yield ServiceIs(change)
+            yield ServiceAvailability(change)
         yield from self.refresh()
 
     def refresh(self) -> Iterator[Event]:
@@ -148,7 +150,7 @@ class _Follower:
             if known == []:
                 yield from self._forget({key})
 
-    def receive(self, delivery: Delivery) -> Iterator[Event]:
+    def receive(self, delivery: ReceivedSample) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
         message = self._read(delivery)
         if message is None or self._session not in {"*", message.session}:
@@ -211,7 +213,7 @@ class _Follower:
                 raise
             return None
 
-    def _read(self, delivery: Delivery) -> Published | None:
+    def _read(self, delivery: ReceivedSample) -> Published | None:
         """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
         try:
             whole = self._joining.add(delivery.key, Encoded(delivery.payload, delivery.encoding))

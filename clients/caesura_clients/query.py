@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.errors import Absent, ProtocolError, Unreachable
-from caesura_protocol.fragments import Joining
+from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
+from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import MAX_WHOLE_BYTES, Message, Program, ServiceStatus, Snapshot
 from caesura_protocol.transport.network import IncompleteAnswerError, QueryReplies, Transport
@@ -150,7 +150,7 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
 
     complete: a refusal, or that pieces were lost, is raised wherever it is.
     """
-    joining = Joining()
+    joining = Reassembler()
     replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     whole = [reply for reply in replies if reply is not None]
     if answers.refusals and (complete or not whole):
@@ -175,10 +175,10 @@ def _require_service(transport: Transport) -> None:
         raise Unreachable(f"no service is alive at {transport.endpoint}")
 
 
-def _nothing(transport: Transport, what: str) -> Absent:
+def _nothing(transport: Transport, what: str) -> NotFound:
     _require_service(transport)
     known = {one.status.station for one in snapshots(transport)}
-    return Absent(
+    return NotFound(
         f"{what}, or it is forbidden; stations with sessions: {_listed(known)}; "
         f"with a bridge: {_listed(stations(transport))}"
     )

@@ -18,7 +18,7 @@ import numpy as np
 
 from caesura_clients import query
 from caesura_protocol.codec import decode, unpack_samples
-from caesura_protocol.errors import Absent, CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -29,7 +29,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.recording import Recording
-from caesura_protocol.transport.inbox import Delivery, Inbox, Item
+from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
 from caesura_protocol.transport.network import Transport
 
 ASK_EVERY_S = 0.5  # for what is missing
@@ -222,7 +222,7 @@ class _Hearing:
 
     def take(self, item: Item | None) -> None:
         """Keep what arrived, where it is of the session."""
-        message = _readable(item) if isinstance(item, Delivery) else None
+        message = _readable(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):
             return
         if self.recorder is None:
@@ -250,7 +250,7 @@ Heard = SampleBatch | Heartbeat | SessionStatus
 HEARD: tuple[type[Heard], ...] = (SampleBatch, Heartbeat, SessionStatus)
 
 
-def _readable(delivery: Delivery) -> Heard | None:
+def _readable(delivery: ReceivedSample) -> Heard | None:
     try:
         message = decode(delivery.payload, delivery.encoding, *HEARD)
     except ProtocolError:  # any other payload on these keys
@@ -299,6 +299,6 @@ def _is_closed(transport: Transport, station: str, session: str) -> bool:
 
 
 def _snapshot(transport: Transport, station: str, session: str) -> Snapshot | None:
-    with suppress(Absent, Unreachable, ProtocolError):
+    with suppress(NotFound, Unreachable, ProtocolError):
         return query.snapshot(transport, station, session)
     return None

@@ -19,7 +19,7 @@ class _Waiting(NamedTuple):
     wait_s: float  # since it was received, or queried
 
 
-class Silence(Generic[K]):
+class RefreshBackoff(Generic[K]):
     """Of many, each by its key."""
 
     def __init__(self, patience_s: float, clock: Callable[[], float] = time.monotonic) -> None:

@@ -20,7 +20,7 @@ TICK_S = 0.1
 Change = Literal["there", "gone"]
 
 
-class Attendance:
+class LiveServices:
     """The instances that are alive: a fold over presences."""
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[N
     inbox, over = Inbox(), threading.Event()
 
     def listen() -> None:
-        attendance = Attendance()
+        attendance = LiveServices()
         while not over.is_set():
             item = inbox.get(TICK_S)
             change = attendance.receive(item) if isinstance(item, TokenChange) else None

@@ -33,7 +33,7 @@ class TruthError(CaesuraError, ValueError):
 
 
 @dataclass(frozen=True)
-class Point:
+class TrueChangepoint:
     """A boundary at t [s], known to within tolerance_s; kind says what happens (start, contact_on, …).
 
     t_alt: a second accepted time [s], the other end of an edge that takes long; None where there is one time.
@@ -105,7 +105,7 @@ class Truth:
 
     name: str
     window: tuple[float, float]
-    points: tuple[Point, ...]
+    points: tuple[TrueChangepoint, ...]
     spans: tuple[TrueSegment, ...] = ()
     loads: tuple[Quantity, ...] = ()
     forces: tuple[Quantity, ...] = ()
@@ -119,7 +119,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Leniency:
+class ToleranceOptions:
     """How much more than reading uncertainty is allowed: slack_s [s] is added, least_s [s] is the least."""
 
     slack_s: float = 0.0
@@ -257,7 +257,7 @@ def _window(values: Any) -> tuple[float, float]:
     return first, last
 
 
-def _point(mark: Mapping[str, Any]) -> Point:
+def _point(mark: Mapping[str, Any]) -> TrueChangepoint:
     level = mark["level"]
     if level not in LEVELS:
         raise ValueError(f"level is {level!r}, expected one of {list(LEVELS)}")
@@ -265,7 +265,9 @@ def _point(mark: Mapping[str, Any]) -> Point:
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
     t_alt = None if mark.get("t_alt") is None else _number(mark, "t_alt")
-    return Point(_number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
+    return TrueChangepoint(
+        _number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt
+    )
 
 
 def _span(segment: Mapping[str, Any]) -> TrueSegment:

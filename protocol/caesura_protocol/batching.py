@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.messages import MAX_BATCH_SAMPLES, MAX_BATCH_SPAN_S
 
 Matrix = NDArray[np.floating]
@@ -67,15 +67,15 @@ class Batcher:
     def _check(self, chunk: Matrix) -> None:
         if not isinstance(chunk, np.ndarray) or chunk.dtype.kind not in "fiu":
             what = f"of {chunk.dtype}" if isinstance(chunk, np.ndarray) else f"a {type(chunk).__name__}"
-            raise BadSource(f"chunk is {what}, expected an array of numbers (k, {len(self.columns)})")
+            raise SourceError(f"chunk is {what}, expected an array of numbers (k, {len(self.columns)})")
         if chunk.ndim != 2 or chunk.shape[1] != len(self.columns):
-            raise BadSource(
+            raise SourceError(
                 f"chunk has shape {chunk.shape}, expected (k, {len(self.columns)}): {self.columns}"
             )
         if not np.isfinite(chunk).all():
             row, column = np.argwhere(~np.isfinite(chunk))[0]
             value = chunk[row, column]
-            raise BadSource(
+            raise SourceError(
                 f"sample {self.seen + row}: {self.columns[column]} is {value}, expected a finite number"
             )
 

@@ -62,7 +62,7 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     return Encoded(payload, encoding_of(type(message)))
 
 
-class Packed(ABC):
+class PreEncoded(ABC):
     """Messages of which some are kept as payloads of this codec, in the place of a tuple of them."""
 
     @abstractmethod
@@ -82,7 +82,7 @@ def _fields(message: object) -> dict[str, Any]:
     """What a message within a message holds: so no tree of copies is made of a long one."""
     if isinstance(message, Message):
         return message.__dict__
-    if isinstance(message, Packed):
+    if isinstance(message, PreEncoded):
         raise _PackedError
     raise TypeError(f"{type(message).__name__} does not go over the wire")
 
@@ -92,7 +92,7 @@ def _put_together(message: Message) -> bytes:
     packer, done = msgpack.Packer(default=_fields, autoreset=False), list[bytes]()
 
     def add(value: object) -> None:
-        if isinstance(value, Packed):
+        if isinstance(value, PreEncoded):
             packer.pack_array_header(len(value))
             for part in value.parts():
                 keep(part) if isinstance(part, bytes) else packer.pack(part)
@@ -117,7 +117,7 @@ def _is_apart(value: object) -> bool:
     """Is there something packed within?"""
     if isinstance(value, Message):
         return any(map(_is_apart, value.__dict__.values()))
-    return isinstance(value, Packed)
+    return isinstance(value, PreEncoded)
 
 
 def encoding_of(model: type[Message]) -> str:
@@ -263,7 +263,7 @@ __all__ = [
     "MESSAGE_TYPES",
     "Close",
     "Encoded",
-    "Packed",
+    "PreEncoded",
     "check_size",
     "decode",
     "decode_error",

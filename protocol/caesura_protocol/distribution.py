@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 
 DISTRIBUTION = "caesura-teaching"  # the package index has another project under `caesura`
 PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_lab")
@@ -37,4 +37,4 @@ def needing(extra: str, what: object) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in PACKAGES:
             raise
-        raise BadSource(f"{what} needs {error.name}: {installing(extra)}") from error
+        raise SourceError(f"{what} needs {error.name}: {installing(extra)}") from error

@@ -91,13 +91,13 @@ class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better wh
     """No answer: there is no router at the endpoint, or no service behind it."""
 
 
-class NotLetIn(Unreachable):
+class AccessDenied(Unreachable):
     """A router is there and refuses us: credentials that waiting does not change."""
 
 
-class Absent(CaesuraError):  # noqa: N818
+class NotFound(CaesuraError):  # noqa: N818
     """A station or session that was asked for is not there; the message names those that are."""
 
 
-class BadSource(CaesuraError):  # noqa: N818
+class SourceError(CaesuraError):
     """A source delivered what cannot be sent: wrong shape, a value that is not finite, an unknown name."""

@@ -35,7 +35,7 @@ def in_pieces(message: Message) -> Iterator[Encoded]:
         yield encode(Piece(encoding=encoding, whole=whole, number=number, count=len(starts), payload=part))
 
 
-class Joining:
+class Reassembler:
     """Pieces as they come. A message that lacks some is dropped for newer ones on its key."""
 
     def __init__(self) -> None:

@@ -21,13 +21,13 @@ from typing import Self
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
-from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
+from caesura_service.journal import Journal, MemoryJournal, PeerJournals, SqliteJournal
 from caesura_service.monitoring.health import alive, web_of
-from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource
 from caesura_service.publishing.events import Owner, PipelineFactory
 from caesura_service.segmentation.overflow_file import SPOOL
-from caesura_service.server import Edge, NetworkError
+from caesura_service.server import NetworkError, ZenohServer
 
 logger = logging.getLogger(__name__)
 
@@ -52,15 +52,15 @@ class Service:
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
-        self.registry = WatchedRegistry(
+        self.registry = InstrumentedRegistry(
             owner=owner,
             pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
             journal=journal or self._file or MemoryJournal(),
             limits=self.config.limits,
-            siblings=Siblings(self.config.journal_path if journal is None else None),
+            siblings=PeerJournals(self.config.journal_path if journal is None else None),
         )
-        self._edge = Edge(
+        self._edge = ZenohServer(
             self.registry,
             owner,
             self.config.network,

@@ -20,7 +20,7 @@ from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.journal import Record
 from caesura_service.segmentation.pipeline import layout_of, make_pipeline
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.batch_validation import samples_of
 from caesura_service.sessions.limits import Limits
 from caesura_service.signals import WrenchCapabilities
@@ -62,7 +62,7 @@ def views(
     *,
     threshold: float | None = None,
     setting: CellSettings = UNSET,
-) -> Iterator[View]:
+) -> Iterator[PipelineView]:
     """What is known after every batch of a recording, and last of all after its end.
 
     threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values
@@ -120,14 +120,14 @@ def segment_recording(
     threshold: float | None = None,
     setting: CellSettings = UNSET,
     progress: Callable[[int], None] = lambda samples: None,
-) -> View:
+) -> PipelineView:
     """Segment a whole recording; progress is called with the number of samples taken. As `views`."""
     for view in views(recording, preset, threshold=threshold, setting=setting):
         progress(view.samples)
     return view
 
 
-def as_json(view: View) -> dict[str, Any]:
+def as_json(view: PipelineView) -> dict[str, Any]:
     """Return the view as plain values, for scripts."""
     return {
         "segments": [segment.model_dump(mode="json") for segment in view.segments],

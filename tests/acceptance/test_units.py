@@ -15,7 +15,7 @@ from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.cli import build
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.codec import pack_samples
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close, Quantity
 from caesura_protocol.plausibility import FirstSecond, implausible
@@ -141,7 +141,7 @@ def test_a_bridge_refuses_a_live_source_in_its_first_second():
     with Service(LOCAL) as service, ZenohTransport(service.endpoint, timeout_s=20.0) as transport:
         with (
             Bridge(transport, "cell-1", source, session="s1") as bridge,
-            pytest.raises(BadSource, match=r"the source: positions are .* probably in mm. State --length"),
+            pytest.raises(SourceError, match=r"the source: positions are .* probably in mm. State --length"),
         ):
             bridge.run()
         with Peer(service.endpoint) as peer:

@@ -20,7 +20,7 @@ from caesura_clients.cli import build
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
 from caesura_protocol.codec import decode, encoding_of, pack_samples
-from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import WRITERS
 from caesura_protocol.messages import Open, SampleBatch, Snapshot, WrenchReport
@@ -134,7 +134,10 @@ def test_an_opening_that_contradicts_itself_is_refused_with_the_alternatives(end
 def test_a_bridge_refuses_a_source_that_contradicts_itself(endpoint):
     source = FileSource(stating("flange_sensor_with_hand"))
     source.hand_on_robot = "no"
-    with ZenohTransport(endpoint, timeout_s=20.0) as transport, pytest.raises(BadSource, match="contradicts"):
+    with (
+        ZenohTransport(endpoint, timeout_s=20.0) as transport,
+        pytest.raises(SourceError, match="contradicts"),
+    ):
         Bridge(transport, "cell-1", source)
 
 
@@ -319,7 +322,7 @@ def test_the_simulated_teacher_states_source_and_hand():
     for options, hand in ((SourceOptions(), "yes"), (SourceOptions(hand_on_robot="unknown"), "unknown")):
         source = open_source("teacher", options)
         assert (source.wrench_source, source.hand_on_robot) == ("flange_sensor", hand)
-    with pytest.raises(BadSource, match="'maybe', expected one of yes, no, unknown"):
+    with pytest.raises(SourceError, match="'maybe', expected one of yes, no, unknown"):
         open_source("teacher", SourceOptions(hand_on_robot="maybe"))
 
 

@@ -26,17 +26,17 @@ from caesura_protocol.fragments import in_pieces
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Message
 from caesura_service.app import segmenting_pipeline
-from caesura_service.changepoint.compiled_filter import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.journal import SqliteJournal
-from caesura_service.monitoring.instrumented_registry import WatchedRegistry
-from caesura_service.monitoring.session_event_logger import Chronicle
-from caesura_service.monitoring.station_counters import Counting
+from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
+from caesura_service.monitoring.session_event_logger import SessionEventLogger
+from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.segmentation.pipeline import SegmentationPipeline
-from caesura_service.segmentation.segmenter import Division
+from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.server import worker
-from caesura_service.server.inbound import Content
+from caesura_service.server.inbound import RawPayload
 from caesura_service.server.result_publisher import key_of
 from caesura_service.sessions import batch_receiver
 from caesura_service.sessions.limits import Limits
@@ -51,11 +51,15 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "checking its samples": ((batch_receiver, "samples_of"),),
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
-    "a step of the filter": ((CompiledFilter, "step"),),
-    "segments and changepoints": ((Division, "look"), (Division, "outline")),
+    "a step of the filter": ((CompiledRunLengthFilter, "step"),),
+    "segments and changepoints": ((Segmenter, "look"), (Segmenter, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "what has changed, as messages": ((messages, "with_view"), (messages, "with_program")),
-    "counting and logging": ((Counting, "take"), (Counting, "hear"), (Chronicle, "take")),
+    "counting and logging": (
+        (StationCounterSet, "take"),
+        (StationCounterSet, "hear"),
+        (SessionEventLogger, "take"),
+    ),
 }
 REST = "order, standing, all else"
 
@@ -92,7 +96,7 @@ def main() -> None:
     command = decode(opening.payload, opening.encoding, Control).command
     clock = Clock()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        registry = WatchedRegistry(
+        registry = InstrumentedRegistry(
             owner=Owner("bench", 1),
             pipeline_factory=segmenting_pipeline(),
             default_preset="default",
@@ -118,10 +122,14 @@ def main() -> None:
 
 
 def take(
-    registry: WatchedRegistry, write: Callable[[Message], object], station: str, batch: Encoded, now: float
+    registry: InstrumentedRegistry,
+    write: Callable[[Message], object],
+    station: str,
+    batch: Encoded,
+    now: float,
 ) -> None:
     """What the worker does with a batch."""
-    content = Content(station_key(station, "samples"), batch.payload, batch.encoding, len(batch.payload))
+    content = RawPayload(station_key(station, "samples"), batch.payload, batch.encoding, len(batch.payload))
     said = registry.samples(station, worker._batch(content), now)
     for output in said:
         if isinstance(output, Publish):

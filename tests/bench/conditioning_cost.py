@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from caesura_protocol.formats.read import load_recording
 from caesura_service.robot import Robot, load_panda
-from caesura_service.signals import Conditioner, Layout, conditioning
+from caesura_service.signals import Conditioner, SampleLayout, conditioning
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.grid import Resampler
 from caesura_service.signals.gripper import GripperTracker
-from caesura_service.signals.tare import Taring
+from caesura_service.signals.tare import TareEstimator
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"
 BATCH, SAMPLES, SESSIONS = 20, 6000, 32
@@ -39,13 +39,13 @@ Call = Callable[[], object]
 
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
-    "taking": ((Layout, "take"),),
+    "taking": ((SampleLayout, "take"),),
     "resampling": ((Resampler, "advance"),),
     "flange rows": ((conditioning, "flange_rows"),),
     "kinematics": ((Robot, "flange_poses"), (Robot, "wrenches_of_joint_torques")),
     "gripper": ((GripperTracker, "advance"),),
     "filtering": ((Conditioner, "_fit"), (SavitzkyGolay, "tail")),
-    "tare": ((Taring, "advance"),),
+    "tare": ((TareEstimator, "advance"),),
     "observations": ((conditioning, "observation_of"),),
 }
 
@@ -54,7 +54,7 @@ class Stream(NamedTuple):
     """A session's samples, in batches."""
 
     name: str
-    layout: Layout
+    layout: SampleLayout
     batches: list[NDArray[np.float64]]
 
 
@@ -81,7 +81,7 @@ def streams_of(path: Path) -> Iterator[Stream]:
     """As recorded; and, where there are joints and a wrench, as joint torques that amount to it."""
     recording, robot = load_recording(path), load_panda()
     matrix, columns = recording.matrix()[:SAMPLES], recording.columns
-    layout = Layout(
+    layout = SampleLayout(
         columns,
         recording.wrench_source,
         recording.force_frame,

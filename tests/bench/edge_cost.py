@@ -31,7 +31,7 @@ from caesura_service.journal import MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
-from caesura_service.server import Edge, NetworkSettings
+from caesura_service.server import NetworkSettings, ZenohServer
 from caesura_service.server.network import join
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
@@ -105,7 +105,7 @@ def main() -> None:
         network = NetworkSettings(connect=heard.get())
     registry = Answering(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with Edge(registry, OWNER, network, version="bench", queue=QueueSettings()) as edge:
+    with ZenohServer(registry, OWNER, network, version="bench", queue=QueueSettings()) as edge:
         names = [f"cell-{number}" for number in range(asked.stations)]
         others = context.Process(
             target=robots, args=(edge.endpoint, names, asked.seconds, heard), daemon=True

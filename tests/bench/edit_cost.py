@@ -27,7 +27,7 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Action, Close, Edit, Insert, Open, Undo
 from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.events import Answer, Output, Owner
+from caesura_service.publishing.events import Output, Owner, Reply
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.sessions.limits import Limits
 
@@ -92,7 +92,7 @@ def edit(registry: Registry, revision: int, action: Action) -> list[Output]:
     """Correct the session, or fail."""
     made = Edit(session=SESSION, revision=revision, author="bench", action=action)
     said = registry.command(STATION, made, 0.0)
-    (reply,) = [one.reply for one in said if isinstance(one, Answer)]
+    (reply,) = [one.reply for one in said if isinstance(one, Reply)]
     if not isinstance(reply, Ack):
         raise reply
     return said

@@ -23,14 +23,14 @@ from machine import machine, options, tell
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
-from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.hazard import Refractory
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.preset import SEGMENTATION_HZ
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profile_model import Profiled
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.profile_model import ProfileModel
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.segmentation.pipeline import make_pipeline
 
 Array = NDArray[np.float64]
@@ -139,13 +139,13 @@ def measured() -> int:
     return SETTLING + STRETCH * STRETCHES
 
 
-def steps(online: Filter, seen: Iterable[Observed]) -> None:
+def steps(online: ChangepointFilter, seen: Iterable[ModelInput]) -> None:
     """Into one filter."""
     for observed in seen:
         online.step(observed)
 
 
-def round_robin(group: Sequence[Filter], seen: Sequence[Observed]) -> None:
+def round_robin(group: Sequence[ChangepointFilter], seen: Sequence[ModelInput]) -> None:
     """Into many, an observation after the other."""
     for observed in seen:
         for online in group:
@@ -155,19 +155,19 @@ def round_robin(group: Sequence[Filter], seen: Sequence[Observed]) -> None:
 # --- what is measured -----------------------------------------------------------------------------------
 
 
-def aged(seen: Sequence[Observed], age: int) -> Filter:
+def aged(seen: Sequence[ModelInput], age: int) -> ChangepointFilter:
     """A filter that has taken so many observations, these again and again."""
     online = PRESET.online()
     steps(online, islice(cycle(seen), age))
     return online
 
 
-def at_rate(hz: int) -> Filter:
+def at_rate(hz: int) -> ChangepointFilter:
     """The preset with its seconds kept. What the models hold of neighbouring samples is not scaled."""
     times, lattice, bounds = hz / HZ, PRESET.lattice(), PRESET.filter
     channels = {
         name: replace(model, library=replace(model.library, step_s=1.0 / hz))
-        if isinstance(model, Profiled)
+        if isinstance(model, ProfileModel)
         else model
         for name, model in lattice.channels.items()
     }
@@ -176,16 +176,16 @@ def at_rate(hz: int) -> Filter:
         for name in ("keep_youngest", "cap", "window", "certain_after")
     }
     hazard = Refractory(PRESET.mean_segment_s * hz, round(PRESET.refractory_s * hz))
-    return filter_for(Lattice(channels, lattice.kinds), hazard, replace(bounds, **more))
+    return filter_for(SegmentModelSet(channels, lattice.kinds), hazard, replace(bounds, **more))
 
 
 def observations(
     work: Callable[[np.random.Generator], Iterator[Array]], n: int, *, hz: int = HZ, seed: int = 0
-) -> list[Observed]:
+) -> list[ModelInput]:
     """n of what somebody does, every so many rows of it."""
     rows = chain.from_iterable(work(np.random.default_rng(seed)))
     every = round(hour.RATE_HZ / hz)
-    return [Observed(row[:3], row[3:]) for row in islice(rows, 0, n * every, every)]
+    return [ModelInput(row[:3], row[3:]) for row in islice(rows, 0, n * every, every)]
 
 
 class Samples:

@@ -19,8 +19,8 @@ from machine import options, tell
 from numpy.typing import NDArray
 from step_cost import demonstration
 
-from caesura_service.changepoint.compiled_filter import CompiledFilter, compile_now
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, compile_now
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 
@@ -40,7 +40,7 @@ def main() -> None:
     tell("offline_cost", "seconds a recording", ("method", *(f"{s} s" for s in LENGTHS_S)), rows, asked.json)
 
 
-def limited(run: Callable[[list[Observed]], None], n: int, patience_s: float) -> object:
+def limited(run: Callable[[list[ModelInput]], None], n: int, patience_s: float) -> object:
     """[s] that it takes, or that it was given up."""
     here, there = multiprocessing.Pipe(duplex=False)
     process = multiprocessing.Process(target=timed, args=(run, n, there))
@@ -53,7 +53,7 @@ def limited(run: Callable[[list[Observed]], None], n: int, patience_s: float) ->
     return here.recv() if here.poll() else "–"
 
 
-def timed(run: Callable[[list[Observed]], None], n: int, told: Any) -> None:
+def timed(run: Callable[[list[ModelInput]], None], n: int, told: Any) -> None:
     """Tell how much processor time it takes, once what it needs is loaded."""
     run(demonstration(20))
     data = demonstration(n)
@@ -62,23 +62,23 @@ def timed(run: Callable[[list[Observed]], None], n: int, told: Any) -> None:
     told.send(time.process_time() - before)
 
 
-def ours(data: list[Observed]) -> None:
+def ours(data: list[ModelInput]) -> None:
     """The filter over everything: final and provisional segments are the recording's."""
     compile_now()
     preset = PRESETS["default"]
-    online = CompiledFilter(preset.lattice(), preset.hazard, preset.filter)
+    online = CompiledRunLengthFilter(preset.lattice(), preset.hazard, preset.filter)
     for observed in data:
         online.step(observed)
     online.map_path()
 
 
-def exact(data: list[Observed]) -> None:
+def exact(data: list[ModelInput]) -> None:
     """The exact posterior of every changepoint, starts pruned."""
     preset = PRESETS["default"]
     segment_offline(preset.lattice(), preset.hazard, data, prune_ratio=1e-12)
 
 
-def pelt(data: list[Observed]) -> None:
+def pelt(data: list[ModelInput]) -> None:
     """Piecewise linear, the usual penalty."""
     import ruptures  # noqa: PLC0415
 
@@ -88,7 +88,7 @@ def pelt(data: list[Observed]) -> None:
     ruptures.Pelt(model="clinear", min_size=3, jump=1).fit(scaled).predict(pen=penalty)
 
 
-def recursion(data: list[Observed]) -> None:
+def recursion(data: list[ModelInput]) -> None:
     """The peer's, on the vertical force."""
     run = peers.bcd_offline()
     if run is None:
@@ -96,7 +96,7 @@ def recursion(data: list[Observed]) -> None:
     run(signals(data)[:, -1])
 
 
-def signals(data: list[Observed]) -> NDArray[np.float64]:
+def signals(data: list[ModelInput]) -> NDArray[np.float64]:
     """(n, 6) position and force."""
     return np.array([[*observed.position, *observed.force] for observed in data])
 

@@ -20,18 +20,21 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.compiled_filter import CompiledFilter
-from caesura_service.changepoint.constant_models import Biased
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
+from caesura_service.changepoint.constant_models import FreeSpaceForce
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.models import Noise, Observed
+from caesura_service.changepoint.models import ModelInput, Noise
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 
 Array = NDArray[np.float64]
 
 MEAN_SAMPLES = 20.0
 ROUNDS = 5
-LEVEL = Lattice({"level": Biased(Noise(2.0, 0.3), bias=5.0)}, (Kind("steady", "steady", "free", ("level",)),))
+LEVEL = SegmentModelSet(
+    {"level": FreeSpaceForce(Noise(2.0, 0.3), bias=5.0)},
+    (SegmentKind("steady", "steady", "free", ("level",)),),
+)
 PRUNED = FilterParameters(certain=1.0)
 UNPRUNED = replace(PRUNED, prune_ratio=0.0, keep_youngest=0, cap=1000)
 
@@ -59,10 +62,10 @@ def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
 
 def ours(series: Sequence[Array], parameters: FilterParameters) -> None:
     """Our filter over a series."""
-    online = CompiledFilter(LEVEL, Geometric(MEAN_SAMPLES), parameters)
+    online = CompiledRunLengthFilter(LEVEL, Geometric(MEAN_SAMPLES), parameters)
     zero = np.zeros(3)
     for force in series:
-        online.step(Observed(zero, force))
+        online.step(ModelInput(zero, force))
 
 
 def bocpd() -> Any:

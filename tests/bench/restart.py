@@ -29,7 +29,7 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Close, Insert, Open
 from caesura_service.journal import Record, SqliteJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.session_state import Standing, program_of
+from caesura_service.publishing.session_state import SessionState, program_of
 
 OPENS = 21
 
@@ -97,7 +97,7 @@ def shown(registry: Registry) -> tuple[object, ...]:
     return (*fields(standing), standing.revision, standing.undoable, standing.state)
 
 
-def fields(standing: Standing) -> tuple[object, ...]:
+def fields(standing: SessionState) -> tuple[object, ...]:
     """Its view and its program."""
     return standing.view, program_of(standing).model_copy(update={"epoch": 0})
 

@@ -15,8 +15,8 @@ from machine import seconds
 from numba import njit
 
 from caesura_service.changepoint.kernels.describe import fields_of
-from caesura_service.changepoint.profile_model import Profiled
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.profile_model import ProfileModel
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 ELEMENTARY = 25
 
@@ -28,9 +28,9 @@ class Work(NamedTuple):
     operations: float
 
 
-def work_of(lattice: Lattice, hypotheses: int, window: int) -> Work:
+def work_of(lattice: SegmentModelSet, hypotheses: int, window: int) -> Work:
     """Bytes touched and floating-point operations done by one step."""
-    profiled = [model for model in lattice.channels.values() if isinstance(model, Profiled)]
+    profiled = [model for model in lattice.channels.values() if isinstance(model, ProfileModel)]
     kinds, channels = len(lattice.kinds), len(lattice.channels)
     smoothing = window * (window + 1) / 2  # probabilities of where a segment began that ended in the window
     numbers = 2.0 * fields_of(lattice) + 2 * kinds  # of a hypothesis
@@ -43,7 +43,7 @@ def work_of(lattice: Lattice, hypotheses: int, window: int) -> Work:
     return Work(8.0 * (hypotheses * numbers + smoothing), total)
 
 
-def of_profile(model: Profiled) -> tuple[int, float]:
+def of_profile(model: ProfileModel) -> tuple[int, float]:
     """Numbers read or written and operations done for a hypothesis and a profile."""
     axes, shares, groups = 3, len(model.noise.shares), 1 if model.noise.joint else 3
     uneven, mixture = model.library.calm < 1.0, model.choice == "mixture"

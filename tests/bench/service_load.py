@@ -33,7 +33,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.keys import parse_replay_parameters, parse_station_key, session_key, station_key
 from caesura_protocol.messages import Ack, Control, Open, Posterior
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
@@ -233,7 +233,7 @@ def replay(asked: Inbox, content: Mapping[str, Sequence[Encoded]]) -> None:
     """Send again what somebody missed, as a bridge does."""
     while True:
         question = asked.get(60.0)
-        if question is None or isinstance(question, Delivery | TokenChange):
+        if question is None or isinstance(question, ReceivedSample | TokenChange):
             continue
         with question:
             wanted = parse_replay_parameters(question.parameters)

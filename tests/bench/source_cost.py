@@ -18,10 +18,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from caesura_clients.bridge.sources.franka import FrankaSource, state_of
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.ros_messages import TopicRule, stamp_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder
-from caesura_protocol.formats.signal_aligner import Joiner
+from caesura_protocol.formats.signal_aligner import SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection
 from clients.fake_franka import Script, fake_libfranka, state
 from harness import ros
@@ -40,7 +40,7 @@ def franka() -> float:
     try:
         for chunk in source.chunks():
             count += len(chunk)
-    except BadSource:
+    except SourceError:
         pass
     return (time.perf_counter() - begun) / count
 
@@ -50,7 +50,7 @@ def live(messages: list[ros.Message], signals: dict[str, str]) -> float:
     kinds = {topic: kind for topic, kind, _, _ in messages}
     topics = {topic: Topic(topic, kind, TopicRule(topic)) for topic, kind in kinds.items()}
     payloads = [(topics[topic], ros.cdr(message, kind)) for topic, kind, _, message in messages]
-    plan, joiner, read = TopicSelection(signals, {}), Joiner(tuple(signals), patience_s=0.1), decoder()
+    plan, joiner, read = TopicSelection(signals, {}), SignalAligner(tuple(signals), patience_s=0.1), decoder()
     begun, rows = time.perf_counter(), 0
     for topic, payload in payloads:
         message = read.read(topic.type, payload)

@@ -21,12 +21,12 @@ import roofline
 import thesis_update
 from machine import machine, options, seconds, tell
 
-from caesura_service.changepoint.compiled_filter import CompiledFilter
-from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
+from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
 
 HYPOTHESES = (10, 50, 100)
 WARM_UP, STRETCH, STRETCHES = 160, 100, 5
@@ -57,13 +57,13 @@ def main() -> None:
 
 
 def measure(
-    name: str, hypotheses: int, data: Sequence[Observed], *, orientation: bool, torque: bool
+    name: str, hypotheses: int, data: Sequence[ModelInput], *, orientation: bool, torque: bool
 ) -> tuple[object, ...]:
     """Median µs a step of each way, and how they compare."""
     preset = living(PRESETS[name], hypotheses)
     lattice = preset.lattice(orientation=orientation, torque=torque)
-    compiled = CompiledFilter(lattice, preset.hazard, preset.filter)
-    reference = OnlineFilter(lattice, preset.hazard, preset.filter)
+    compiled = CompiledRunLengthFilter(lattice, preset.hazard, preset.filter)
+    reference = RunLengthFilter(lattice, preset.hazard, preset.filter)
     for online in (compiled, reference):
         take(online, data[:WARM_UP])
     work = roofline.work_of(lattice, compiled.starts.size, preset.filter.window)
@@ -86,13 +86,13 @@ def measure(
     )
 
 
-def stretches(data: Sequence[Observed]) -> Iterator[Sequence[Observed]]:
+def stretches(data: Sequence[ModelInput]) -> Iterator[Sequence[ModelInput]]:
     """All but the last."""
     for first in range(WARM_UP, WARM_UP + STRETCHES * STRETCH, STRETCH):
         yield data[first : first + STRETCH]
 
 
-def take(online: Filter, observations: Sequence[Observed]) -> None:
+def take(online: ChangepointFilter, observations: Sequence[ModelInput]) -> None:
     """One step after the other."""
     for observed in observations:
         online.step(observed)
@@ -105,7 +105,9 @@ def processor_seconds(work: Callable[[], object]) -> float:
     return time.thread_time() - before
 
 
-def after_others(compiled: Filter, reference: Filter, observations: Sequence[Observed]) -> list[float]:
+def after_others(
+    compiled: ChangepointFilter, reference: ChangepointFilter, observations: Sequence[ModelInput]
+) -> list[float]:
     """[s] of each compiled step, a step of the NumPy path before it.
 
     By the clock on the wall: asking for processor time would take longer than a step.
@@ -123,7 +125,7 @@ def living(preset: Preset, hypotheses: int) -> Preset:
     return replace(preset, filter=kept)
 
 
-def as_in_thesis(online: OnlineFilter, data: Sequence[Observed]) -> None:
+def as_in_thesis(online: RunLengthFilter, data: Sequence[ModelInput]) -> None:
     """The thesis' update over the same hypotheses; its evidence is that of the filter."""
     position = np.array([observed.position for observed in data])
     force = np.array([observed.force for observed in data])
@@ -132,21 +134,21 @@ def as_in_thesis(online: OnlineFilter, data: Sequence[Observed]) -> None:
     np.testing.assert_allclose(told, evidence, rtol=1e-9, atol=1e-9)
 
 
-def peers_rows(data: Sequence[Observed]) -> tuple[Sequence[str], list[tuple[object, ...]]]:
+def peers_rows(data: Sequence[ModelInput]) -> tuple[Sequence[str], list[tuple[object, ...]]]:
     """Each over the same series, beside our filter with the same kind of model."""
     series = [observed.force for observed in data[:200]]
     rows = [(name, axes, 1e6 * taken / len(series)) for name, axes, taken in peers.one_level(series)]
     return ("method", "axes", "µs a step"), rows
 
 
-def demonstration(n: int) -> list[Observed]:
+def demonstration(n: int) -> list[ModelInput]:
     """Slow moves and presses without end."""
     rng = np.random.default_rng(0)
     t = 0.1 * np.arange(n)
     position = 0.1 * np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * t]) + rng.normal(0, 5e-4, (n, 3))
     force = np.column_stack([0 * t, 0 * t, 8.0 * (np.sin(0.8 * t) > 0.5)]) + rng.normal(0, 0.2, (n, 3))
     rotation = 0.5 * np.column_stack([np.sin(0.4 * t), 0 * t, 0.2 * t])
-    return [Observed(*row, np.nan, turn) for *row, turn in zip(position, force, rotation, strict=True)]
+    return [ModelInput(*row, np.nan, turn) for *row, turn in zip(position, force, rotation, strict=True)]
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from caesura_protocol.codec import decode
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Posterior, Snapshot
-from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.ownership.station_assignment import share_of
 from faults.suite.stations import Found, Station, asked, reached, station_name, teaching
@@ -54,7 +54,7 @@ def hearing(endpoint: str) -> Iterator[list[Result]]:
     def listen() -> None:
         while not over.is_set():
             item = inbox.get(0.05)
-            if isinstance(item, Delivery):
+            if isinstance(item, ReceivedSample):
                 said = decode(item.payload, item.encoding, Posterior)
                 heard.append(Result(time.monotonic(), said.station, said.instance, said.t))
 

@@ -17,7 +17,7 @@ from prometheus_client import generate_latest
 
 from caesura_protocol.messages import JournalReport, ServiceStatus
 from caesura_service.journal import MemoryJournal
-from caesura_service.monitoring.instrumented_registry import WatchedRegistry
+from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource, metrics_of
 from caesura_service.ownership.registry import Registry
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
@@ -52,7 +52,7 @@ def teach(registry: Registry) -> float:
     return 1e6 * (time.process_time() - began) / (BATCHES * STATIONS)
 
 
-def scrape(registry: WatchedRegistry) -> float:
+def scrape(registry: InstrumentedRegistry) -> float:
     """[ms] one scrape."""
     journal = JournalReport(kind="memory", commit_s=0, size=0, size_limit=1)
     status = ServiceStatus(
@@ -80,9 +80,9 @@ def main() -> None:
     plain = [teach(build(Registry)) for _ in range(ROUNDS)]
     watched = []
     for _ in range(ROUNDS):
-        registry = build(WatchedRegistry)
+        registry = build(InstrumentedRegistry)
         watched.append(teach(registry))
-    assert isinstance(registry, WatchedRegistry)
+    assert isinstance(registry, InstrumentedRegistry)
     scrapes = [scrape(registry) for _ in range(ROUNDS)]
     print(f"a batch, with a pipeline that does next to nothing: {median(plain):.0f} µs, ", end="")
     print(f"watched {median(watched):.0f} µs")

@@ -9,7 +9,7 @@ from typing import Self
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot
-from caesura_protocol.transport.inbox import Delivery, Inbox, Question, TokenChange
+from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
 from caesura_protocol.transport.network import Transport
 from clients.fake_service import eventually
@@ -62,11 +62,11 @@ class Answering:
     def _run(self) -> None:
         while not self._over.is_set():
             question = self._inbox.get(TICK_S)
-            if question is not None and not isinstance(question, Delivery | TokenChange):
+            if question is not None and not isinstance(question, ReceivedSample | TokenChange):
                 with question:
                     self._answer(question)
 
-    def _answer(self, question: Question) -> None:
+    def _answer(self, question: IncomingQuery) -> None:
         for one in self.snapshots:
             key = session_key(one.status.station, one.status.session, "snapshot")
             if intersect(question.key, key):

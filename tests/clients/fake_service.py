@@ -11,7 +11,7 @@ from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, parse_station_key, replay_parameters, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Control, Heartbeat, Open, SampleBatch
-from caesura_protocol.transport.inbox import Delivery, Inbox, Question, TokenChange
+from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 TICK_S = 0.02
@@ -77,7 +77,7 @@ class FakeService:
     def _run(self) -> None:
         while not self._over.is_set():
             item = self._inbox.get(TICK_S)
-            if isinstance(item, Delivery):
+            if isinstance(item, ReceivedSample):
                 self._take(item.key, decode(item.payload, item.encoding, SampleBatch, Heartbeat))
             elif item is not None and not isinstance(item, TokenChange):
                 with item:
@@ -109,7 +109,7 @@ class FakeService:
         while not self.hold and self.next_seq in self._held:
             self.batches.append(self._held.pop(self.next_seq))
 
-    def _command(self, question: Question) -> None:
+    def _command(self, question: IncomingQuery) -> None:
         command = decode(*question.content, Control).command
         station = parse_station_key(question.key)[0]
         refusal = self.refuse

@@ -11,7 +11,7 @@ from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_protocol.codec import decode, encode_error, unpack_samples
-from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
 from caesura_protocol.messages import Close, Control, Open
 from clients.examples import LiveSource, recording, samples
@@ -422,7 +422,7 @@ def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, me
         Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
     ):
         bridge.send(samples(10))
-        with pytest.raises(BadSource, match=message):
+        with pytest.raises(SourceError, match=message):
             bridge.send(chunk)
         bridge.send(samples(10, t0=0.01))
         bridge.finish()
@@ -441,7 +441,7 @@ class FailingSource(LiveSource):
         raise self.failure
 
 
-@pytest.mark.parametrize("failure", [BadSource("the cable is off"), OSError("the cable is off")])
+@pytest.mark.parametrize("failure", [SourceError("the cable is off"), OSError("the cable is off")])
 def test_a_source_that_fails_ends_the_session_with_what_it_had_sent(memory, failure):
     # Its session once stayed open for ever, and was taken for the station's current one.
     source = FailingSource([samples(50)], failure)
@@ -464,7 +464,7 @@ def test_a_value_that_is_not_finite_ends_the_session_with_what_came_before(memor
         Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
     ):
         bridge.wait_open(30.0)
-        with pytest.raises(BadSource, match="sample 27: py is nan"):
+        with pytest.raises(SourceError, match="sample 27: py is nan"):
             bridge.run()
         assert (service.state, service.rows()) == ("closed", 20)
 
@@ -545,5 +545,5 @@ def test_what_is_closed_takes_no_samples(network):
 def test_a_source_that_declares_what_nobody_knows_is_refused_by_name(memory):
     source = LiveSource()
     source.wrench_source = "sensor"
-    with pytest.raises(BadSource, match="wrench_source is 'sensor', expected one of flange_sensor"):
+    with pytest.raises(SourceError, match="wrench_source is 'sensor', expected one of flange_sensor"):
         Bridge(memory.transport(), "cell-1", source)

@@ -21,13 +21,13 @@ from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
 from caesura_clients.doctor.findings import CheckResult, Grade
-from caesura_clients.doctor.probes import Facts, ReceivedStatus, Reported, gather
+from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus, Reported, gather
 from caesura_clients.doctor.reach import no_session
 from caesura_clients.doctor.run_checks import examine_network, examine_recording, judge
 from caesura_clients.doctor.signal import cells_at_rest
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.distribution import installed_version
-from caesura_protocol.errors import NotLetIn, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, ProtocolError, Unreachable
 from caesura_protocol.keys import service_key
 from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
 from caesura_protocol.recording import Recording
@@ -87,11 +87,11 @@ def status(**changes: object) -> SessionStatus:
     return example(SessionStatus).model_copy(update={**well, "wrench": wrench, **changes})
 
 
-def well(**changes: object) -> Facts:
+def well(**changes: object) -> ProbeResult:
     """One service, one station that is taught at 1 kHz."""
     first, last = (status(batches=50 * i, samples=1000 * i, t=float(i), seq=i) for i in range(1, 3))
     one = snapshot(3, "motion").model_copy(update={"status": last})
-    facts = Facts(
+    facts = ProbeResult(
         alive=[example(ServiceStatus).instance],
         reported=[service()],
         bridges=[last.station],
@@ -105,7 +105,7 @@ def well(**changes: object) -> Facts:
     return facts
 
 
-def heard(facts: Facts, **changes: object) -> Facts:
+def heard(facts: ProbeResult, **changes: object) -> ProbeResult:
     """The same, with the station's last status changed."""
     ((key, (first, last)),) = facts.statuses.items()
     changed = ReceivedStatus(last.at, last.status.model_copy(update=changes))
@@ -454,7 +454,9 @@ def test_something_that_is_no_router_is_told_from_nothing():
 
 
 def test_what_stands_between_us_and_a_router_is_told_with_its_remedy():
-    found = no_session(NotLetIn("tls/x:1 does not let us in: it demands a certificate: --zenoh-config FILE"))
+    found = no_session(
+        AccessDenied("tls/x:1 does not let us in: it demands a certificate: --zenoh-config FILE")
+    )
     assert found.found == "tls/x:1 does not let us in: it demands a certificate"
     assert found.remedy == "--zenoh-config FILE"
     assert no_session(Unreachable("no router at tcp/x:1 for 3 s")).remedy

@@ -20,7 +20,7 @@ from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import parse
 from caesura_clients.cli.pedal import marking
-from caesura_protocol.errors import Absent, CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Edit, Insert, LimitForce, Move, NamePhase, Undo
 from caesura_protocol.recording import Recording
@@ -166,7 +166,7 @@ def test_every_line_on_standard_input_is_a_mark_and_one_that_fails_ends_nothing(
 
 
 def test_a_session_that_is_not_there_is_named(caesura: Caesura):
-    with pytest.raises(Absent, match="nosuch"):
+    with pytest.raises(NotFound, match="nosuch"):
         caesura.undo("cell-9", "nosuch", author="Ann")
     with pytest.raises(ProtocolError, match="unknown_session"):
         caesura.undo("cell-9", "nosuch", author="Ann", revision=0)

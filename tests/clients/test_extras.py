@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from clients.examples import recording
 
@@ -38,7 +38,7 @@ def without(monkeypatch):
 def test_a_file_that_needs_an_extra_names_it(tmp_path, without, extra, file):
     (tmp_path / file).write_bytes(b"not looked at")
     without(extra)
-    with pytest.raises(BadSource, match=rf"{file} needs .*: pip install '\.\[{extra}\]' in a clone"):
+    with pytest.raises(SourceError, match=rf"{file} needs .*: pip install '\.\[{extra}\]' in a clone"):
         load_recording(tmp_path / file)
 
 
@@ -46,7 +46,7 @@ def test_a_file_that_needs_an_extra_names_it(tmp_path, without, extra, file):
 def test_a_source_that_needs_an_extra_names_it(without, source):
     without(source)
     with pytest.raises(
-        BadSource, match=rf"the source {source} needs .*: pip install '\.\[{source}\]' in a clone"
+        SourceError, match=rf"the source {source} needs .*: pip install '\.\[{source}\]' in a clone"
     ):
         open_source(source, SourceOptions(host="172.16.0.2", ros="tcp/127.0.0.1:1"))
 

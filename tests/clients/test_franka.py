@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.franka import FrankaSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
 from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
 from clients.fake_service import FakeService, eventually
@@ -56,7 +56,7 @@ def rows_of(source: FrankaSource) -> tuple[list[np.ndarray], str]:
     try:
         for chunk in told:
             chunks.append(chunk)
-    except BadSource as lost:
+    except SourceError as lost:
         return chunks, str(lost)
     pytest.fail("the robot was not lost")
 
@@ -90,7 +90,7 @@ def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
         ({"hand_on_robot": "maybe"}, "'maybe', expected one of yes, no, unknown"),
         ({"wrench_source": "flange_sensor"}, f"expected joint_torque_estimate, which the source {arm} has"),
     ):
-        with pytest.raises(BadSource, match=expected):
+        with pytest.raises(SourceError, match=expected):
             open_source(arm, replace(options, **wrong))
 
 
@@ -103,7 +103,7 @@ def test_a_robot_that_is_lost_says_when_and_why(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_does_not_answer_says_why(play, arm):
-    with pytest.raises(BadSource, match=f"{arm} at 172.16.0.2: cannot connect: libfranka: refused"):
+    with pytest.raises(SourceError, match=f"{arm} at 172.16.0.2: cannot connect: libfranka: refused"):
         play(arm, Script([], error="libfranka:\n refused"))
 
 
@@ -128,7 +128,7 @@ def test_a_gripper_that_is_lost_ends_the_source(play, arm):
     next(told)
     script.gripper_error = "connection closed"
     eventually(lambda: source._gripper.failure is not None)
-    with pytest.raises(BadSource, match=r"the gripper was lost after 0\.0 s: connection closed"):
+    with pytest.raises(SourceError, match=r"the gripper was lost after 0\.0 s: connection closed"):
         next(told)
 
 
@@ -136,7 +136,9 @@ def test_a_gripper_that_is_lost_ends_the_source(play, arm):
 def test_no_gripper_says_what_to_add(play, arm):
     script = Script(moving(3))
     script.gripper_error = "refused"
-    with pytest.raises(BadSource, match=r"its gripper: cannot connect: refused \(without a gripper: --no-gr"):
+    with pytest.raises(
+        SourceError, match=r"its gripper: cannot connect: refused \(without a gripper: --no-gr"
+    ):
         play(arm, script, gripper=True)
 
 
@@ -154,7 +156,7 @@ def test_the_bridge_sends_what_came_and_then_says_why_it_ended(play, arm, memory
     with (
         FakeService(memory.transport()) as service,
         Bridge(memory.transport(), "cell-1", play(arm, Script(moving(200))), settings=QUICK) as bridge,
-        pytest.raises(BadSource, match="UDP receive: Timeout"),
+        pytest.raises(SourceError, match="UDP receive: Timeout"),
     ):
         bridge.run()
     assert service.rows() == 200
@@ -165,9 +167,11 @@ def test_the_bridge_sends_what_came_and_then_says_why_it_ended(play, arm, memory
 def test_a_missing_extra_is_named(monkeypatch, arm):
     monkeypatch.setitem(sys.modules, "franky", None)
     monkeypatch.setitem(sys.modules, "panda_py.libfranka", None)
-    with pytest.raises(BadSource, match=rf"the source {arm} needs .*: pip install '\.\[{arm}\]' in a clone"):
+    with pytest.raises(
+        SourceError, match=rf"the source {arm} needs .*: pip install '\.\[{arm}\]' in a clone"
+    ):
         open_source(arm, SourceOptions(host="172.16.0.2"))
-    with pytest.raises(BadSource, match="needs --host"):
+    with pytest.raises(SourceError, match="needs --host"):
         open_source(arm, SourceOptions())
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_service.robot import load_panda
 
 pytest.importorskip("franky", reason="franky-control is not installed")
@@ -45,7 +45,7 @@ def test_pose_joints_and_gripper_are_the_simulators_until_it_is_killed(robot):
     process, address = robot
     source = open_source("franky", SourceOptions(host=address))
     chunks, rows = [], 0
-    with pytest.raises(BadSource, match=f"franky at {address}: .*lost after"):  # noqa: PT012 - it is a loop
+    with pytest.raises(SourceError, match=f"franky at {address}: .*lost after"):  # noqa: PT012 - it is a loop
         for chunk in source.chunks():
             chunks.append(chunk)
             rows += len(chunk)
@@ -62,5 +62,5 @@ def test_pose_joints_and_gripper_are_the_simulators_until_it_is_killed(robot):
 
 
 def test_a_robot_that_is_not_there_is_named():
-    with pytest.raises(BadSource, match=r"franky at 127\.0\.0\.1: cannot connect: libfranka: "):
+    with pytest.raises(SourceError, match=r"franky at 127\.0\.0\.1: cannot connect: libfranka: "):
         open_source("franky", SourceOptions(host="127.0.0.1"))

@@ -18,7 +18,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.fragments import in_pieces
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
-from caesura_protocol.transport.inbox import Delivery
+from caesura_protocol.transport.inbox import ReceivedSample
 from caesura_protocol.transport.network import QueryReplies, unanswered
 from clients.examples import LiveSource, example, until_complete
 
@@ -104,8 +104,8 @@ def long_snapshot() -> Snapshot:
     return short.model_copy(update={"segments": segments})
 
 
-def pieces_of(snapshot: Snapshot) -> list[Delivery]:
-    return [Delivery(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(snapshot)]
+def pieces_of(snapshot: Snapshot) -> list[ReceivedSample]:
+    return [ReceivedSample(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(snapshot)]
 
 
 def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
@@ -120,7 +120,7 @@ class Lossy:
 
     endpoint = "nowhere"
 
-    def __init__(self, parts: list[Delivery], spoilt: QueryReplies, losses: int) -> None:
+    def __init__(self, parts: list[ReceivedSample], spoilt: QueryReplies, losses: int) -> None:
         self.parts, self.spoilt, self.losses, self.asked = parts, spoilt, losses, 0
 
     def query(self, key: str) -> QueryReplies:

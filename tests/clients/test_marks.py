@@ -7,13 +7,13 @@ import threading
 import pytest
 
 from caesura_clients.bridge import marker_queue
-from caesura_clients.bridge.marker_queue import CAPACITY, Marks
+from caesura_clients.bridge.marker_queue import CAPACITY, MarkerQueue
 from caesura_protocol.errors import CaesuraError
 
 
 def test_marks_are_made_in_order_and_those_that_wait_in_the_end_too():
     made: list[float] = []
-    with Marks(made.append, "cell-1") as making:
+    with MarkerQueue(made.append, "cell-1") as making:
         for t in (1.0, 2.0, 3.0):
             making.put(t)
     assert (made, making.made, making.failed) == ([1.0, 2.0, 3.0], 3, [])
@@ -28,7 +28,7 @@ def test_marks_that_nobody_takes_do_not_hold_up_the_end(monkeypatch: pytest.Monk
         asked.set()
         answered.wait(10.0)
 
-    with Marks(make, "cell-1") as making:
+    with MarkerQueue(make, "cell-1") as making:
         making.put(0.0)
         assert asked.wait(10.0)
         for t in range(1, count):
@@ -46,13 +46,13 @@ def test_whoever_ends_the_demonstration_does_not_wait_for_marks():
         answered.wait(10.0)
         raise CaesuraError("no such session")
 
-    def teach(making: Marks) -> None:
+    def teach(making: MarkerQueue) -> None:
         for t in (1.0, 2.0):
             making.put(t)
         answered.set()
         raise KeyboardInterrupt
 
-    making = Marks(make, "cell-1")
+    making = MarkerQueue(make, "cell-1")
     with pytest.raises(KeyboardInterrupt), making:
         teach(making)
     assert len(making.failed) == 2

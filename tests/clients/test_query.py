@@ -5,7 +5,7 @@ import pytest
 from caesura_clients.client import Caesura
 from caesura_clients.query import current_sessions
 from caesura_protocol.codec import encode, encode_error
-from caesura_protocol.errors import Absent, ProtocolError, Unreachable
+from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Program, ServiceStatus
 from clients.answering import Answering
@@ -80,11 +80,11 @@ def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, ne
     with network.transport().token(station_key("cell-8", "alive")):
         for ask in (lambda: caesura.program("cell-1"), lambda: caesura.snapshot("cell-1")):
             with pytest.raises(
-                Absent, match=r"'cell-1' has no .*with sessions: cell-7; with a bridge: cell-8"
+                NotFound, match=r"'cell-1' has no .*with sessions: cell-7; with a bridge: cell-8"
             ):
                 ask()
         assert caesura.stations() == ["cell-8"]
-    with pytest.raises(Absent, match="no session nothing"):
+    with pytest.raises(NotFound, match="no session nothing"):
         caesura.snapshot("cell-7", "nothing")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from caesura_clients.refresh_backoff import LONGEST_S, Silence
+from caesura_clients.refresh_backoff import LONGEST_S, RefreshBackoff
 
 
 class Clock:
@@ -18,7 +18,7 @@ class Clock:
 def times_asked(until: float, *, answers: bool) -> list[float]:
     """When somebody is asked who said something at 0 s and never again."""
     clock, asked = Clock(), []
-    silence: Silence[str] = Silence(2.0, clock)
+    silence: RefreshBackoff[str] = RefreshBackoff(2.0, clock)
     silence.heard("a")
     while clock.now < until:
         clock.now += 0.5
@@ -40,7 +40,7 @@ def test_who_does_not_answer_is_asked_again_as_soon_as_at_first():
 
 def test_who_is_heard_is_waited_for_anew_and_who_has_ended_not_at_all():
     clock = Clock()
-    silence: Silence[str] = Silence(2.0, clock)
+    silence: RefreshBackoff[str] = RefreshBackoff(2.0, clock)
     for key in "ab":
         silence.heard(key)
     clock.now = 1.5

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from caesura_clients.following import ServiceIs, SessionRemoved, events, follow
+from caesura_clients.following import ServiceAvailability, SessionRemoved, events, follow
 from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
@@ -189,7 +189,7 @@ def test_a_lost_last_message_is_found_while_another_station_goes_on(network, pub
     happening = told(network)
     assert isinstance(next(happening), Update)  # from the snapshots; now it listens
     busy.start()
-    assert any(event == ServiceIs("there") for event in happening)
+    assert any(event == ServiceAvailability("there") for event in happening)
     assert any(isinstance(event, Update) and len(event.segments) == 3 for event in happening)
     publisher.snapshots[0] = snapshot(5, "hold")
     assert any(event.station == "cell-1" and kinds(event) == ["hold"] for event in happening)
@@ -235,10 +235,10 @@ def told(network, **options):
 def test_a_service_that_goes_and_comes_back_is_told(network):
     with Answering(network.transport()):
         happening = told(network)
-        assert next(happening) == ServiceIs("there")
-    assert next(happening) == ServiceIs("gone")
+        assert next(happening) == ServiceAvailability("there")
+    assert next(happening) == ServiceAvailability("gone")
     with Answering(network.transport()):
-        assert next(happening) == ServiceIs("there")
+        assert next(happening) == ServiceAvailability("there")
 
 
 def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
@@ -247,12 +247,12 @@ def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
         first.snapshots = [snapshot(4, "motion", session="old")]
         happening = told(network)
         assert next(happening).session == "old"
-        assert next(happening) == ServiceIs("there")
-    assert next(happening) == ServiceIs("gone")
+        assert next(happening) == ServiceAvailability("there")
+    assert next(happening) == ServiceAvailability("gone")
     with Answering(network.transport()) as second:
         second.snapshots = [snapshot(0, session="new")]
         seen = [next(happening) for _ in range(3)]
-    assert ServiceIs("there") in seen
+    assert ServiceAvailability("there") in seen
     assert SessionRemoved("cell-1", "old") in seen
     assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
 
@@ -275,8 +275,8 @@ def test_while_the_service_is_gone_what_is_known_stays(memory):
         publishing.snapshots = [snapshot(4, "motion")]
         happening = told(memory, silence_s=0.3)
         assert next(happening).session == snapshot(4).status.session
-        assert next(happening) == ServiceIs("there")
-    assert list(happening) == [ServiceIs("gone")]
+        assert next(happening) == ServiceAvailability("there")
+    assert list(happening) == [ServiceAvailability("gone")]
 
 
 def test_a_service_too_busy_to_answer_ends_no_reader(memory):

@@ -17,8 +17,8 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.bridge.sources.ros2 import Ros2Source, parse_key
-from caesura_protocol.errors import BadSource
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
@@ -150,7 +150,7 @@ def recording_of(source: Ros2Source, rows: np.ndarray) -> Recording:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_topics_of_their_own_give_the_segments_of_the_npz(router, demonstration, layout):
     messages = list(ros.sensor_topics(demonstration))
-    mapped = Mapped("map.toml", MAPPING)
+    mapped = ColumnMapping("map.toml", MAPPING)
     with (
         publisher(router, layout) as node,
         opened(router, node, early(messages), mapped=mapped) as source,
@@ -188,7 +188,7 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
 def test_a_pedal_on_a_topic_marks_where_the_robot_is(router, demonstration, memory):
     messages = list(ros.sensor_topics(demonstration))[:80]
     topics = {**MAPPING["topics"], "/pedal": {"mark": True}}
-    mapped = Mapped("map.toml", {**MAPPING, "topics": topics})
+    mapped = ColumnMapping("map.toml", {**MAPPING, "topics": topics})
     with (
         publisher(router, "ros2dds") as node,
         opened(router, node, early(messages), mapped=mapped) as source,
@@ -244,20 +244,20 @@ def test_the_bridge_makes_the_marks_of_its_source(memory):
 def test_what_cannot_be_read_names_the_topic(router, demonstration, key, payload, message):
     messages = list(ros.sensor_topics(demonstration))[:2]
     untyped = {**MAPPING, "topics": {"/pose": {}, "/ft/wrench": {"signals": ["force"]}}}
-    mapped = Mapped("map.toml", untyped)
+    mapped = ColumnMapping("map.toml", untyped)
     with (
         publisher(router, "rmw_zenoh") as node,
         opened(router, node, early(messages), mapped=mapped) as source,
     ):
         node.put_raw(key, payload)
-        with pytest.raises(BadSource, match=message):
+        with pytest.raises(SourceError, match=message):
             list(source.chunks())
 
 
 def test_nobody_there_says_what_it_listened_to(router):
-    with pytest.raises(BadSource, match=r"no message of /ft/wrench, /pose within 0\.2 s; received nothing"):
-        Ros2Source(router.transport(), Mapped("map.toml", MAPPING), discover_s=0.2)
-    with pytest.raises(BadSource, match="no message of franka_msgs/msg/FrankaRobotState or"):
+    with pytest.raises(SourceError, match=r"no message of /ft/wrench, /pose within 0\.2 s; received nothing"):
+        Ros2Source(router.transport(), ColumnMapping("map.toml", MAPPING), discover_s=0.2)
+    with pytest.raises(SourceError, match="no message of franka_msgs/msg/FrankaRobotState or"):
         Ros2Source(router.transport(), discover_s=0.2)
 
 

@@ -7,7 +7,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST, parse_pace
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.batching import Batcher
-from caesura_protocol.errors import BadSource, CaesuraError
+from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.recording import Recording
 from clients.examples import recording
 
@@ -117,7 +117,7 @@ def test_times_that_are_no_seconds_are_left_for_the_service_to_refuse():
 
 @pytest.mark.parametrize("chunk", [[[0.0, 1.0]], np.array([["0", "1"]]), np.array([[0.0, 1j]])])
 def test_a_chunk_that_is_no_array_of_numbers_is_refused(chunk):
-    with pytest.raises(BadSource, match="expected an array of numbers"):
+    with pytest.raises(SourceError, match="expected an array of numbers"):
         Batcher(("t", "px"), 20).push(chunk)
 
 

@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 
 from caesura_clients.cli.watching import LiveView
-from caesura_clients.following import ServiceIs, SessionRemoved
+from caesura_clients.following import ServiceAvailability, SessionRemoved
 from caesura_clients.results import SessionReader
 from clients.examples import snapshot
 
@@ -75,24 +75,24 @@ def test_what_is_forgotten_leaves_the_view(view):
 
 
 def test_after_a_restart_that_lost_the_session_it_says_what_it_waits_for(view):
-    view.receive(ServiceIs("there"))
+    view.receive(ServiceAvailability("there"))
     view.receive(update(session="s1"))
-    for event in (ServiceIs("gone"), ServiceIs("there"), SessionRemoved("cell-1", "s1")):
+    for event in (ServiceAvailability("gone"), ServiceAvailability("there"), SessionRemoved("cell-1", "s1")):
         view.receive(event)
     assert drawn(view) == ["service back, waiting for cell-1"]
-    view.receive(ServiceIs("gone"))
+    view.receive(ServiceAvailability("gone"))
     assert drawn(view) == ["service gone, waiting for cell-1"]
 
 
 def test_a_service_that_is_gone_is_said_beneath_what_is_known(view):
-    view.receive(ServiceIs("there"))
+    view.receive(ServiceAvailability("there"))
     assert drawn(view) == ["waiting for cell-1"]
     view.receive(update("motion"))
     assert "service" not in drawn(view)[-1]
-    view.receive(ServiceIs("gone"))
+    view.receive(ServiceAvailability("gone"))
     assert drawn(view)[-1] == "service gone, waiting"
     assert any(" motion " in line for line in drawn(view))
-    view.receive(ServiceIs("there"))
+    view.receive(ServiceAvailability("there"))
     assert drawn(view)[-1] == "service back"
     view.receive(update("motion", "hold"))
     assert "service" not in drawn(view)[-1]
@@ -107,7 +107,7 @@ def test_a_short_terminal_shows_the_newest_rows_and_how_many_are_hidden(view, he
         return
     for number in range(stations):
         view.receive(update(*["motion"] * 50, "hold", station=f"cell-{number}"))
-    view.receive(ServiceIs("gone"))
+    view.receive(ServiceAvailability("gone"))
     lines = drawn(view, height, width)
     assert len(lines) <= height
     assert lines[-1] == "service gone, waiting"

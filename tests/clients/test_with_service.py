@@ -19,7 +19,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
-from caesura_protocol.errors import Absent, ProtocolError
+from caesura_protocol.errors import NotFound, ProtocolError
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
@@ -156,7 +156,7 @@ def test_a_bridge_that_is_ended_closes_its_session(endpoint, tmp_path, number):
 
 def taken_of(caesura: Caesura, station: str, session: str) -> int:
     """Samples, none before there is such a session."""
-    with suppress(Absent):
+    with suppress(NotFound):
         return caesura.snapshot(station, session).status.samples
     return 0
 

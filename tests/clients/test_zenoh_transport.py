@@ -11,7 +11,7 @@ from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.transport import memory, zenoh_transport
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
@@ -37,7 +37,7 @@ def test_what_is_put_arrives_with_its_key_and_encoding(network, pattern):
     inbox = Inbox()
     here, there = network.transport(), network.transport()
     with there.subscribe(pattern, inbox):
-        assert received(here, KEY, inbox) == Delivery(KEY, *TEXT)
+        assert received(here, KEY, inbox) == ReceivedSample(KEY, *TEXT)
 
 
 def test_a_subscription_ends_with_its_context(network):
@@ -86,7 +86,7 @@ def test_a_query_brings_every_answer_in_order(network):
     answer, seen = answering(network)
     with answer:
         answers = asked(network.transport(), KEY, OTHER, parameters="from=1;to=2")
-    assert answers.replies == (Delivery(KEY, *TEXT), Delivery(KEY, *OTHER))
+    assert answers.replies == (ReceivedSample(KEY, *TEXT), ReceivedSample(KEY, *OTHER))
     assert seen == [(KEY, "from=1;to=2", OTHER)]
 
 
@@ -163,10 +163,10 @@ def test_a_full_inbox_drops_the_oldest_and_counts():
 def test_a_full_inbox_is_full_of_bytes_too_and_one_item_always_fits():
     inbox = Inbox(capacity_bytes=100)
     for number, size in enumerate((40, 40, 30, 200)):
-        inbox.offer(Delivery(str(number), bytes(size), ""))
+        inbox.offer(ReceivedSample(str(number), bytes(size), ""))
         assert len(inbox) == (1, 2, 2, 1)[number]
     assert (inbox.dropped, inbox.get(0.0).key) == (3, "3")
-    inbox.offer(Delivery("4", bytes(100), ""))
+    inbox.offer(ReceivedSample("4", bytes(100), ""))
     assert inbox.get(0.0).key == "4"
 
 

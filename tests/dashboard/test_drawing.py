@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.drawing import Sent, delta, phase_row, run_lengths, segment_row
+from caesura_clients.dashboard.drawing import SentState, delta, phase_row, run_lengths, segment_row
 from caesura_clients.dashboard.signals import Rows, SignalRing
 from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
@@ -53,7 +53,7 @@ def updates(update):
 
 
 def test_a_browser_that_takes_every_difference_has_everything(updates):
-    browser, sent = Browser(), Sent()
+    browser, sent = Browser(), SentState()
     for one in updates:
         sent, payload = delta(sent, one, NOTHING)
         browser.apply(payload)
@@ -65,7 +65,7 @@ def test_a_browser_that_takes_every_difference_has_everything(updates):
 
 def test_a_browser_that_missed_some_catches_up_at_once(updates):
     browser = Browser()
-    sent, payload = delta(Sent(), updates[0], NOTHING)
+    sent, payload = delta(SentState(), updates[0], NOTHING)
     browser.apply(payload)
     _, payload = delta(sent, updates[3], NOTHING)
     browser.apply(payload)
@@ -73,12 +73,12 @@ def test_a_browser_that_missed_some_catches_up_at_once(updates):
 
 
 def test_nothing_new_is_nothing_to_send(updates):
-    sent, _ = delta(Sent(), updates[1], NOTHING)
+    sent, _ = delta(SentState(), updates[1], NOTHING)
     assert delta(sent, updates[1], NOTHING) == (sent, {})
 
 
 def test_only_what_changed_is_sent(updates):
-    sent, _ = delta(Sent(), updates[0], NOTHING)
+    sent, _ = delta(SentState(), updates[0], NOTHING)
     _, payload = delta(sent, updates[1], NOTHING)
     assert payload["segments"]["first"] == 1
     assert len(payload["segments"]["rows"]) == 1
@@ -88,17 +88,17 @@ def test_signals_are_sent_once_and_only_those_of_the_session(updates):
     ring, session = SignalRing(), updates[0].session
     t = np.arange(1000) / 1000.0
     ring.receive(session, COLUMNS, np.column_stack([t, t, t, t]))
-    sent, payload = delta(Sent(), updates[0], ring.after(0))
+    sent, payload = delta(SentState(), updates[0], ring.after(0))
     assert len(payload["signals"]) == 24
     assert delta(sent, updates[0], ring.after(sent.rows))[1] == {}
     other = ring.after(0)._replace(session="another")
-    assert "signals" not in delta(Sent(), updates[0], other)[1]
+    assert "signals" not in delta(SentState(), updates[0], other)[1]
 
 
 def test_a_session_that_is_gone_leaves_nothing_behind(updates):
-    sent, _ = delta(Sent(), updates[0], NOTHING)
-    assert delta(sent, None, NOTHING) == (Sent(), {"reset": True})
-    assert delta(Sent(), None, NOTHING) == (Sent(), {})
+    sent, _ = delta(SentState(), updates[0], NOTHING)
+    assert delta(sent, None, NOTHING) == (SentState(), {"reset": True})
+    assert delta(SentState(), None, NOTHING) == (SentState(), {})
 
 
 def test_run_lengths_are_times_back_from_their_observation():
@@ -114,7 +114,7 @@ def test_signals_are_in_metres_whatever_the_bridge_sends(updates):
     ring = SignalRing()
     t = np.arange(1000) / 1000.0
     ring.receive(one.session, COLUMNS, np.column_stack([t, t + 250.0, t, t]))
-    _, payload = delta(Sent(), one, ring.after(0))
+    _, payload = delta(SentState(), one, ring.after(0))
     assert payload["signals"][0][1] == pytest.approx(0.25, abs=0.001)
 
 
@@ -122,5 +122,5 @@ def test_signals_are_in_metres_whatever_the_bridge_sends(updates):
 def test_a_bias_is_taken_off_where_it_and_the_samples_are_in_one_frame(updates, frame, tare):
     wrench = updates[0].status.wrench.model_copy(update={"frame": frame, "tare": (0.5, -1.0, 2.0)})
     one = replace(updates[0], status=updates[0].status.model_copy(update={"wrench": wrench}))
-    _, payload = delta(Sent(), one, NOTHING)
+    _, payload = delta(SentState(), one, NOTHING)
     assert (payload["frame"], payload["tare"]) == (frame, tare)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.query import services, stations
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -44,7 +44,7 @@ def answering(memory):
 
 @pytest.fixture
 def gateway(memory, answering):
-    with Gateway(memory.transport(), refresh_s=0.1) as gateway:
+    with NetworkFollower(memory.transport(), refresh_s=0.1) as gateway:
         eventually(lambda: gateway.world.updates and gateway.world.alive and gateway.world.services)
         yield gateway
 
@@ -144,7 +144,7 @@ def test_run_lengths_are_kept_in_order(gateway, answering):
 
 
 def test_a_service_that_goes_is_trouble_and_one_that_comes_back_ends_it(memory):
-    with Gateway(memory.transport(), refresh_s=0.1) as gateway:
+    with NetworkFollower(memory.transport(), refresh_s=0.1) as gateway:
         eventually(lambda: "no service is alive" in gateway.world.trouble)
         with Answering(memory.transport()) as answering:
             answering.answers[STATUS] = encode(example(ServiceStatus))

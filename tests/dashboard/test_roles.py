@@ -11,7 +11,7 @@ from caesura_clients import editing
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector
-from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -39,7 +39,7 @@ def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
         network("dashboard.wall") as wall,
         network("operator.boss") as boss,
         network("bridge.cell-1") as robot,
-        Gateway(wall, refresh_s=0.2) as gateway,
+        NetworkFollower(wall, refresh_s=0.2) as gateway,
     ):
         eventually(lambda: gateway.world.alive and gateway.world.services)
         with Bridge(robot, "cell-1", FileSource(guided(), pace=math.inf), session="s1") as bridge:

@@ -6,20 +6,20 @@ from contextlib import closing
 
 import pytest
 
-from caesura_clients.dashboard.network_follower import Gateway
-from caesura_clients.dashboard.station_summary import Glance, glances
+from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.station_summary import StationSummary, glances
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from dashboard.stage import Bridges
 from harness.demonstrations import taught
 from harness.processes import eventually, serving
 
 
-def seen(gateway: Gateway) -> Glance | None:
+def seen(gateway: NetworkFollower) -> StationSummary | None:
     found = glances(gateway.world, gateway.heard, gateway.clock(), gateway.began)
     return found[0] if found else None
 
 
-def state(gateway: Gateway) -> str:
+def state(gateway: NetworkFollower) -> str:
     one = seen(gateway)
     return "" if one is None else one.state
 
@@ -29,7 +29,7 @@ def test_a_station_without_its_service_is_stale_until_it_is_back(tmp_path, end):
     with (
         serving(tmp_path / "journal") as service,
         ZenohTransport(service.endpoint, timeout_s=10.0) as transport,
-        Gateway(transport, refresh_s=0.5) as gateway,
+        NetworkFollower(transport, refresh_s=0.5) as gateway,
         closing(Bridges(service, tmp_path)) as bridges,
     ):
         bridges.teach("cell-1", taught(1, 120.0))

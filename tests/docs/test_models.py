@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from caesura_service.changepoint.contract import rows_after
-from caesura_service.changepoint.models import Observed, select
+from caesura_service.changepoint.models import ModelInput, select
 from caesura_service.changepoint.segments import stretches
 
 PAGE = Path(__file__).parents[2] / "docs" / "models.md"
@@ -36,7 +36,7 @@ def test_a_model_of_ones_own_finds_its_stretch(page: dict):
     wandering = still[-1] + np.cumsum(rng.normal(0, 0.01, (30, 3)), axis=0)
     online = page["online"]
     for position in np.vstack([still, wandering]):
-        online.step(Observed(position, np.zeros(3)))
+        online.step(ModelInput(position, np.zeros(3)))
     found = stretches(online)
     assert [one.verdict.kind.name for one in found] == ["steady", "sliding"]
     assert found[1].start == pytest.approx(30, abs=1)
@@ -46,7 +46,7 @@ def test_its_evidence_is_a_density(page: dict):
     assert page["total"] == pytest.approx(1.0, abs=0.01)
     model = page["RandomWalk"](0.1, nu0=1e9)
     walk = np.cumsum(np.random.default_rng(1).normal(0, 0.1, (6, 3)), axis=0)
-    rows = rows_after(model, [Observed(position, np.zeros(3)) for position in walk])
+    rows = rows_after(model, [ModelInput(position, np.zeros(3)) for position in walk])
     steps = np.diff(walk, axis=0, prepend=walk[:1])
     expected = stats.norm.logpdf(steps, 0.0, 0.1).sum()
     assert model.log_evidence(select(rows, np.array([0])))[0] == pytest.approx(expected, abs=1e-4)

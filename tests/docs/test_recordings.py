@@ -10,7 +10,7 @@ import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_protocol.errors import ERROR_CODES
-from caesura_protocol.formats.column_mapping import Mapped, load_mapping
+from caesura_protocol.formats.column_mapping import ColumnMapping, load_mapping
 from caesura_protocol.formats.foreign_csv import UNITS, rules_of
 from caesura_protocol.formats.ros_messages import topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_HASH, READ
@@ -23,7 +23,7 @@ BLOCKS = re.findall(r"```toml\n(.*?)```", RECORDINGS, re.DOTALL)
 
 
 @pytest.fixture(params=BLOCKS, ids=["csv", "ros2"])
-def mapped(request, tmp_path) -> Mapped:
+def mapped(request, tmp_path) -> ColumnMapping:
     (tmp_path / "map.toml").write_text(request.param)
     return load_mapping(tmp_path / "map.toml")
 

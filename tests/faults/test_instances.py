@@ -20,7 +20,7 @@ from caesura_protocol.messages import Ack, Insert, Relabel, SessionStatus, Snaps
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
 from caesura_service.ownership.station_assignment import share_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from harness.peer import Peer
 from harness.processes import (
     DEADLINE_S,
@@ -44,7 +44,7 @@ WESTS = sorted(share_of("west", INSTANCES, STATIONS))
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> View:
+def undisturbed() -> PipelineView:
     """What the same samples give without a network, a service or a journal."""
     return segment_recording(RECORDING)
 
@@ -86,7 +86,7 @@ def half_way(caesura: Caesura, *stations: str) -> list[Snapshot]:
     return [reaches(caesura, station, SAMPLES // 2) for station in stations]
 
 
-def assert_all_equal(pair: Pair, ends: list[Future[Ack]], undisturbed: View) -> None:
+def assert_all_equal(pair: Pair, ends: list[Future[Ack]], undisturbed: PipelineView) -> None:
     assert all(end.result(DEADLINE_S).state == "closed" for end in ends)
     for station in STATIONS:
         assert_equal(reaches(pair.caesura, station, SAMPLES), undisturbed)

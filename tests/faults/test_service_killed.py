@@ -11,7 +11,7 @@ import pytest
 
 from caesura_clients import connect
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from harness.processes import (
     DEADLINE_S,
     RECORDING,
@@ -26,7 +26,7 @@ from harness.processes import (
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> View:
+def undisturbed() -> PipelineView:
     """What the same samples give without a network, a service or a journal."""
     return segment_recording(RECORDING)
 

@@ -27,14 +27,14 @@ from caesura_protocol.messages import Close, Control, Heartbeat, Open, SampleBat
 from caesura_service.journal import MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import (
-    Answer,
-    AskReplay,
-    Failed,
     Output,
     Owner,
     PipelineFactory,
     Publish,
     ReplayEnded,
+    Reply,
+    RequestReplay,
+    SessionFailed,
 )
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
@@ -273,14 +273,14 @@ class Target:
             match output:
                 case Publish(message):
                     encode(message)
-                case AskReplay(_, _, first, last):
+                case RequestReplay(_, _, first, last):
                     wanted = ReplayRange(first, last, last - first + 1)
                     parse_replay_parameters(replay_parameters(wanted))
-                case Answer(ProtocolError() as refusal):
+                case Reply(ProtocolError() as refusal):
                     encode_error(refusal)
-                case Answer(ack):
+                case Reply(ack):
                     encode(ack)
-                case Failed(error=error):
+                case SessionFailed(error=error):
                     raise Crash(f"a session was ended by {type(error).__name__}: {error}") from error
 
     def _victim(self) -> Any:

@@ -22,7 +22,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Segment, Snapshot
 from caesura_protocol.recording import Recording
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.forked import CAN_FORK, Forked
@@ -188,7 +188,7 @@ def reaches(caesura: Caesura, station: str, samples: int) -> Snapshot:
     return found[0]
 
 
-def assert_equal(found: Snapshot, expected: View, samples: int = SAMPLES) -> None:
+def assert_equal(found: Snapshot, expected: PipelineView, samples: int = SAMPLES) -> None:
     """Closed, with nothing lost or doubled, and equal to an undisturbed run in every field."""
     status = found.status
     assert status.state == "closed"

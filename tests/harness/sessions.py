@@ -14,8 +14,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Heartbeat, Open, SampleBatch
 from caesura_service.journal import Journal, MemoryJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.events import Answer, AskReplay, Output, Owner, Publish, ReplayEnded
-from caesura_service.publishing.session_state import Standing
+from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded, Reply, RequestReplay
+from caesura_service.publishing.session_state import SessionState
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
@@ -89,7 +89,7 @@ def new_registry(journal: Journal | None = None, limits: Limits | None = None) -
     )
 
 
-def unowned(standing: Standing) -> Standing:
+def unowned(standing: SessionState) -> SessionState:
     """Whoever speaks, and under whatever epoch."""
     heading = standing.heading.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
     return standing._replace(owner=OWNER, heading=heading)
@@ -100,11 +100,11 @@ def published(outputs: Iterable[Output], kind: type[M]) -> list[M]:
 
 
 def asked(outputs: Iterable[Output]) -> list[tuple[int, int]]:
-    return [(out.first, out.last) for out in outputs if isinstance(out, AskReplay)]
+    return [(out.first, out.last) for out in outputs if isinstance(out, RequestReplay)]
 
 
 def answer(outputs: Iterable[Output]) -> Ack | ProtocolError:
-    (only,) = [out.reply for out in outputs if isinstance(out, Answer)]
+    (only,) = [out.reply for out in outputs if isinstance(out, Reply)]
     return only
 
 
@@ -122,13 +122,13 @@ class Ring:
         said = list(waiting)
         while waiting:
             output = waiting.pop(0)
-            if isinstance(output, AskReplay):
+            if isinstance(output, RequestReplay):
                 more = [out for reply in self.answer(output) for out in session.receive(reply, now)]
                 waiting += more
                 said += more
         return said
 
-    def answer(self, ask: AskReplay) -> Iterator[SampleBatch | ReplayEnded]:
+    def answer(self, ask: RequestReplay) -> Iterator[SampleBatch | ReplayEnded]:
         if ask.first < self.oldest:
             yield ReplayEnded(ask.session, ask.first, answered=False, evicted=True, oldest=self.oldest)
             return

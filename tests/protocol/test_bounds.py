@@ -33,7 +33,7 @@ from caesura_protocol.messages import (
     StationBudgets,
     WrenchReport,
 )
-from caesura_service.publishing.session_state import Tally
+from caesura_service.publishing.session_state import SessionCounters
 from harness.heavy import BOUNDED, FILLINGS, HEAD, NESTS, array_of, cost_of, heavy_messages, nest_of, read
 
 MOST_BYTES = 1_000_000
@@ -127,7 +127,7 @@ def test_a_refusal_that_was_received_is_cut_as_well():
 def test_a_status_with_the_longest_refusal_can_be_read():
     """Else a station could make its own status, and its service's, unreadable."""
     error = ProtocolError("malformed", "é\n" * 900, value=["ü" * 600] * 90, expected=["😎" * 600] * 90)
-    refusal = Tally().with_refusal(error).last_refusal
+    refusal = SessionCounters().with_refusal(error).last_refusal
     status = SERVICE.model_copy(update={"last_refusal": refusal})
     assert decode(*encode(status), ServiceStatus).last_refusal == refusal
 

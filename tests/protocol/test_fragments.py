@@ -7,7 +7,7 @@ import pytest
 from caesura_protocol import fragments
 from caesura_protocol.codec import Encoded, decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.fragments import Joining, in_pieces
+from caesura_protocol.fragments import Reassembler, in_pieces
 from caesura_protocol.messages import (
     MAX_MESSAGE_BYTES,
     MAX_WHOLE_BYTES,
@@ -26,7 +26,7 @@ def posterior(length: int, seq: int = 0) -> Posterior:
     return Posterior(**head, starts=numbers, probabilities=numbers)
 
 
-def joined(joining: Joining, parts: list[Encoded]) -> list[Encoded]:
+def joined(joining: Reassembler, parts: list[Encoded]) -> list[Encoded]:
     return [whole for part in parts if (whole := joining.add(KEY, part)) is not None]
 
 
@@ -34,7 +34,7 @@ def test_what_fits_into_a_message_goes_as_it_always_did():
     short = posterior(10)
     (only,) = in_pieces(short)
     assert only == encode(short)
-    assert Joining().add(KEY, only) == only
+    assert Reassembler().add(KEY, only) == only
 
 
 def test_what_does_not_fit_goes_in_pieces_that_do():
@@ -44,7 +44,7 @@ def test_what_does_not_fit_goes_in_pieces_that_do():
     parts = [*in_pieces(long)]
     assert all(len(part.payload) < MAX_MESSAGE_BYTES for part in parts)
     assert {part.encoding for part in parts} == {encoding_of(Piece)}
-    ((payload, encoding),) = joined(Joining(), parts)
+    ((payload, encoding),) = joined(Reassembler(), parts)
     assert decode(payload, encoding, Posterior, limit=MAX_WHOLE_BYTES) == long
 
 
@@ -53,13 +53,13 @@ def test_order_doubles_and_another_message_between_do_not_matter(seed: int):
     one, other = posterior(LONG, 1), posterior(LONG, 2)
     parts = [*in_pieces(one), *in_pieces(other), *in_pieces(one)]
     random.Random(seed).shuffle(parts)
-    joining = Joining()
+    joining = Reassembler()
     found = [decode(*whole, Posterior, limit=MAX_WHOLE_BYTES).seq for whole in joined(joining, parts)]
     assert {1, 2} <= {*found}
 
 
 def test_a_message_that_lacks_a_piece_is_never_told_and_makes_room_for_newer_ones():
-    joining = Joining()
+    joining = Reassembler()
     for seq in range(10):
         assert joined(joining, [*in_pieces(posterior(LONG, seq))][1:]) == []
         assert joining.unfinished == min(seq + 1, fragments.UNFINISHED)
@@ -68,7 +68,7 @@ def test_a_message_that_lacks_a_piece_is_never_told_and_makes_room_for_newer_one
 
 def test_pieces_on_many_keys_have_one_bound(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(fragments, "HELD_BYTES", 10 * PIECE_BYTES)
-    joining, (first, *rest) = Joining(), [*in_pieces(posterior(LONG))]
+    joining, (first, *rest) = Reassembler(), [*in_pieces(posterior(LONG))]
     for number in range(50):
         assert joining.add(f"{KEY}-{number}", first) is None
         assert joining.add(f"{KEY}-{number}", first) is None
@@ -97,10 +97,10 @@ def test_what_is_too_long_even_for_pieces_is_refused_with_the_limit(monkeypatch:
 def test_a_piece_that_cannot_be_is_refused(fields: dict[str, object], code: str):
     sound = {"encoding": encoding_of(Posterior), "whole": 1, "number": 0, "count": 2, "payload": b""}
     with pytest.raises(ProtocolError) as caught:
-        Joining().add(KEY, encode(Piece.model_construct(**sound | fields)))
+        Reassembler().add(KEY, encode(Piece.model_construct(**sound | fields)))
     assert caught.value.code == code
 
 
 def test_nothing_but_pieces_may_be_long():
     with pytest.raises(ProtocolError, match="too_large"):
-        Joining().add(KEY, Encoded(b"\0" * (MAX_MESSAGE_BYTES + 1), encoding_of(Posterior)))
+        Reassembler().add(KEY, Encoded(b"\0" * (MAX_MESSAGE_BYTES + 1), encoding_of(Posterior)))

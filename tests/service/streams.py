@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 
 
-def pieces(rng: np.random.Generator, n: int) -> Iterator[tuple[Observed, bool]]:
+def pieces(rng: np.random.Generator, n: int) -> Iterator[tuple[ModelInput, bool]]:
     """n observations, each with whether it follows a gap: rests, moves, pushes, loads, jumps and noise."""
     position, force, holding = rng.normal(0, 0.3, 3), np.zeros(3), rng.choice([0.0, 1.0, np.nan])
     left, velocity, change, noise = 0, np.zeros(3), np.zeros(3), (1e-4, 0.1)
@@ -30,6 +30,6 @@ def pieces(rng: np.random.Generator, n: int) -> Iterator[tuple[Observed, bool]]:
         position, force, rotation = position + velocity, force + change, rotation + rate
         seen = position + rng.normal(0, noise[0], 3), force + rng.normal(0, noise[1], 3)
         yield (
-            Observed(*seen, float(holding), rotation + rng.normal(0, noise[0], 3), torsion * seen[1]),
+            ModelInput(*seen, float(holding), rotation + rng.normal(0, noise[0], 3), torsion * seen[1]),
             bool(rng.random() < 0.02),
         )

@@ -10,20 +10,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_service.changepoint.constant_models import Constant
+from caesura_service.changepoint.constant_models import ConstantLevel
 from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric, Uniform
-from caesura_service.changepoint.models import Noise, Observed
+from caesura_service.changepoint.models import ModelInput, Noise
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.run_length_filter import OnlineFilter
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.robot import Robot, load_panda
 from service.changepoint.brute_force import BruteForce, segmentations
 
-MODEL = Constant("force", Noise(2.0, 1.0), "zero")
-LATTICE = Lattice({"force": MODEL}, (Kind("motion", "motion", "free", ("force",)),))
+MODEL = ConstantLevel("force", Noise(2.0, 1.0), "zero")
+LATTICE = SegmentModelSet({"force": MODEL}, (SegmentKind("motion", "motion", "free", ("force",)),))
 LAMBDA = 4.0
 HAZARD = Geometric(LAMBDA)
 N = 7
@@ -31,18 +31,18 @@ READY = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 
 
 
 @pytest.fixture(scope="module")
-def data() -> list[Observed]:
+def data() -> list[ModelInput]:
     """Something quiet, then something loud."""
     scale = np.where(np.arange(N) < 4, 0.2, 6.0)[:, None]
-    return [Observed(np.zeros(3), f) for f in np.random.default_rng(0).normal(0, 1, (N, 3)) * scale]
+    return [ModelInput(np.zeros(3), f) for f in np.random.default_rng(0).normal(0, 1, (N, 3)) * scale]
 
 
 @pytest.fixture(scope="module")
-def brute(data: list[Observed]) -> BruteForce:
+def brute(data: list[ModelInput]) -> BruteForce:
     return BruteForce(LATTICE, data, HAZARD)
 
 
-def evidence(observations: list[Observed]) -> float:
+def evidence(observations: list[ModelInput]) -> float:
     """Of observations as one segment."""
     return float(np.exp(MODEL.log_evidence(rows_after(MODEL, observations))[0])) if observations else 1.0
 
@@ -56,7 +56,7 @@ def lasting(length: int) -> float:
     return float(np.exp(HAZARD.log_survival(np.array(length))))
 
 
-def backward(data: list[Observed]) -> list[float]:
+def backward(data: list[ModelInput]) -> list[float]:
     """Q(t) = Σ_s P(t,s) g(s−t+1) Q(s+1) + P(t,n)(1 − G(n−t)), counted from 0; Q(n) = 1."""
     q = [0.0] * N + [1.0]
     for t in reversed(range(N)):
@@ -83,7 +83,7 @@ def test_2_9_the_prior_of_a_length_is_a_distribution_over_lengths() -> None:
 
 
 def test_2_13_to_2_15_the_recursion_sums_over_all_segmentations(
-    data: list[Observed], brute: BruteForce
+    data: list[ModelInput], brute: BruteForce
 ) -> None:
     def printed() -> float:
         """P_D(i:n) = Σ_k P_S(i:k) P_D(k:n), P_D(n:n) = 1: neighbours share a sample; P_S with its prior."""
@@ -98,7 +98,7 @@ def test_2_13_to_2_15_the_recursion_sums_over_all_segmentations(
 
 
 def test_2_17_and_2_18_the_next_changepoint_and_where_there_is_any(
-    data: list[Observed], brute: BruteForce
+    data: list[ModelInput], brute: BruteForce
 ) -> None:
     q = backward(data)
 
@@ -132,7 +132,7 @@ def test_2_17_and_2_18_the_next_changepoint_and_where_there_is_any(
 
 
 def test_2_21_to_2_29_the_filter_looks_at_the_data_since_the_changepoint(
-    data: list[Observed], brute: BruteForce
+    data: list[ModelInput], brute: BruteForce
 ) -> None:
     hazard = 1.0 / LAMBDA
 
@@ -148,7 +148,7 @@ def test_2_21_to_2_29_the_filter_looks_at_the_data_since_the_changepoint(
 
     right = filtered()
     assert np.log(right.sum()) == pytest.approx(brute.total, abs=1e-9)
-    online = OnlineFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=0.0, keep_youngest=0))
+    online = RunLengthFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=0.0, keep_youngest=0))
     for observed in data:
         online.step(observed)
     # Run length r = n − s as of now, or 0 where a segment has ended: on starts the latter is the next one's.
@@ -165,9 +165,9 @@ def test_a_constant_hazard_makes_the_newest_changepoint_as_probable_as_ever() ->
     """P(r_t = 0 | x_1:t) ≡ 1/λ; only looking back tells anything."""
     rng = np.random.default_rng(1)
     force = rng.normal(0.0, 0.1, (14, 3)) + 30.0 * (np.arange(14) >= 7)[:, None]
-    online, before = OnlineFilter(LATTICE, HAZARD), None
+    online, before = RunLengthFilter(LATTICE, HAZARD), None
     for value in force:
-        online.step(Observed(np.zeros(3), value))
+        online.step(ModelInput(np.zeros(3), value))
         if before is not None:
             assert np.exp(online.log_prior[-1] - before) == pytest.approx(1.0 / LAMBDA, abs=1e-9)
         before = log_sum_exp(online.log_joint)
@@ -177,10 +177,10 @@ def test_a_constant_hazard_makes_the_newest_changepoint_as_probable_as_ever() ->
     assert np.median(smoothed) < 0.2
 
 
-def test_2_34_what_is_unlikely_is_pruned(data: list[Observed], brute: BruteForce) -> None:
+def test_2_34_what_is_unlikely_is_pruned(data: list[ModelInput], brute: BruteForce) -> None:
     threshold = 1e-2
-    exact = OnlineFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=0.0, keep_youngest=0))
-    pruned = OnlineFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=threshold, keep_youngest=0))
+    exact = RunLengthFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=0.0, keep_youngest=0))
+    pruned = RunLengthFilter(LATTICE, HAZARD, FilterParameters(prune_ratio=threshold, keep_youngest=0))
     for observed in data:
         exact.step(observed)
         pruned.step(observed)

@@ -14,19 +14,19 @@ import pytest
 from scipy import integrate, stats
 from scipy.special import gammaln
 
-from caesura_lab.teacher.guided_arm import Guiding
+from caesura_lab.teacher.guided_arm import GuidedArmSimulation
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import Scenario, Step
-from caesura_service.changepoint.constant_models import GRAVITY, Constant
+from caesura_service.changepoint.constant_models import GRAVITY, ConstantLevel
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactShare
+from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.models import ChannelModel, Noise, Observed
-from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise
+from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole
@@ -38,15 +38,15 @@ NU0, SIGMA2, KAPPA0, LINE_STEP_S = 3.0, 0.5, 1.0, 0.5
 LINE = ConstantVelocity(nu0=NU0, sigma2=SIGMA2, kappa0=KAPPA0, length_unit_m=1.0, step_s=LINE_STEP_S)
 
 
-def positions(values: np.ndarray) -> list[Observed]:
-    return [Observed(value, np.zeros(3)) for value in values]
+def positions(values: np.ndarray) -> list[ModelInput]:
+    return [ModelInput(value, np.zeros(3)) for value in values]
 
 
-def forces(values: np.ndarray) -> list[Observed]:
-    return [Observed(np.zeros(3), value) for value in values]
+def forces(values: np.ndarray) -> list[ModelInput]:
+    return [ModelInput(np.zeros(3), value) for value in values]
 
 
-def evidence(model: ChannelModel, observations: list[Observed]) -> float:
+def evidence(model: ChannelModel, observations: list[ModelInput]) -> float:
     """Log evidence of all of them as one segment."""
     return float(model.log_evidence(rows_after(model, observations))[0])
 
@@ -63,7 +63,7 @@ def test_3_6_a_hand_pulls_towards_where_it_wants_to_be(sign: float, ends_nearer:
     goal = np.add(here.start, [0.0, 0.02, 0.0])
     plan = replace(plan, position=np.broadcast_to(goal, plan.position.shape))
     robot = load_panda()
-    moved, _ = robot.flange_poses(Guiding(robot, plan).run(400).q[[0, -1]])
+    moved, _ = robot.flange_poses(GuidedArmSimulation(robot, plan).run(400).q[[0, -1]])
     before, after = np.linalg.norm(moved - goal, axis=1)
     assert before == pytest.approx(0.02, abs=1e-4)
     assert (after < 0.5 * before) == ends_nearer
@@ -90,7 +90,7 @@ def test_3_5_and_3_6_weight_belongs_to_transport() -> None:
 
     def ours(force_z: float) -> int:
         observed = forces(np.tile([0.0, 0.0, force_z], (30, 1)))
-        return int(np.argmax([evidence(ContactShare(u), observed) for u in (FREE, CONTACT, TRANSPORT)]))
+        return int(np.argmax([evidence(ContactMixture(u), observed) for u in (FREE, CONTACT, TRANSPORT)]))
 
     got = {what: ours(force_z) for what, force_z in says.items()}
     assert got == right
@@ -230,7 +230,7 @@ def test_3_27_most_profiles_are_not_where_they_are_said_to_be() -> None:
     left = [1.0 - float(profile(np.array(2.0))) for profile in thesis_motion_library().profiles]
     assert len(left) == 30
     assert sum(share < 0.05 for share in left) == 3
-    far = Profiled("position", ProfileLibrary([overdamped(4.0, 100.0)], STEP_S), Noise(1.0, 0.01))
+    far = ProfileModel("position", ProfileLibrary([overdamped(4.0, 100.0)], STEP_S), Noise(1.0, 0.01))
     rows = rows_after(far, positions(np.linspace(0, 1, 21)[:, None] * [0.2, 0.0, 0.0]))
     own = (0.2 * left[4]) ** 2  # what the last sample, as its own target, still leaves
     assert left[4] == max(left)
@@ -247,7 +247,7 @@ def test_3_28_an_axis_that_does_not_move_is_no_division_by_zero() -> None:
         e = 1.0 - library.values(np.arange(12))
         return ((ratio[:, None] - e) ** 2).sum(axis=0)
 
-    model = Profiled("position", library, Noise(1.0, 0.025))
+    model = ProfileModel("position", library, Noise(1.0, 0.025))
     ours = model.residuals(rows_after(model, positions(values)))[0]
     assert np.isnan(printed(values[:, 1])).all()
     np.testing.assert_array_equal(ours[1], 0.0)  # in metres: it explains itself perfectly
@@ -284,7 +284,7 @@ def test_3_39_the_maximum_over_profiles_is_no_density() -> None:
 
     def told(rates: tuple[float, ...], choice: str) -> float:
         library = ProfileLibrary([first_order(rate) for rate in rates], STEP_S)
-        model = Profiled("force", library, Noise(10.0, 1.25, joint=True), choice, origin="zero")  # type: ignore[arg-type]
+        model = ProfileModel("force", library, Noise(10.0, 1.25, joint=True), choice, origin="zero")  # type: ignore[arg-type]
         return evidence(model, forces(np.outer([0.5, 3.0, 6.0, 8.0], [0.1, 0.0, 1.0])))
 
     alone = np.array([told((rate,), "mixture") for rate in rates])
@@ -309,7 +309,7 @@ def test_3_42_to_3_45_a_known_profile_leaves_only_the_variance_to_learn() -> Non
                 ssr += residual**2
         return total
 
-    model = Profiled("force", ProfileLibrary([profile], STEP_S), Noise(nu0, 1.25), origin="zero")
+    model = ProfileModel("force", ProfileLibrary([profile], STEP_S), Noise(nu0, 1.25), origin="zero")
     assert evidence(model, forces(values)) == pytest.approx(log_product(lambda n: 1.0), abs=1e-9)
     assert abs(log_product(lambda n: (n + 2.0) / (n + 1.0)) - evidence(model, forces(values))) > 0.5
 
@@ -322,7 +322,7 @@ def test_3_54_to_3_57_the_next_force_may_come_from_any_state() -> None:
     past = forces(np.random.default_rng(3).normal(0.0, 0.8, (4, 3)))
     places = everywhere("force", np.zeros(3), 0.6, reach=3.2)
     for u in (FREE, CONTACT, TRANSPORT):
-        assert mass(ContactShare(u, contact2=2.0), past, places) == pytest.approx(1.0, abs=0.01)
+        assert mass(ContactMixture(u, contact2=2.0), past, places) == pytest.approx(1.0, abs=0.01)
 
     lightest = np.array([0.0, 0.0, -0.2 * GRAVITY])
     at = np.array([place.force for place in places[0]])
@@ -337,11 +337,14 @@ def test_3_54_to_3_57_the_next_force_may_come_from_any_state() -> None:
 
 def test_3_61_to_3_64_the_kinds_of_segments_have_a_prior_and_are_averaged() -> None:
     channels = {
-        "low": Constant("force", Noise(4.0, 0.5, joint=True), "zero"),
-        "high": Constant("force", Noise(4.0, 2.0, joint=True), "zero"),
+        "low": ConstantLevel("force", Noise(4.0, 0.5, joint=True), "zero"),
+        "high": ConstantLevel("force", Noise(4.0, 2.0, joint=True), "zero"),
     }
-    kinds = (Kind("motion", "motion", "free", ("low",)), Kind("steady", "steady", "free", ("high",)))
-    mixture, maximum = (Whole(Lattice(channels, kinds, choice)) for choice in ("mixture", "maximum"))
+    kinds = (
+        SegmentKind("motion", "motion", "free", ("low",)),
+        SegmentKind("steady", "steady", "free", ("high",)),
+    )
+    mixture, maximum = (Whole(SegmentModelSet(channels, kinds, choice)) for choice in ("mixture", "maximum"))
     start, places = forces(np.zeros((1, 3))), everywhere("force", np.zeros(3), 0.5)
     assert mass(mixture, start, places) == pytest.approx(1.0, abs=0.01)
     printed = 2.0 * mass(maximum, start, places)  # no prior over u: each kind counts in full

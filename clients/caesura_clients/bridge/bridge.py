@@ -29,16 +29,16 @@ from datetime import datetime
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.bridge.control_client import ControlLine
-from caesura_clients.bridge.marker_queue import Marks
+from caesura_clients.bridge.control_client import ControlClient
+from caesura_clients.bridge.marker_queue import MarkerQueue
 from caesura_clients.bridge.replay import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
-from caesura_clients.bridge.send_thread import Pump
+from caesura_clients.bridge.send_thread import SendThread
 from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
-from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
 from caesura_protocol.plausibility import FirstSecond
@@ -100,7 +100,7 @@ class Bridge:
             + 1,  # the keeper may send a late one beside a full window
         )
         self._transport = transport
-        self._control = ControlLine(transport, self.station)
+        self._control = ControlClient(transport, self.station)
         self._sender = BatchSender(
             transport,
             self.station,
@@ -117,7 +117,7 @@ class Bridge:
         self._over = threading.Event()
         self._failure: Exception | None = None
         self._services = Inbox()
-        self._pump = Pump(
+        self._pump = SendThread(
             self._sender,
             f"pump {station}",
             tick_s=self.settings.tick_s,
@@ -163,7 +163,7 @@ class Bridge:
         if self._source.can_wait or self._open.epoch > 0:
             self.wait_open()
         try:
-            with Marks(self.mark, self.station) as marks:
+            with MarkerQueue(self.mark, self.station) as marks:
                 self.unmarked = marks.failed
                 for told in self._source.chunks():
                     if isinstance(told, Mark):
@@ -329,7 +329,7 @@ class Bridge:
         if rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
             return  # the sender refuses it
         if (found := self._first_second.look(rows)) is not None:
-            raise BadSource(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
+            raise SourceError(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
 
     def _check(self) -> None:
         failure = self._failure or self._pump.failure
@@ -349,9 +349,9 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None, setti
     for name, known in OPTIONS.items():
         value = hand_on_robot if name == "hand_on_robot" else getattr(source, name)
         if not is_option(name, value):
-            raise BadSource(f"{name} is {value!r}, expected one of {', '.join(known)}")
+            raise SourceError(f"{name} is {value!r}, expected one of {', '.join(known)}")
     if (wrong := contradiction(source.wrench_source, hand_on_robot)) is not None:
-        raise BadSource(wrong)
+        raise SourceError(wrong)
     return Open(
         session=session,
         epoch=epoch,

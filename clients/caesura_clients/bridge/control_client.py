@@ -15,7 +15,7 @@ from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
 
 
-class ControlLine:
+class ControlClient:
     """The `control` key of one station."""
 
     def __init__(self, transport: Transport, station: str) -> None:

@@ -18,7 +18,7 @@ CAPACITY = 64
 LAST_S = 10.0  # for the marks that wait when the demonstration is over
 
 
-class Marks:
+class MarkerQueue:
     """Makes marks one after the other while the context lasts, and those that wait when it ends.
 
     make: a mark at a time [s], which may wait for the network. `failed` has why some were not made.

@@ -11,7 +11,7 @@ from caesura_clients.bridge.ring import ReplayRing
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, station_key
-from caesura_protocol.transport.inbox import Delivery, Inbox, Question, TokenChange
+from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 QUESTIONS = 64  # that may wait; more are refused as overloaded
@@ -49,7 +49,7 @@ class ReplayServer:
     def _serve(self) -> None:
         while not self._stopped.is_set():
             item = self._inbox.get(TICK_S)
-            if item is None or isinstance(item, Delivery | TokenChange):
+            if item is None or isinstance(item, ReceivedSample | TokenChange):
                 continue
             try:
                 with item:
@@ -57,7 +57,7 @@ class ReplayServer:
             except CaesuraError:
                 continue  # the asker or the network has gone; it will ask again
 
-    def _answer(self, question: Question) -> None:
+    def _answer(self, question: IncomingQuery) -> None:
         try:
             wanted = parse_replay_parameters(question.parameters)
             if wanted.session not in {"", self._session}:

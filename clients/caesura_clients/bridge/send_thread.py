@@ -9,7 +9,7 @@ from typing import Self
 from caesura_clients.bridge.sender import BatchSender
 
 
-class Pump:
+class SendThread:
     """Puts numbered batches until the sender has ended; an error is stored, and ends the bridge."""
 
     def __init__(

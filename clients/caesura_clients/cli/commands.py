@@ -39,7 +39,7 @@ from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
 from caesura_clients.service_liveliness import Change, attending
-from caesura_protocol.errors import Absent, ProtocolError, Unreachable
+from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
@@ -224,7 +224,7 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
     found = snapshots(caesura.transport, station or "*")
     if not found:
         known = ", ".join(sorted({info.station for info in caesura.sessions()}))
-        raise Absent(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
+        raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
         Console().print(segments_view(one.status, one.segments.segments))
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import typer
 
 from caesura_clients.client import Caesura, connect
-from caesura_protocol.errors import Absent, CaesuraError, NotLetIn, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
@@ -151,7 +151,7 @@ def connected(endpoint: str | None, config: Path | None, *, patient: bool = Fals
     try:
         return connect(endpoint, config_file=config, timeout_s=CONNECT_TIMEOUT_S)
     except Unreachable as error:
-        if not patient or isinstance(error, NotLetIn):
+        if not patient or isinstance(error, AccessDenied):
             raise
         typer.echo(f"waiting: {error}", err=True)
         return connect(endpoint, config_file=config, timeout_s=None)
@@ -179,5 +179,5 @@ def only_station(caesura: Caesura, station: str | None) -> str:
         return station
     known = sorted({info.station for info in caesura.sessions()})
     if len(known) != 1:
-        raise Absent(f"name one with --station; stations with sessions: {', '.join(known) or 'none'}")
+        raise NotFound(f"name one with --station; stations with sessions: {', '.join(known) or 'none'}")
     return known[0]

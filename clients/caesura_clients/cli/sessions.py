@@ -20,7 +20,7 @@ from caesura_clients.cli.result_tables import (
     sessions_view,
 )
 from caesura_protocol.distribution import installing
-from caesura_protocol.errors import Absent
+from caesura_protocol.errors import NotFound
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
@@ -57,7 +57,7 @@ def list_sessions(
     with reported(), connected(endpoint, config) as caesura:
         found = caesura.sessions(station or "*")
         if not found and not caesura.services():  # access rules deny without a word
-            raise Absent("a service is there, but answers nothing: are these a reader's credentials?")
+            raise NotFound("a service is there, but answers nothing: are these a reader's credentials?")
     if as_json:
         typer.echo(json.dumps([asdict(info) for info in found], indent=2))
     else:

@@ -14,7 +14,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.text import Text
 
 from caesura_clients.cli.result_tables import segments_view
-from caesura_clients.following import Event, ServiceIs, SessionRemoved
+from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change
 
@@ -44,9 +44,9 @@ class LiveView:
                 gone = (event.station, event.session)
                 self._updates = {key: update for key, update in self._updates.items() if key != gone}
                 self._current = self._ask_current()
-            case ServiceIs("there") if not self._service:
+            case ServiceAvailability("there") if not self._service:
                 pass  # it was there before it was watched
-            case ServiceIs():
+            case ServiceAvailability():
                 self._service = SAID_OF_SERVICE[event.state]
 
     def shown(self) -> list[Update]:

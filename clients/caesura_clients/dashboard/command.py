@@ -42,7 +42,7 @@ def dashboard(
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
-    from caesura_clients.dashboard.network_follower import Gateway  # noqa: PLC0415
+    from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
 
@@ -54,7 +54,10 @@ def dashboard(
                 "--password-file, or a reverse proxy before 127.0.0.1, or --insecure on a network you trust"
             )
         check_free(address)
-        with connected(endpoint, config, patient=True) as caesura, Gateway(caesura.transport) as gateway:
+        with (
+            connected(endpoint, config, patient=True) as caesura,
+            NetworkFollower(caesura.transport) as gateway,
+        ):
             signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
             with suppress(KeyboardInterrupt):
                 serve(Site(gateway, None if read_only else corrector(caesura.transport)), address)

@@ -22,7 +22,7 @@ LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentState:
     """What a browser has been sent of one session."""
 
     session: str = ""
@@ -30,13 +30,13 @@ class Sent:
     rows: int = 0  # of signals
 
 
-def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[str, Any]]:
+def delta(sent: SentState, update: Update | None, signals: Rows) -> tuple[SentState, dict[str, Any]]:
     """What a browser with `sent` lacks, and what it has then; nothing at all where nothing is new."""
     if update is None:
-        return Sent(), ({"reset": True} if sent.session else {})
+        return SentState(), ({"reset": True} if sent.session else {})
     payload: dict[str, Any] = {}
     if update.session != sent.session:
-        sent, payload = Sent(update.session), {"reset": True, "session": update.session}
+        sent, payload = SentState(update.session), {"reset": True, "session": update.session}
     if update is not sent.update:
         payload |= _changes(sent.update, update)
     seen = sent.rows
@@ -45,7 +45,7 @@ def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[
         payload["signals"] = [drawn(row, scale) for row in signals.rows]
         payload["unit"] = signals.unit
         seen = signals.next
-    return Sent(update.session, update, seen), payload
+    return SentState(update.session, update, seen), payload
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:

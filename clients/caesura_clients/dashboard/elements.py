@@ -16,7 +16,7 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.drawing import Sent, delta
+from caesura_clients.dashboard.drawing import SentState, delta
 from caesura_clients.dashboard.signals import Rows
 from caesura_clients.results import Update
 
@@ -27,7 +27,7 @@ WEB = Path(__file__).parent / "web"
 lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to its acknowledgement by the browser
 
 
-class Live(Element, esm={"caesura-dashboard": str(WEB)}):
+class LiveElement(Element, esm={"caesura-dashboard": str(WEB)}):
     """A component whose content the server sends. initial: shown before the connection is open."""
 
     def __init__(self, initial: dict[str, Any] | None = None) -> None:
@@ -69,19 +69,19 @@ class Live(Element, esm={"caesura-dashboard": str(WEB)}):
             lags.append(time.monotonic() - began)
 
 
-class Overview(Live, component="web/overview.js"):
+class Overview(LiveElement, component="web/overview.js"):
     """Cards of all stations: {stations, summary}."""
 
 
-class Tables(Live, component="web/tables.js"):
+class Tables(LiveElement, component="web/tables.js"):
     """Tables and warnings: {warnings, tables}."""
 
 
-class ProgramTimeline(Live, component="web/program.js"):
+class ProgramTimeline(LiveElement, component="web/program.js"):
     """The timeline of a task program (`apps.timeline`)."""
 
 
-class SessionView(Live, component="web/session_view.js"):
+class SessionView(LiveElement, component="web/session_view.js"):
     """Signals, segments and tools. on_edit: what an operator asks for, as the browser says it."""
 
     def __init__(
@@ -89,7 +89,7 @@ class SessionView(Live, component="web/session_view.js"):
     ) -> None:
         super().__init__()
         self._props["editable"], self._props["replay"] = editable, replay
-        self._known = Sent()
+        self._known = SentState()
         self._stands: dict[str, Any] = {}
         self.wants_run_lengths = False
         self.on("edit", on_edit)
@@ -129,7 +129,7 @@ class SessionView(Live, component="web/session_view.js"):
 
     def _begin(self) -> None:
         super()._begin()
-        self._known, self._stands = Sent(), {}
+        self._known, self._stands = SentState(), {}
         self.wants_run_lengths = False
 
     def _want(self, event: GenericEventArguments) -> None:

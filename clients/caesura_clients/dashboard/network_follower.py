@@ -29,7 +29,7 @@ from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
 from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 POLL_S = 1.0
@@ -40,7 +40,7 @@ POSTERIORS = 600  # a station: one minute of run lengths
 STATIONS = 256  # that signals are kept of; as many as a service takes
 
 
-class Gateway:
+class NetworkFollower:
     """Follows everything while its context lasts.
 
     transport: its owner closes it, after the gateway. clock: monotonic [s]. Leaving takes up to refresh_s.
@@ -164,7 +164,7 @@ class Gateway:
                 item = inbox.get(TICK_S)
                 if isinstance(item, TokenChange):
                     self._attend(item)
-                elif isinstance(item, Delivery):
+                elif isinstance(item, ReceivedSample):
                     self._sampled(item)
 
     def _attend(self, presence: TokenChange) -> None:
@@ -176,7 +176,7 @@ class Gateway:
                 instance = parse_service_key(presence.key)[0]
                 self._change(alive=_with(self.world.alive, instance, presence.alive))
 
-    def _sampled(self, delivery: Delivery) -> None:
+    def _sampled(self, delivery: ReceivedSample) -> None:
         """Store a batch of samples; a bad sender must not end the updates of all browsers."""
         try:
             station = parse_station_key(delivery.key)[0]

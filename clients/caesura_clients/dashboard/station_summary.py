@@ -70,7 +70,7 @@ class NewestSamples:
 
 
 @dataclass(frozen=True)
-class Glance:
+class StationSummary:
     """What a card of a station says."""
 
     station: str
@@ -100,14 +100,14 @@ SHOWN_SEGMENTS = 40  # in a card's strip
 
 def glances(
     world: DashboardState, heard: Mapping[str, NewestSamples], now: float, began: float
-) -> list[Glance]:
+) -> list[StationSummary]:
     """One a station. now, began: monotonic [s]; before the dashboard began nothing can have come."""
     return [glance(world, station, heard.get(station), now, began) for station in world.stations()]
 
 
 def glance(
     world: DashboardState, station: str, heard: NewestSamples | None, now: float, began: float
-) -> Glance:
+) -> StationSummary:
     """What there is to say of one station."""
     update = world.update(station)
     bridge = station in world.bridges
@@ -115,7 +115,7 @@ def glance(
     state = _state(update, bridge, why)
     last = update.segments[-1] if update and update.segments else None
     newest = update.segments[-SHOWN_SEGMENTS:] if update else ()
-    return Glance(
+    return StationSummary(
         station=station,
         state=state,
         said=SAID[state],
@@ -162,7 +162,7 @@ def gaps(update: Update | None) -> int:
     return 0 if update is None else len(update.status.gaps) + update.status.gaps_before
 
 
-def troubled(found: Iterable[Glance]) -> int:
+def troubled(found: Iterable[StationSummary]) -> int:
     """Count the stations that need an operator."""
     return sum(one.state == "stale" or one.overloaded for one in found)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from caesura_clients.budgets import budgets_in_words, held_back
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
-from caesura_clients.doctor.probes import Facts, Reported
+from caesura_clients.doctor.probes import ProbeResult, Reported
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import ServiceStatus, SessionStatus
 
@@ -17,7 +17,7 @@ JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
 MB = 10**6
 
 
-def check_services(facts: Facts, version: str) -> Iterator[CheckResult]:
+def check_services(facts: ProbeResult, version: str) -> Iterator[CheckResult]:
     """Report live instances, and whether their release is this client's. version: of this client."""
     for key in facts.other_versions:
         major = "/".join(key.split("/")[:2])
@@ -37,7 +37,7 @@ def check_services(facts: Facts, version: str) -> Iterator[CheckResult]:
             yield ok("service", f"{instance} is alive: version {version} as here, {ROOT}")
 
 
-def check_credentials(facts: Facts) -> Iterator[CheckResult]:
+def check_credentials(facts: ProbeResult) -> Iterator[CheckResult]:
     """May I ask? Nothing at all comes back from a question that is forbidden."""
     if not facts.alive:
         return
@@ -62,7 +62,7 @@ def check_instance(reported: Reported) -> Iterator[CheckResult]:
     yield from _budgets(reported.status)
 
 
-def check_owners(facts: Facts) -> Iterator[CheckResult]:
+def check_owners(facts: ProbeResult) -> Iterator[CheckResult]:
     """Which instance has which station; two that answer for one open session."""
     owners: dict[tuple[str, str], dict[str, SessionStatus]] = defaultdict(dict)
     for one in facts.snapshots:
@@ -82,7 +82,7 @@ def check_owners(facts: Facts) -> Iterator[CheckResult]:
         yield ok("owner", f"stations with an open session: {'; '.join(shares)}")
 
 
-def _silent(facts: Facts, instance: str) -> CheckResult:
+def _silent(facts: ProbeResult, instance: str) -> CheckResult:
     """Alive, and its status did not come."""
     if facts.reported:  # others answered, so it is not forbidden
         return bad("service", f"{instance} is alive and does not answer", "see its log; restart it")
@@ -147,7 +147,7 @@ def _budgets(status: ServiceStatus) -> Iterator[CheckResult]:
         yield ok("budget", said)
 
 
-def _counted(facts: Facts) -> dict[str, int]:
+def _counted(facts: ProbeResult) -> dict[str, int]:
     counts: dict[str, int] = defaultdict(int)
     for error in facts.refusals:
         counts[str(error)] += 1
@@ -158,4 +158,4 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds >= 1 else f"{1000 * seconds:.1f} ms"
 
 
-CHECKS: tuple[Callable[[Facts], Iterator[CheckResult]], ...] = (check_credentials, check_owners)
+CHECKS: tuple[Callable[[ProbeResult], Iterator[CheckResult]], ...] = (check_credentials, check_owners)

@@ -19,7 +19,7 @@ from caesura_protocol.keys import (
     station_key,
 )
 from caesura_protocol.messages import Heartbeat, SampleBatch, ServiceStatus, SessionStatus, Snapshot
-from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
 
 MOST_BATCHES = 20_000  # that are kept while listening: 400 s of one station, 12 s of 32
@@ -44,7 +44,7 @@ class ReceivedStatus:
 
 
 @dataclass
-class Facts:
+class ProbeResult:
     """Everything that was seen. listened_s: for how long; refusals: of questions that were not answered."""
 
     alive: list[str] = field(default_factory=list)  # instances
@@ -60,9 +60,9 @@ class Facts:
     listened_s: float = 0.0
 
 
-def gather(transport: Transport, station: str = "*", *, seconds: float) -> Facts:
+def gather(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
     """Ask, listen for so long, ask again. Raises Unreachable where the router goes away meanwhile."""
-    facts = Facts(alive=services(transport), bridges=[])
+    facts = ProbeResult(alive=services(transport), bridges=[])
     facts.other_versions = [key for key in transport.alive(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")]
     facts.reported = _statuses(transport, facts)
     with ExitStack() as stack:
@@ -79,7 +79,7 @@ def gather(transport: Transport, station: str = "*", *, seconds: float) -> Facts
     return facts
 
 
-def _statuses(transport: Transport, facts: Facts) -> list[Reported]:
+def _statuses(transport: Transport, facts: ProbeResult) -> list[Reported]:
     asked = time.time()
     answers = transport.query(service_key("*", "status"))
     answered = time.time()
@@ -88,7 +88,7 @@ def _statuses(transport: Transport, facts: Facts) -> list[Reported]:
     return [Reported(one, asked, answered) for one in sorted(found, key=lambda one: one.instance)]
 
 
-def _snapshots(transport: Transport, station: str, facts: Facts) -> list[Snapshot]:
+def _snapshots(transport: Transport, station: str, facts: ProbeResult) -> list[Snapshot]:
     answers = transport.query(session_key(station, "*", "snapshot"))
     facts.refusals += answers.refusals
     try:
@@ -100,22 +100,22 @@ def _snapshots(transport: Transport, station: str, facts: Facts) -> list[Snapsho
         return []
 
 
-def _take_in(facts: Facts, snapshots: Iterable[Snapshot], at: float) -> None:
+def _take_in(facts: ProbeResult, snapshots: Iterable[Snapshot], at: float) -> None:
     for one in snapshots:
         _keep(facts, ReceivedStatus(at, one.status))
 
 
-def _listen(inbox: Inbox, facts: Facts, began: float, seconds: float) -> None:
+def _listen(inbox: Inbox, facts: ProbeResult, began: float, seconds: float) -> None:
     while (left := began + seconds - time.monotonic()) > 0:
         item = inbox.get(left)
-        if isinstance(item, Delivery):
+        if isinstance(item, ReceivedSample):
             try:
                 _hear(facts, item, time.monotonic() - began)
             except ProtocolError as error:
                 facts.refusals.append(error)  # a publisher sends messages that no reader can decode
 
 
-def _hear(facts: Facts, item: Delivery, at: float) -> None:
+def _hear(facts: ProbeResult, item: ReceivedSample, at: float) -> None:
     if item.key.endswith("/status"):
         parse_session_key(item.key)
         _keep(facts, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
@@ -126,7 +126,7 @@ def _hear(facts: Facts, item: Delivery, at: float) -> None:
         facts.batches.setdefault((name, message.session), []).append(message)
 
 
-def _keep(facts: Facts, heard: ReceivedStatus) -> None:
+def _keep(facts: ProbeResult, heard: ReceivedStatus) -> None:
     """In the order of epochs and numbers: a late one, or that of a replaced owner, is no news."""
     known = facts.statuses.setdefault((heard.status.station, heard.status.session), [])
     if not known or _rank(known[-1].status) < _rank(heard.status):
@@ -137,4 +137,4 @@ def _rank(status: SessionStatus) -> tuple[int, int, int]:
     return status.epoch, status.samples, status.seq
 
 
-__all__ = ["Facts", "ReceivedStatus", "Reported", "Unreachable", "gather"]
+__all__ = ["ProbeResult", "ReceivedStatus", "Reported", "Unreachable", "gather"]

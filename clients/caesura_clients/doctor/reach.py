@@ -6,7 +6,7 @@ import socket
 import time
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok
-from caesura_protocol.errors import CaesuraError, NotLetIn
+from caesura_protocol.errors import AccessDenied, CaesuraError
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
@@ -36,7 +36,7 @@ def look_at(endpoint: str) -> CheckResult:
 def no_session(error: CaesuraError) -> CheckResult:
     """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
     where, _, why = str(error).partition(_REFUSED)
-    if not isinstance(error, NotLetIn) or not why:
+    if not isinstance(error, AccessDenied) or not why:
         return bad("session", str(error), "something listens there: is it the router, and is it well?")
     found, _, remedy = why.partition(": ")
     return bad("session", f"{where}{_REFUSED}{found}", remedy or "is it the router that you mean?")

@@ -9,7 +9,7 @@ import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
-from caesura_clients.doctor.probes import Facts, gather
+from caesura_clients.doctor.probes import ProbeResult, gather
 from caesura_clients.doctor.reach import look_at, no_session
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import CaesuraError, Unreachable
@@ -58,7 +58,7 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
     yield from judge(facts, station)
 
 
-def judge(facts: Facts, station: str = "*") -> Iterator[CheckResult]:
+def judge(facts: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     """Every check on what was seen."""
     yield from instances.check_services(facts, installed_version())
     for check in instances.CHECKS:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
-from caesura_clients.doctor.probes import Facts, ReceivedStatus
+from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus
 from caesura_clients.doctor.signal import (
     CheckedSamples,
     check_bias,
@@ -42,7 +42,7 @@ class Station:
         return self.statuses[-1].status if self.statuses else None
 
 
-def stations_of(facts: Facts) -> list[Station]:
+def stations_of(facts: ProbeResult) -> list[Station]:
     """Every station that has a bridge or a session, by name."""
     names = {*facts.bridges, *(station for station, _ in (*facts.statuses, *facts.batches))}
     return [_station(facts, name) for name in sorted(names)]
@@ -66,7 +66,7 @@ def check_station(station: Station) -> Iterator[CheckResult]:
             yield warn("bridge", found, remedy, station=station.name)
 
 
-def _station(facts: Facts, name: str) -> Station:
+def _station(facts: ProbeResult, name: str) -> Station:
     own = [statuses for (station, _), statuses in facts.statuses.items() if station == name and statuses]
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
     batches = [one for (station, _), some in facts.batches.items() if station == name for one in some]

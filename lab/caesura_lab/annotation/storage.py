@@ -12,7 +12,7 @@ from typing import Any
 
 from caesura_lab.annotation.editing import Document
 from caesura_lab.annotations import read_annotation, truth_of
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
 
 _FLAT = re.compile(r"\{\n\s+(\"t0?\":[^{}\[\]]*?)\n\s*\}")  # a changepoint or segment: one line each
@@ -55,7 +55,7 @@ def save_annotation(document: Document, path: Path) -> None:
     try:
         _write(path, as_text(document))
     except OSError as error:
-        raise BadSource(f"cannot write {path}: {error.strerror}") from error
+        raise SourceError(f"cannot write {path}: {error.strerror}") from error
 
 
 def as_text(document: Document) -> str:

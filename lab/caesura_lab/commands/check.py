@@ -12,7 +12,7 @@ import typer
 from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
-from caesura_protocol.errors import BadSource, CaesuraError
+from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.programs.document import ProgramFile, read_document
 
 ProgramPath = Annotated[
@@ -33,15 +33,19 @@ def check(
 ) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
     # Pinocchio takes a second to load: only for who needs it.
-    from caesura_lab.execution.cell import Cell as Place  # noqa: PLC0415
-    from caesura_lab.execution.cell_simulation import World  # noqa: PLC0415
+    from caesura_lab.execution.cell import Cell as SimulatedCell  # noqa: PLC0415
+    from caesura_lab.execution.cell_simulation import CellSimulation  # noqa: PLC0415
     from caesura_lab.execution.checks import Taught  # noqa: PLC0415
     from caesura_lab.execution.checks import check as look  # noqa: PLC0415
 
     with reported():
         program = read_document(file)
         safety = safety_of(program, cell_file, force_limit)
-        cell = Place(safety) if scenario is None else World(_scenario(scenario), THESIS.load_kg).cell(safety)
+        cell = (
+            SimulatedCell(safety)
+            if scenario is None
+            else CellSimulation(_scenario(scenario), THESIS.load_kg).cell(safety)
+        )
         report = look(program.apps, cell, Taught(program.gaps, program.wrench))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
@@ -82,16 +86,16 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     """Whether it was stopped."""
     import numpy as np  # noqa: PLC0415
 
-    from caesura_lab.execution.executor import Place  # noqa: PLC0415
+    from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        done = run(program.apps, Place(_scenario(scenario), person, seed), program.safety)
+        done = run(program.apps, SimulatedCell(_scenario(scenario), person, seed), program.safety)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
-        raise BadSource(f"{program.station}/{program.session} is refused:\n{lines}") from refused
+        raise SourceError(f"{program.station}/{program.session} is refused:\n{lines}") from refused
     if out is not None:
         try:
             done.recording.save(out)

@@ -14,7 +14,7 @@ from caesura_clients import Caesura, Update, connect
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import program_view, segments_view
-from caesura_protocol.errors import Absent
+from caesura_protocol.errors import NotFound
 from caesura_protocol.messages import Ack
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -59,7 +59,7 @@ def _watch(reader: Caesura, taught: Future[Ack], console: Console) -> None:
             live.update(segments_view(update.status, update.segments))
             if _over(update, taught):
                 return
-    raise Absent(f"no result for {SILENCE_S:g} s")
+    raise NotFound(f"no result for {SILENCE_S:g} s")
 
 
 def _over(update: Update, taught: Future[Ack]) -> bool:

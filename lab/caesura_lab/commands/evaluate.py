@@ -14,11 +14,11 @@ from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
 from caesura_clients.cli.options import reported
-from caesura_lab.annotations import Leniency, TruthError
+from caesura_lab.annotations import ToleranceOptions, TruthError
 from caesura_lab.evaluation import calibration, diagram
 from caesura_lab.evaluation import library_comparison as libraries
 from caesura_lab.evaluation.calibration import calibrate
-from caesura_lab.evaluation.methods import Method, MissingExtraError, Ours, baselines
+from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
 from caesura_lab.evaluation.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
@@ -166,7 +166,7 @@ def evaluate(
                     methods = _ablated()
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                leniencies = [Leniency(s, tolerance) for s in sorted({0.0, slack})]
+                leniencies = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
                 judged = Judgement(
                     title=_title(suite_name, cases, tolerance),
                     methods=[method.name for method in methods],
@@ -297,14 +297,14 @@ def _draw(result: calibration.Calibrated, file: Path) -> None:
 
 
 def _ablated() -> list[Method]:
-    return [Ours(name) for name in (DEFAULT_PRESET, *WITHOUT)]
+    return [PresetMethod(name) for name in (DEFAULT_PRESET, *WITHOUT)]
 
 
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
     unknown = sorted(set(presets) - set(PRESETS))
     if unknown:
         raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
-    ours: list[Method] = [Ours(name) for name in dict.fromkeys(presets)]
+    ours: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]
     return [*ours, *(baselines() if with_baselines else [])]
 
 
@@ -325,7 +325,7 @@ def _cases(
 
 
 def _judged(
-    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[Leniency], workers: int
+    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[ToleranceOptions], workers: int
 ) -> list[Verdict]:
     verdicts = _watched(judge_all(cases, methods, leniencies, workers=workers), cases)
     return [verdict for some in verdicts for verdict in some]

@@ -14,7 +14,7 @@ from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.report.report_data import ReportData, gather
 from caesura_protocol.distribution import installing
-from caesura_protocol.errors import BadSource, CaesuraError, ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
@@ -65,7 +65,7 @@ def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: C
     try:
         return gather(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:
-        raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+        raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 
 
 def _writers() -> ModuleType:

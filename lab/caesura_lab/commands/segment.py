@@ -14,13 +14,13 @@ from rich.progress import Progress
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import apps_table, ignored_line, phases_table, segments_table
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
-from caesura_protocol.errors import BadSource, ProtocolError
+from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.offline_segmentation import as_json, segment_recording
-from caesura_service.segmentation.view import NO_GRIPPER, View
+from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
 
 SHOWN_GAPS = 5
 
@@ -44,7 +44,7 @@ def segment(
     """Divide a recording into segments and show them with the task program."""
     with reported():
         if json_out is not None and not json_out.resolve().parent.is_dir():
-            raise BadSource(f"cannot write {json_out}: no such directory")
+            raise SourceError(f"cannot write {json_out}: no such directory")
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
         view = segmented(recording, preset, threshold, asked.setting())
         if json_out is not None:
@@ -54,7 +54,7 @@ def segment(
 
 def segmented(
     recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
-) -> View:
+) -> PipelineView:
     """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
@@ -67,23 +67,23 @@ def segmented(
                 progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:
-            raise BadSource(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+            raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
     if not view.segments:
-        raise BadSource(
+        raise SourceError(
             f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
             f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds and more than 0.2 s"
         )
     return view
 
 
-def _write(path: Path, view: View) -> None:
+def _write(path: Path, view: PipelineView) -> None:
     try:
         path.write_text(json.dumps(as_json(view), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        raise BadSource(f"cannot write {path}: {error.strerror}") from error
+        raise SourceError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _shown(recording: Recording, preset: str, view: View) -> Group:
+def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
     return Group(
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
         *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
@@ -93,7 +93,7 @@ def _shown(recording: Recording, preset: str, view: View) -> Group:
     )
 
 
-def _warnings(recording: Recording, view: View) -> Iterator[str]:
+def _warnings(recording: Recording, view: PipelineView) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
     if NO_GRIPPER in view.notes:
         yield NO_GRIPPER

@@ -14,7 +14,7 @@ import typer
 from caesura_clients.cli.options import Station, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_protocol.distribution import installing
-from caesura_protocol.errors import Absent, CaesuraError
+from caesura_protocol.errors import CaesuraError, NotFound
 from caesura_protocol.recording import Recording
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
@@ -118,7 +118,7 @@ def _journals(directory: Path | None, instance: str | None) -> list[Path]:
     wanted = where / "*.sqlite" if instance is None else journal_path(where, instance)
     found = sorted(where.glob(wanted.name))
     if not found:
-        raise Absent(
+        raise NotFound(
             f"no journal {wanted}: this runs where the service does; --journal and --instance name it"
         )
     return found
@@ -148,7 +148,7 @@ def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key
     if not meant:
         there = ", ".join(dict.fromkeys("/".join(found.copy.key) for found in known))
         where = journals[0] if len(journals) == 1 else journals[0].parent
-        raise Absent(
+        raise NotFound(
             f"no session {session!r} at {station or 'any station'} in {where}; known: {there or 'none'}"
         )
     if len(stations) > 1:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.evaluation.observations import Signals, condition
-from caesura_lab.evaluation.score import FoundSegmentation, Part
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
@@ -56,12 +56,12 @@ def boundaries_s(signals: Signals, starts: NDArray[np.intp]) -> Array:
     return times
 
 
-def labelled(signals: Signals, starts: NDArray[np.intp], times: Array) -> tuple[Part, ...]:
+def labelled(signals: Signals, starts: NDArray[np.intp], times: Array) -> tuple[FoundSegment, ...]:
     """Segments with the class that their mean speed and force give. starts, times: (k,)."""
     bounds = [0, *starts.tolist(), signals.t.size]
     edges = [float(signals.t[0]), *times.tolist(), float(signals.t[-1])]
     kinds = [_kind(signals, a, b) for a, b in pairwise(bounds)]
-    return tuple(Part(a, b, kind) for a, b, kind in zip(edges, edges[1:], kinds, strict=False))
+    return tuple(FoundSegment(a, b, kind) for a, b, kind in zip(edges, edges[1:], kinds, strict=False))
 
 
 def _kind(signals: Signals, first: int, last: int) -> str:

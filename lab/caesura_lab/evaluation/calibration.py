@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_lab.evaluation.runner import Unfit, Verdict
+from caesura_lab.evaluation.runner import NotApplicable, Verdict
 from caesura_lab.evaluation.score import Score, Stated
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid, with_slack
 
@@ -105,7 +105,9 @@ def calibrate(
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
     unfit = [
-        f"{u.method} is not applicable to {u.recording}: {u.reason}" for u in ordered if isinstance(u, Unfit)
+        f"{u.method} is not applicable to {u.recording}: {u.reason}"
+        for u in ordered
+        if isinstance(u, NotApplicable)
     ]
     slacks = sorted({score.slack_s for score in scores})
     found = [

@@ -55,7 +55,7 @@ class TagGroup:
 
 
 @dataclass(frozen=True)
-class Invented:
+class FalseAlarmGroup:
     """False alarms within one true class between two found ones."""
 
     within: str
@@ -68,7 +68,7 @@ class Faults:
     """All typical errors of one method. confusion: (true, found) → seconds."""
 
     missed: tuple[Missed, ...]
-    invented: tuple[Invented, ...]
+    invented: tuple[FalseAlarmGroup, ...]
     confusion: Counter[tuple[str, str]]
     timings: tuple[Timing, ...]
     groups: tuple[TagGroup, ...]
@@ -98,9 +98,9 @@ def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
     return tuple(rows)
 
 
-def _invented(scores: Sequence[Score]) -> tuple[Invented, ...]:
+def _invented(scores: Sequence[Score]) -> tuple[FalseAlarmGroup, ...]:
     counted = Counter(alarm for score in scores for alarm in score.alarms)
-    return tuple(Invented(*alarm, times) for alarm, times in counted.most_common())
+    return tuple(FalseAlarmGroup(*alarm, times) for alarm, times in counted.most_common())
 
 
 def _timings(scores: Sequence[Score]) -> tuple[Timing, ...]:

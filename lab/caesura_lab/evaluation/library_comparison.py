@@ -23,10 +23,10 @@ from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.changepoint.default import STROKES, early_moves, even_moves
-from caesura_service.changepoint.models import ChannelModel, Observed
+from caesura_service.changepoint.models import ChannelModel, ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.preset import Preset
-from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.offline_segmentation import capabilities_of
@@ -53,7 +53,7 @@ LIBRARIES: Mapping[str, Callable[[], list[Profile]]] = {
 
 
 @dataclass(frozen=True)
-class Told:
+class LibraryEvidence:
     """Log evidence of a recording under each library."""
 
     recording: str
@@ -77,8 +77,8 @@ def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
     return replace(preset, channels=channels)
 
 
-def _has_library(model: ChannelModel) -> TypeGuard[Profiled]:
-    return isinstance(model, Profiled) and model.channel == "position"
+def _has_library(model: ChannelModel) -> TypeGuard[ProfileModel]:
+    return isinstance(model, ProfileModel) and model.channel == "position"
 
 
 def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
@@ -87,7 +87,7 @@ def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
     return model
 
 
-def tell(case: Case) -> Told:
+def tell(case: Case) -> LibraryEvidence:
     """The evidence of one recording. Raises TruthError or RecordingError for one that cannot be segmented."""
     recording = _recording(case)
     try:
@@ -99,7 +99,7 @@ def tell(case: Case) -> Told:
         preset = with_moves(STROKES, moves())
         model = filter_of(preset, capabilities_of(recording), tared=tared, orientation=False)
         told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
-    return Told(case.name, sum(map(len, parts)), told)
+    return LibraryEvidence(case.name, sum(map(len, parts)), told)
 
 
 def _recording(case: Case) -> Recording:
@@ -109,7 +109,7 @@ def _recording(case: Case) -> Recording:
     return case.load()[0]
 
 
-def _parts(recording: Recording) -> tuple[list[list[Observed]], bool]:
+def _parts(recording: Recording) -> tuple[list[list[ModelInput]], bool]:
     """Observations, divided at gaps; and whether there was a rest to tare the force in."""
     seen, tared = observe(recording)
     if not seen:
@@ -119,12 +119,12 @@ def _parts(recording: Recording) -> tuple[list[list[Observed]], bool]:
     return parts, tared
 
 
-def title(what: str, told: Sequence[Told]) -> str:
+def title(what: str, told: Sequence[LibraryEvidence]) -> str:
     """Of a comparison of so many recordings."""
     return f"{what}: log evidence of {len(told)} recordings by motion library, preset {STROKES.name}, offline"
 
 
-def ordered(told: Iterable[Told]) -> list[Told]:
+def ordered(told: Iterable[LibraryEvidence]) -> list[LibraryEvidence]:
     """By name, in whatever order they came."""
     return sorted(told, key=lambda one: one.recording)
 
@@ -134,16 +134,16 @@ def _behind(log_evidence: Mapping[str, float], per: float = 1.0) -> dict[str, fl
     return {name: (value - best) / per for name, value in log_evidence.items()}
 
 
-def _total(told: Sequence[Told]) -> dict[str, float]:
+def _total(told: Sequence[LibraryEvidence]) -> dict[str, float]:
     return {name: sum(one.log_evidence[name] for one in told) for name in LIBRARIES}
 
 
-def _wins(told: Sequence[Told]) -> dict[str, int]:
+def _wins(told: Sequence[LibraryEvidence]) -> dict[str, int]:
     best = [max(one.log_evidence, key=one.log_evidence.__getitem__) for one in told]
     return {name: best.count(name) for name in LIBRARIES}
 
 
-def grid(told: Sequence[Told]) -> Grid:
+def grid(told: Sequence[LibraryEvidence]) -> Grid:
     """A row a recording, then all of them."""
     observations = sum(one.observations for one in told)
 
@@ -158,17 +158,17 @@ def grid(told: Sequence[Told]) -> Grid:
     return Grid(NOTE, ("recording", "n", *LIBRARIES), tuple(rows))
 
 
-def as_text(told: Sequence[Told], heading: str) -> RenderableType:
+def as_text(told: Sequence[LibraryEvidence], heading: str) -> RenderableType:
     """For a terminal."""
     return Group(Text(heading, style="bold"), *rich_grid(grid(told)))
 
 
-def as_markdown(told: Sequence[Told], heading: str) -> str:
+def as_markdown(told: Sequence[LibraryEvidence], heading: str) -> str:
     """For a page."""
     return f"**{heading}**\n\n{markdown_grid(grid(told))}\n"
 
 
-def as_json(told: Sequence[Told], heading: str) -> dict[str, Any]:
+def as_json(told: Sequence[LibraryEvidence], heading: str) -> dict[str, Any]:
     """For a script: the log evidences themselves."""
     total = _total(told)
     return {

@@ -13,13 +13,13 @@ import numpy as np
 
 from caesura_lab.evaluation.baselines import Baseline, nothing, thresholds, zero_velocity
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
-from caesura_lab.evaluation.metrics import Look
-from caesura_lab.evaluation.score import FoundSegmentation, Part
+from caesura_lab.evaluation.metrics import TimedEstimate
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
 from caesura_protocol.distribution import installing
 from caesura_protocol.messages import Segment
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import views
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 
 
 class Method(Protocol):
@@ -34,7 +34,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class Ours:
+class PresetMethod:
     """A preset of Caesura, online."""
 
     preset: str = "default"
@@ -47,8 +47,8 @@ class Ours:
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Push the recording through a session's pipeline."""
         latest = np.maximum.accumulate(recording.t)
-        looks: list[Look] = []
-        view: View | None = None
+        looks: list[TimedEstimate] = []
+        view: PipelineView | None = None
         for view in views(recording, self.preset):
             look = _look(float(latest[max(view.samples, 1) - 1]), view)
             if not looks or looks[-1][1:] != look[1:]:
@@ -62,12 +62,14 @@ class Ours:
         )
 
 
-def _look(t: float, view: View) -> Look:
+def _look(t: float, view: PipelineView) -> TimedEstimate:
     times = tuple(changepoint.t for changepoint in view.changepoints)
-    return Look(t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints))
+    return TimedEstimate(
+        t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints)
+    )
 
 
-def _intervals(view: View) -> dict[float, tuple[float, float]]:
+def _intervals(view: PipelineView) -> dict[float, tuple[float, float]]:
     return {
         one.t: (one.t_low, one.t_high)
         for one in view.changepoints
@@ -75,10 +77,12 @@ def _intervals(view: View) -> dict[float, tuple[float, float]]:
     }
 
 
-def _part(segment: Segment) -> Part:
+def _part(segment: Segment) -> FoundSegment:
     force_n = float(np.linalg.norm(segment.force))
     screw = None if segment.screw is None else (segment.screw.axis, segment.screw.pitch_m)
-    return Part(segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability, screw)
+    return FoundSegment(
+        segment.t0, segment.tn, segment.kind, segment.load_kg, force_n, segment.probability, screw
+    )
 
 
 class MissingExtraError(RuntimeError):

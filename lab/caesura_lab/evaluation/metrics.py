@@ -142,7 +142,7 @@ def overlap(one: Labelled, other: Labelled) -> float:
     return min(one.t1, other.t1) - max(one.t0, other.t0)
 
 
-class Look(NamedTuple):
+class TimedEstimate(NamedTuple):
     """What was known with samples up to t [s]: changepoints (m,) [s], and which of them were final."""
 
     t: float
@@ -151,7 +151,7 @@ class Look(NamedTuple):
 
 
 def standing_since(
-    looks: Iterable[Look], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
+    looks: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
 ) -> float | None:
     """Since when a changepoint within tolerance has been there without a break [s]; None if it is not.
 

@@ -43,7 +43,7 @@ Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
-class Fate:
+class MutationResult:
     """What became of one mutated program.
 
     operators: what was done to it; why: the first reason for which it was refused or stopped, or violation.
@@ -55,7 +55,7 @@ class Fate:
     why: str = ""
 
 
-def meet_fate(number: int) -> Fate:
+def meet_fate(number: int) -> MutationResult:
     """Mutate a program, check it, run it where it passes."""
     from caesura_lab.execution.executor import execute  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
@@ -67,18 +67,18 @@ def meet_fate(number: int) -> Fate:
     try:
         done = execute(mutated, place, cell)
     except RefusedError as refused:
-        return Fate(number, operators, "refused", str(refused.report.errors[0]))
+        return MutationResult(number, operators, "refused", str(refused.report.errors[0]))
     except Exception as error:  # whatever it is, a spoilt program must not bring it about
-        return Fate(number, operators, "violation", f"crashed: {error!r}")
+        return MutationResult(number, operators, "violation", f"crashed: {error!r}")
     if broken := violations(done.trace, cell):
-        return Fate(number, operators, "violation", broken[0])
+        return MutationResult(number, operators, "violation", broken[0])
     if done.stopped is not None:
-        return Fate(number, operators, "stopped", done.stopped)
-    return Fate(number, operators, "done")
+        return MutationResult(number, operators, "stopped", done.stopped)
+    return MutationResult(number, operators, "done")
 
 
 def violations(trace: Any, safety: Safety) -> list[str]:
-    """Limits that a run (a teacher's `Trace`) has passed."""
+    """Limits that a run (a teacher's `SimulationTrace`) has passed."""
     robot = _robot()
     positions, _ = robot.flange_poses(trace.q[::5])
     low, high = robot.lower_limits, robot.upper_limits
@@ -117,14 +117,14 @@ def _robot() -> Any:
 
 @cache
 def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
-    from caesura_lab.execution.executor import Place  # noqa: PLC0415
-    from caesura_lab.teacher.simulated_teaching import Teaching, finish  # noqa: PLC0415
+    from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
+    from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish  # noqa: PLC0415
     from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
 
-    teaching = Teaching(scenario, seed=seed)
+    teaching = SimulatedTeaching(scenario, seed=seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     apps = segment_recording(recording, setting=CellSettings(force_limit_n=LIMITS_N[scenario])).apps
-    return tuple(apps), Place(teaching.scenario, teaching.person, seed)
+    return tuple(apps), SimulatedCell(teaching.scenario, teaching.person, seed)
 
 
 # --- operators ------------------------------------------------------------------------------------------
@@ -269,7 +269,7 @@ def title(count: int) -> str:
     return f"{count} mutated programs: refused, or run within the limits"
 
 
-def _grids(fates: Iterable[Fate]) -> list[Grid]:
+def _grids(fates: Iterable[MutationResult]) -> list[Grid]:
     ordered = sorted(fates, key=lambda fate: fate.number)
     outcomes: tuple[Outcome, ...] = ("refused", "done", "stopped", "violation")
     rows = [("all", *_counts(ordered, outcomes))]
@@ -282,11 +282,11 @@ def _grids(fates: Iterable[Fate]) -> list[Grid]:
     return [*grids, Grid("violations", ("number", "operators", "what"), broken)] if broken else grids
 
 
-def _counts(fates: Sequence[Fate], outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+def _counts(fates: Sequence[MutationResult], outcomes: Sequence[Outcome]) -> tuple[str, ...]:
     return (str(len(fates)), *(str(sum(f.outcome == one for f in fates)) for one in outcomes))
 
 
-def as_text(fates: Sequence[Fate]) -> RenderableType:
+def as_text(fates: Sequence[MutationResult]) -> RenderableType:
     """For a terminal."""
     parts: list[RenderableType] = [Text(title(len(fates)), style="bold")]
     for grid in _grids(fates):
@@ -294,11 +294,11 @@ def as_text(fates: Sequence[Fate]) -> RenderableType:
     return Group(*parts)
 
 
-def as_markdown(fates: Sequence[Fate]) -> str:
+def as_markdown(fates: Sequence[MutationResult]) -> str:
     """For a page."""
     return "\n\n".join([f"**{title(len(fates))}**", *map(markdown_grid, _grids(fates))]) + "\n"
 
 
-def as_json(fates: Sequence[Fate]) -> dict[str, Any]:
+def as_json(fates: Sequence[MutationResult]) -> dict[str, Any]:
     """Every fate."""
     return {"title": title(len(fates)), "fates": [asdict(fate) for fate in fates]}

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from caesura_lab.evaluation.error_analysis import Faults, faults
-from caesura_lab.evaluation.runner import Unfit, Verdict
+from caesura_lab.evaluation.runner import NotApplicable, Verdict
 from caesura_lab.evaluation.score import PHASE_S, Score
 from caesura_lab.evaluation.summary import MEASURES, Estimate, margins, summarise
 
@@ -78,7 +78,7 @@ TABLES = (
 
 
 @dataclass(frozen=True)
-class Judged:
+class MethodReport:
     """One method: its numbers, on how many recordings they rest, and its typical errors."""
 
     method: str
@@ -104,7 +104,7 @@ class Section:
     """Everything under one slack [s]: all recordings pooled, and set by set where they form sets."""
 
     slack_s: float
-    methods: tuple[Judged, ...]
+    methods: tuple[MethodReport, ...]
     sets: Mapping[str, tuple[Compared, ...]]
 
 
@@ -117,11 +117,11 @@ class Report:
 
     title: str
     sections: tuple[Section, ...]
-    unfit: tuple[Unfit, ...]
+    unfit: tuple[NotApplicable, ...]
     missing: tuple[str, ...] = ()
 
     @property
-    def methods(self) -> tuple[Judged, ...]:
+    def methods(self) -> tuple[MethodReport, ...]:
         """Return the pooled results under the least slack."""
         return self.sections[0].methods if self.sections else ()
 
@@ -131,7 +131,7 @@ def report(
 ) -> Report:
     """Put verdicts, in any order, together."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
-    unfit = tuple(verdict for verdict in ordered if isinstance(verdict, Unfit))
+    unfit = tuple(verdict for verdict in ordered if isinstance(verdict, NotApplicable))
     scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
     slacks = sorted({score.slack_s for score in scores})
     sections = tuple(_section(slack, methods, [s for s in scores if s.slack_s == slack]) for slack in slacks)
@@ -139,10 +139,10 @@ def report(
 
 
 def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) -> Section:
-    judged: list[Judged] = []
+    judged: list[MethodReport] = []
     for name, own in _by_method(methods, scores).items():
         behind = _margins(judged[0].scores, own) if judged else {}
-        judged.append(Judged(name, len(own), summarise(own), faults(own), own, behind))
+        judged.append(MethodReport(name, len(own), summarise(own), faults(own), own, behind))
     return Section(slack_s, tuple(judged), _sets(methods, scores))
 
 
@@ -232,7 +232,7 @@ def _plain_compared(one: Compared) -> dict[str, Any]:
     }
 
 
-def _method(judged: Judged) -> dict[str, Any]:
+def _method(judged: MethodReport) -> dict[str, Any]:
     return {
         "method": judged.method,
         "recordings": judged.recordings,

@@ -52,7 +52,7 @@ class RoundTripCase:
 
 
 @dataclass(frozen=True)
-class Trip:
+class RoundTripResult:
     """How one round trip went.
 
     taught, executed: kinds of the apps; target_m: app by app, where the apps are the same; force: errors of
@@ -70,27 +70,27 @@ class Trip:
     path_rad: tuple[float, ...] = ()
 
 
-def travel(case: RoundTripCase) -> Trip:
+def travel(case: RoundTripCase) -> RoundTripResult:
     """Go round once."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
-    from caesura_lab.execution.executor import Place, execute  # noqa: PLC0415
+    from caesura_lab.execution.executor import SimulatedCell, execute  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
-    from caesura_lab.teacher.simulated_teaching import Teaching, finish  # noqa: PLC0415
+    from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish  # noqa: PLC0415
     from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
 
-    teaching = Teaching(case.scenario, seed=case.seed)
+    teaching = SimulatedTeaching(case.scenario, seed=case.seed)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     limit_n = LIMITS_N[case.scenario]
     taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
-    place = Place(teaching.scenario, teaching.person, case.seed)
+    place = SimulatedCell(teaching.scenario, teaching.person, case.seed)
     try:
         done = execute(taught.apps, place, Safety(force_n=limit_n))
     except RefusedError as refused:
-        return Trip(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
+        return RoundTripResult(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
     if done.stopped is not None:
         why = f"stopped in app {done.at}: {done.stopped}"
-        return Trip(case, _kinds(taught.apps), _kinds(again), (), (), why)
+        return RoundTripResult(case, _kinds(taught.apps), _kinds(again), (), (), why)
     trip = compared(case, taught.apps, again)
     off = [
         apart(_way(recording, app.path.start.t, app.path.tn), _way(done.recording, *span))
@@ -141,16 +141,16 @@ def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
     return None
 
 
-def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> Trip:
+def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
     """What is different between the program that was run and the one that its recording gives."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
-        return Trip(case, *kinds, (), (), _first_difference(*kinds))
+        return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
     targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
     forces = tuple(
         _force_error(a, b) for a, b in zip(taught, executed, strict=True) if a.kind == "apply_force"
     )
-    return Trip(case, *kinds, targets, forces, _too_far(taught, targets, forces))
+    return RoundTripResult(case, *kinds, targets, forces, _too_far(taught, targets, forces))
 
 
 def _target_error(taught: App, executed: App) -> float:
@@ -194,7 +194,7 @@ def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
     return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
 
 
-def summarise(trips: Iterable[Trip]) -> dict[str, list[Trip]]:
+def summarise(trips: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
     """Trips by scenario, in the order of the seeds."""
     ordered = sorted(trips, key=lambda trip: (SCENARIOS.index(trip.case.scenario), trip.case.seed))
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
@@ -209,7 +209,7 @@ def title(seeds: Sequence[int]) -> str:
     )
 
 
-def _grids(summary: Mapping[str, Sequence[Trip]]) -> list[Grid]:
+def _grids(summary: Mapping[str, Sequence[RoundTripResult]]) -> list[Grid]:
     headings = (
         "scenario",
         "holds",
@@ -230,7 +230,7 @@ def _grids(summary: Mapping[str, Sequence[Trip]]) -> list[Grid]:
     return [held, Grid("what does not", ("scenario", "seed", "why"), failed)] if failed else [held]
 
 
-def _row(name: str, trips: Sequence[Trip]) -> tuple[str, ...]:
+def _row(name: str, trips: Sequence[RoundTripResult]) -> tuple[str, ...]:
     holds = sum(trip.why is None for trip in trips)
     same = sum(trip.taught == trip.executed for trip in trips)
     return (
@@ -249,7 +249,7 @@ def _spread(errors: Sequence[float]) -> tuple[str, str]:
     return (f"{np.median(errors):.1f}", f"{np.max(errors):.1f}") if errors else ("–", "–")
 
 
-def as_text(summary: Mapping[str, Sequence[Trip]], heading: str) -> RenderableType:
+def as_text(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> RenderableType:
     """For a terminal."""
     parts: list[RenderableType] = [Text(heading, style="bold")]
     for grid in _grids(summary):
@@ -257,11 +257,11 @@ def as_text(summary: Mapping[str, Sequence[Trip]], heading: str) -> RenderableTy
     return Group(*parts)
 
 
-def as_markdown(summary: Mapping[str, Sequence[Trip]], heading: str) -> str:
+def as_markdown(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> str:
     """For a page."""
     return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
 
 
-def as_json(summary: Mapping[str, Sequence[Trip]]) -> dict[str, Any]:
+def as_json(summary: Mapping[str, Sequence[RoundTripResult]]) -> dict[str, Any]:
     """Every trip."""
     return {name: [asdict(trip) for trip in trips] for name, trips in summary.items()}

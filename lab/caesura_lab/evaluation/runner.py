@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from caesura_lab.annotations import Leniency
+from caesura_lab.annotations import ToleranceOptions
 from caesura_lab.evaluation.methods import Method
 from caesura_lab.evaluation.observations import condition
 from caesura_lab.evaluation.score import Score, score
@@ -16,11 +16,11 @@ from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
 
-AS_READ = Leniency()
+AS_READ = ToleranceOptions()
 
 
 @dataclass(frozen=True)
-class Unfit:
+class NotApplicable:
     """A method that could not be applied to a recording, and why."""
 
     method: str
@@ -28,11 +28,11 @@ class Unfit:
     reason: str
 
 
-Verdict = Score | Unfit
+Verdict = Score | NotApplicable
 
 
 def judge(
-    case: Case, methods: Sequence[Method], leniencies: Sequence[Leniency] = (AS_READ,)
+    case: Case, methods: Sequence[Method], leniencies: Sequence[ToleranceOptions] = (AS_READ,)
 ) -> list[Verdict]:
     """Apply all methods to one case, once each, and judge what they find under every leniency.
 
@@ -49,7 +49,7 @@ def judge(
         except RecordingError:
             raise
         except (ProtocolError, ValueError) as error:
-            verdicts.append(Unfit(method.name, case.name, str(error)))
+            verdicts.append(NotApplicable(method.name, case.name, str(error)))
         else:
             for leniency in leniencies:
                 one = score(method.name, leniency.of(truth), found)
@@ -60,7 +60,7 @@ def judge(
 def judge_all(
     cases: Sequence[Case],
     methods: Sequence[Method],
-    leniencies: Sequence[Leniency] = (AS_READ,),
+    leniencies: Sequence[ToleranceOptions] = (AS_READ,),
     *,
     workers: int = 1,
 ) -> Iterator[list[Verdict]]:

@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from caesura_lab.annotations import Point, Quantity, Screwing, Truth
+from caesura_lab.annotations import Quantity, Screwing, TrueChangepoint, Truth
 from caesura_lab.evaluation.metrics import (
     ROUNDING_S,
     Labelled,
-    Look,
     Matching,
+    TimedEstimate,
     confusion,
     covering,
     disturbed,
@@ -37,7 +37,7 @@ TOUCHING = ("contact", "sliding")
 
 
 @dataclass(frozen=True)
-class Part:
+class FoundSegment:
     """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N] where the method states them.
 
     probability: stated for the class, None if the method states none. screw: axis and advance in one turn [m]
@@ -64,8 +64,8 @@ class FoundSegmentation:
     """
 
     changepoints: tuple[float, ...]
-    parts: tuple[Part, ...] | None = None
-    looks: tuple[Look, ...] | None = None
+    parts: tuple[FoundSegment, ...] | None = None
+    looks: tuple[TimedEstimate, ...] | None = None
     intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
     probabilities: Mapping[float, float] = field(default_factory=dict)
     phases: tuple[float, ...] | None = None
@@ -191,7 +191,7 @@ def _counts(t: float, window: tuple[float, float]) -> bool:
     return window[0] + EDGE_S - ROUNDING_S <= t <= window[1] - EDGE_S + ROUNDING_S
 
 
-def _judged_points(truth: Truth) -> list[Point]:
+def _judged_points(truth: Truth) -> list[TrueChangepoint]:
     """Return the points of the window; those that are too close to its edges to be counted are optional."""
     first, last = truth.window
     inside = [p for p in truth.points if any(first < t < last for t in p.accepted_s)]
@@ -201,7 +201,7 @@ def _judged_points(truth: Truth) -> list[Point]:
     ]
 
 
-def _match(points: Sequence[Point], times: Sequence[float]) -> Matching:
+def _match(points: Sequence[TrueChangepoint], times: Sequence[float]) -> Matching:
     return match(
         [p.t for p in points],
         [p.tolerance_s for p in points],
@@ -218,7 +218,9 @@ def class_accuracy(one: Score) -> float:
     return right / total if total else float("nan")
 
 
-def _with_classes(base: Score, truth: Truth, found: FoundSegmentation, parts: Sequence[Part]) -> Score:
+def _with_classes(
+    base: Score, truth: Truth, found: FoundSegmentation, parts: Sequence[FoundSegment]
+) -> Score:
     if found.parts is None:
         return base
     labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]
@@ -243,7 +245,9 @@ def _with_classes(base: Score, truth: Truth, found: FoundSegmentation, parts: Se
     )
 
 
-def _with_delays(base: Score, pairs: Sequence[tuple[Point, float]], looks: Sequence[Look] | None) -> Score:
+def _with_delays(
+    base: Score, pairs: Sequence[tuple[TrueChangepoint, float]], looks: Sequence[TimedEstimate] | None
+) -> Score:
     """How long after each point that was found a changepoint near it stood, and stood for good [s]."""
     if looks is None:
         return base
@@ -259,7 +263,7 @@ def _with_delays(base: Score, pairs: Sequence[tuple[Point, float]], looks: Seque
 
 
 def _intervals(
-    pairs: Sequence[tuple[Point, float]], stated: Mapping[float, tuple[float, float]]
+    pairs: Sequence[tuple[TrueChangepoint, float]], stated: Mapping[float, tuple[float, float]]
 ) -> tuple[tuple[float, bool], ...]:
     """Length [s] of each interval that a hit was stated with, and whether the true time lies in it."""
     return tuple(
@@ -277,7 +281,7 @@ def _stated_points(
     return tuple(Stated(stated[t], right, 1.0) for t, right in outcomes if t in stated)
 
 
-def _stated_classes(spans: Sequence[Labelled], parts: Sequence[Part]) -> tuple[Stated, ...]:
+def _stated_classes(spans: Sequence[Labelled], parts: Sequence[FoundSegment]) -> tuple[Stated, ...]:
     """Return the probability of every part's class, with the seconds that were right of those scored."""
     stated = []
     for part in parts:
@@ -295,7 +299,7 @@ def _pairs(matching: Matching) -> list[tuple[int, int]]:
     return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
 
 
-def _filling(parts: Sequence[Part], window: tuple[float, float]) -> list[Part]:
+def _filling(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list[FoundSegment]:
     """Parts that reach from one end of the window to the other: filters need a little before they begin."""
     filled = list(parts)
     if filled:
@@ -325,11 +329,11 @@ def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelle
     return spans
 
 
-def _shared(part: Part, one: Quantity) -> float:
+def _shared(part: FoundSegment, one: Quantity) -> float:
     return overlap(Labelled(part.t0, part.t1, ""), Labelled(one.t0, one.t1, ""))
 
 
-def _load_errors(loads: Sequence[Quantity], parts: Sequence[Part]) -> tuple[float, ...]:
+def _load_errors(loads: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
     """Absolute error [kg] of each load that was weighed: mean over the carried parts, weighted by time."""
     errors = []
     for load in loads:
@@ -344,7 +348,7 @@ def _load_errors(loads: Sequence[Quantity], parts: Sequence[Part]) -> tuple[floa
     return tuple(errors)
 
 
-def _force_errors(forces: Sequence[Quantity], parts: Sequence[Part]) -> tuple[float, ...]:
+def _force_errors(forces: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
     """Absolute error [N] of each pressing force that was noticed: the largest that its parts end with."""
     errors = []
     for force in forces:
@@ -358,7 +362,7 @@ def _force_errors(forces: Sequence[Quantity], parts: Sequence[Part]) -> tuple[fl
     return tuple(errors)
 
 
-def _screw_errors(screws: Sequence[Screwing], parts: Sequence[Part]) -> list[tuple[float, float]]:
+def _screw_errors(screws: Sequence[Screwing], parts: Sequence[FoundSegment]) -> list[tuple[float, float]]:
     """Angle [°] between true and found axis, and relative error of the advance, of each screw noticed.
 
     A screw is read from the part with a screw motion that shares most time with its stroke.
@@ -379,7 +383,7 @@ def _degrees_between(one: Sequence[float], other: Sequence[float]) -> float:
     return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def _miss(point: Point, alarms: Sequence[float], truth: Truth) -> Miss:
+def _miss(point: TrueChangepoint, alarms: Sequence[float], truth: Truth) -> Miss:
     nearest = min((t - point.nearest_s(t) for t in alarms), key=abs, default=None)
     before = _true_kind(truth, point.t - point.tolerance_s)
     after = _true_kind(truth, point.t + point.tolerance_s)
@@ -391,7 +395,7 @@ def _true_kind(truth: Truth, t: float) -> str:
     return next((span.kind for span in truth.spans if span.t0 <= t < span.t1), "unclear")
 
 
-def _between(parts: Sequence[Part], t: float) -> str:
+def _between(parts: Sequence[FoundSegment], t: float) -> str:
     """The classes of the parts that meet closest to t."""
     if len(parts) < 2:
         return "–"

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.annotations import Leniency, Truth
+from caesura_lab.annotations import ToleranceOptions, Truth
 from caesura_lab.evaluation import bocpd, third_party_baselines
 from caesura_lab.evaluation.baselines import boundaries_s
 from caesura_lab.evaluation.chosen_settings import GaussianSettings, KernelSettings, StudentSettings
@@ -153,7 +153,7 @@ def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[A
 def demonstration_of(case: Case) -> Demonstration:
     """Return the conditioned signals of a case, and its truth with slack."""
     recording, truth = case.load()
-    return condition(recording), Leniency(slack_s=SLACK_S).of(truth)
+    return condition(recording), ToleranceOptions(slack_s=SLACK_S).of(truth)
 
 
 def lines(choices: Sequence[Choice]) -> Iterator[str]:

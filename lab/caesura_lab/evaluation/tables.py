@@ -21,7 +21,7 @@ from caesura_lab.evaluation.report import (
     SET_MARGINS,
     TABLES,
     Column,
-    Judged,
+    MethodReport,
     Report,
     Section,
     shown,
@@ -110,7 +110,7 @@ def _cells(estimates: Mapping[str, Estimate], columns: Sequence[Column], layout:
     return [layout.format(value, interval) if interval else value for value, interval in pairs]
 
 
-def _errors(judged: Judged) -> Iterator[Grid]:
+def _errors(judged: MethodReport) -> Iterator[Grid]:
     found = judged.faults
     if found.confusion:
         yield _confusion(judged)
@@ -137,7 +137,7 @@ def _errors(judged: Judged) -> Iterator[Grid]:
     yield _worst(judged)
 
 
-def _timings(judged: Judged) -> Grid:
+def _timings(judged: MethodReport) -> Grid:
     rows = tuple(
         (one.kind, str(one.times), f"{one.median_s:+.2f}", f"{one.low_s:+.2f}…{one.high_s:+.2f}")
         for one in judged.faults.timings
@@ -146,7 +146,7 @@ def _timings(judged: Judged) -> Grid:
     return Grid(f"{judged.method}: how late in time it puts what it finds", headings, rows)
 
 
-def _groups(judged: Judged) -> Grid:
+def _groups(judged: MethodReport) -> Grid:
     rows = tuple(
         (
             one.tag,
@@ -161,7 +161,7 @@ def _groups(judged: Judged) -> Grid:
     return Grid(f"{judged.method}: by kind of recording", headings, rows)
 
 
-def _worst(judged: Judged) -> Grid:
+def _worst(judged: MethodReport) -> Grid:
     """The recordings on which it does worst, to be looked at first."""
 
     def rank(score: Score) -> tuple[float, str]:
@@ -180,7 +180,7 @@ def _worst(judged: Judged) -> Grid:
     return Grid(f"{judged.method}: worst recordings", ("recording", "F1", "missed", "false", "class"), rows)
 
 
-def _confusion(judged: Judged) -> Grid:
+def _confusion(judged: MethodReport) -> Grid:
     """Of the time that each row's class took, the share that was called the column's."""
     seconds = judged.faults.confusion
     columns = [kind for kind in (*KINDS, "none") if any(found == kind for _, found in seconds)]

@@ -18,7 +18,7 @@ SETTLED_M = 1e-4
 
 
 @dataclass(frozen=True)
-class Thing:
+class GraspableObject:
     """An object that stands on a surface: where the flange grips it (3,) [m], how wide and heavy it is."""
 
     place: Vector
@@ -26,7 +26,7 @@ class Thing:
     kg: float
 
 
-class World:
+class CellSimulation:
     """What stands around the robot, and what its fingers do. What they let go stays where it is."""
 
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
@@ -55,7 +55,7 @@ class World:
             return
         if self.held_kg and self.width_m > thing.width_m + SETTLED_M:
             x, y, z = flange.tolist()
-            self._thing, self.held_kg = Thing((x, y, z), thing.width_m, thing.kg), 0.0
+            self._thing, self.held_kg = GraspableObject((x, y, z), thing.width_m, thing.kg), 0.0
         near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - thing.place) <= GRIP_REACH_M)
         if near and self._goal_m < thing.width_m and self.width_m <= thing.width_m:
             self.width_m = self._goal_m = thing.width_m
@@ -66,11 +66,11 @@ class World:
         return Cell(safety, self.surfaces, self.start)
 
 
-def _thing_of(scenario: Scenario, load_kg: float) -> Thing | None:
+def _thing_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
     """What the scenario grips, where it grips it."""
     place: Vector = scenario.start
     for step in scenario.steps:
         place = step.to or place
         if step.kind == "grasp":
-            return Thing(place, WIDTH_OBJECT_M, load_kg)
+            return GraspableObject(place, WIDTH_OBJECT_M, load_kg)
     return None

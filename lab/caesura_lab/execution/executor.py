@@ -13,14 +13,14 @@ from itertools import zip_longest
 
 import numpy as np
 
-from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import Taught, check
 from caesura_lab.execution.findings import RefusedError
 from caesura_lab.execution.safety_monitor import Stopped
-from caesura_lab.execution.simulated_arm import Arm
-from caesura_lab.execution.skills import Acting
+from caesura_lab.execution.simulated_arm import SimulatedArm
+from caesura_lab.execution.skills import SkillController
 from caesura_lab.execution.trajectories import ASTRAY_M
-from caesura_lab.teacher.guided_arm import Trace
+from caesura_lab.teacher.guided_arm import SimulationTrace
 from caesura_lab.teacher.hand_force import aims_at
 from caesura_lab.teacher.person import Person
 from caesura_lab.teacher.plan import Plan
@@ -35,7 +35,7 @@ BEGIN_S, END_S, BRAKE_S = 0.6, 0.8, 0.3
 
 
 @dataclass(frozen=True)
-class Place:
+class SimulatedCell:
     """A simulated cell: what is taught there, and whose object and sensors they are."""
 
     scenario: Scenario
@@ -45,14 +45,14 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Done:
+class RunResult:
     """How a run went.
 
     stopped: why it was stopped, None where it was not; at: the app during which, counted from 0; spans: when
     each app that was begun began and ended [s].
     """
 
-    trace: Trace
+    trace: SimulationTrace
     recording: Recording
     stopped: str | None
     at: int | None
@@ -61,26 +61,28 @@ class Done:
 
 def execute(
     apps: Sequence[App],
-    place: Place,
+    place: SimulatedCell,
     safety: Safety = DEFAULT,
     *,
     taught: Taught | None = None,
     robot: Robot | None = None,
-) -> Done:
+) -> RunResult:
     """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
     robot = robot or load_panda()
-    report = check(apps, World(place.scenario, place.person.load_kg).cell(safety), taught, robot)
+    report = check(apps, CellSimulation(place.scenario, place.person.load_kg).cell(safety), taught, robot)
     if not report.passed:
         raise RefusedError(report)
     return run(apps, place, safety, robot)
 
 
-def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robot | None = None) -> Done:
+def run(
+    apps: Sequence[App], place: SimulatedCell, safety: Safety = DEFAULT, robot: Robot | None = None
+) -> RunResult:
     """Run apps that a check has passed; the same arguments give the same bytes."""
     robot = robot or load_panda()
-    world = World(place.scenario, place.person.load_kg)
+    world = CellSimulation(place.scenario, place.person.load_kg)
     world.start = _start(apps, world.start)
-    acting = Acting(Arm(robot, world, friction=place.person.joint_friction), safety)
+    acting = SkillController(SimulatedArm(robot, world, friction=place.person.joint_friction), safety)
     stopped, at = None, None
     spans: list[tuple[float, float]] = []
     try:
@@ -97,7 +99,7 @@ def run(apps: Sequence[App], place: Place, safety: Safety = DEFAULT, robot: Robo
         stopped = str(reason)
         acting.brake(BRAKE_S)
     trace = acting.arm.trace()
-    return Done(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
+    return RunResult(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
 
 
 def _start(apps: Sequence[App], home: Vector) -> Vector:
@@ -111,7 +113,7 @@ def _pause(app: App, following: App | None, safety: Safety) -> float:
     return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
 
 
-def _recorded(trace: Trace, place: Place, robot: Robot) -> Recording:
+def _recorded(trace: SimulationTrace, place: SimulatedCell, robot: Robot) -> Recording:
     """What the sensors of the place's robot make of it."""
     plan = _plan_of(trace, place)
     sensors = Sensors(robot, plan, place.wrench_source, np.random.default_rng([place.seed, 1]))
@@ -119,7 +121,7 @@ def _recorded(trace: Trace, place: Place, robot: Robot) -> Recording:
     return Recording(trace.t, signals, wrench_source=place.wrench_source, name=f"{place.scenario.name}-run")
 
 
-def _plan_of(trace: Trace, place: Place) -> Plan:
+def _plan_of(trace: SimulationTrace, place: SimulatedCell) -> Plan:
     """A plan of the run's length: sensors draw their noise for a whole demonstration."""
     n = trace.t.size
     three, one = np.zeros((n, 3)), np.zeros(n)

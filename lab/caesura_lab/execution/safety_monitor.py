@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from caesura_lab.execution.simulated_arm import Arm, ArmMeasurement
+from caesura_lab.execution.simulated_arm import ArmMeasurement, SimulatedArm
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.programs.safety import STOP_SHARE, Safety
 
@@ -21,10 +21,10 @@ class Stopped(Exception):  # noqa: N818  (a stop is no error of the program that
     """The robot was stopped; the message says why, with value and limit."""
 
 
-class Guard:
+class SafetyMonitor:
     """The limits of one run."""
 
-    def __init__(self, arm: Arm, safety: Safety) -> None:
+    def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self._safety = safety
         self._low = np.array(safety.workspace_low) + EDGE_M
         self._high = np.array(safety.workspace_high) - EDGE_M

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
     FALL,
     FRICTION_NM,
     GRAVITY,
-    Trace,
+    SimulationTrace,
     at_flange,
     start_posture,
     tip_jacobian,
@@ -81,10 +81,10 @@ class ArmMeasurement:
     torque: Array = field(default_factory=lambda: np.zeros(3))
 
 
-class Arm:
+class SimulatedArm:
     """The arm in its world. `tick` goes one millisecond on; `trace` is everything that happened."""
 
-    def __init__(self, robot: Robot, world: World, *, friction: float = 1.0) -> None:
+    def __init__(self, robot: Robot, world: CellSimulation, *, friction: float = 1.0) -> None:
         self.world = world
         self._robot, self._contact = robot, contact_with(world.surfaces)
         self._friction_nm = friction * FRICTION_NM
@@ -154,13 +154,13 @@ class Arm:
             q = q + LOOK_S * v
         return most
 
-    def trace(self) -> Trace:
+    def trace(self) -> SimulationTrace:
         """Everything so far; the controller's wrench stands where a hand's would."""
         rows = np.array(self._rows)
         parts = np.split(rows, [7, 14, 20, 26, 32, 35], axis=1)
         q, v, twist, environment, hand, contact, rest = parts
         t = np.arange(len(rows)) / TICKS_PER_S
-        return Trace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
+        return SimulationTrace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 
     def _wrench(self, want: Setpoint, arm: HandDynamics, twist: Array, lever: Array) -> Array:
         """What the controller does to the flange (6,) [N, Nm]."""

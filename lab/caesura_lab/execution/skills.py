@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from caesura_lab.execution.safety_monitor import Guard, Stopped
-from caesura_lab.execution.simulated_arm import Arm, ArmMeasurement, Setpoint
+from caesura_lab.execution.safety_monitor import SafetyMonitor, Stopped
+from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
 from caesura_lab.execution.trajectories import ASTRAY_M, course, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
@@ -44,12 +44,12 @@ JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
-class Acting:
+class SkillController:
     """A robot under way through a program: where its setpoint is, and whether it stands on something."""
 
-    def __init__(self, arm: Arm, safety: Safety) -> None:
+    def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self.arm, self.safety = arm, safety
-        self._guard = Guard(arm, safety)
+        self._guard = SafetyMonitor(arm, safety)
         self.setpoint = Setpoint(arm.felt.position, arm.felt.rotation)
         self.along: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
@@ -275,7 +275,7 @@ class Tight:
         return -float(self._axis @ about_point) > self._most_nm
 
 
-def target_of(acting: Acting, app: App) -> tuple[Array, Array]:
+def target_of(acting: SkillController, app: App) -> tuple[Array, Array]:
     """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
     position = acting.setpoint.position if app.target is None else np.array(app.target)
     rotation = acting.setpoint.rotation if app.orientation is None else matrix_of(app.orientation)
@@ -286,18 +286,18 @@ def _seconds(app: App) -> float:
     return app.tn - app.t0
 
 
-def _move(acting: Acting, app: App, following: App | None) -> None:
+def _move(acting: SkillController, app: App, following: App | None) -> None:
     acting.go(app)
 
 
-def _touch(acting: Acting, app: App, following: App | None) -> None:
+def _touch(acting: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_of(acting, app)
     force = following.force if following is not None and following.kind == "apply_force" else None
     until = press_direction(rotation, None if force is None else np.array(force))
     acting.go(app, until=until)
 
 
-def _carry(acting: Acting, app: App, following: App | None) -> None:
+def _carry(acting: SkillController, app: App, following: App | None) -> None:
     acting.arm.load_kg = app.load_kg or 0.0
     if following is not None and following.kind in CONTACT_APPS:
         _touch(acting, app, following)
@@ -305,7 +305,7 @@ def _carry(acting: Acting, app: App, following: App | None) -> None:
         _move(acting, app, following)
 
 
-def _apply(acting: Acting, app: App, following: App | None) -> None:
+def _apply(acting: SkillController, app: App, following: App | None) -> None:
     force = np.array(app.force)
     if acting.along is None:
         raise Stopped(NOTHING_TO_PRESS)
@@ -327,21 +327,21 @@ def _apply(acting: Acting, app: App, following: App | None) -> None:
     acting.press(straight, seconds, None if slides else aside, path, app.screw)
 
 
-def _grasp(acting: Acting, app: App, following: App | None) -> None:
+def _grasp(acting: SkillController, app: App, following: App | None) -> None:
     world = acting.arm.world
     acting.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
     if not world.held_kg:
         raise Stopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
 
 
-def _move_fingers(acting: Acting, app: App, following: App | None) -> None:
+def _move_fingers(acting: SkillController, app: App, following: App | None) -> None:
     width = acting.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
     acting.send_fingers(width)
     if not acting.arm.world.held_kg:
         acting.arm.load_kg = 0.0
 
 
-_ACTS: Mapping[AppKind, Callable[[Acting, App, App | None], None]] = {
+_ACTS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {
     "cartesian_motion": _move,
     "move_to_contact": _touch,
     "apply_force": _apply,

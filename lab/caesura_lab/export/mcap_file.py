@@ -20,7 +20,7 @@ from caesura_protocol.formats.mcap_write import (
 from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
 from caesura_service.segmentation.pipeline import layout_of
-from caesura_service.signals import Layout
+from caesura_service.signals import SampleLayout
 from caesura_service.signals.flange import columns_of, flange_rows
 
 
@@ -72,7 +72,7 @@ def _poses(taught: SessionExport) -> Poses:
     return Poses(times[kept], rows[:, columns.position], turned)
 
 
-def _read(layout: Layout, samples: Array) -> tuple[Array, Array]:
+def _read(layout: SampleLayout, samples: Array) -> tuple[Array, Array]:
     """Times and columns in use, without the samples that the service refused."""
     try:
         return layout.read(samples)
@@ -81,7 +81,7 @@ def _read(layout: Layout, samples: Array) -> tuple[Array, Array]:
         return layout.read(np.concatenate(good or [samples[:0]]))
 
 
-def _is_possible(layout: Layout, sample: Array) -> bool:
+def _is_possible(layout: SampleLayout, sample: Array) -> bool:
     try:
         layout.read(sample)
     except ValueError:

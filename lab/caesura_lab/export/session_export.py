@@ -21,9 +21,9 @@ from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
 from caesura_service.offline_segmentation import recording_of
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
-from caesura_service.publishing.session_state import Standing
+from caesura_service.publishing.session_state import SessionState
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.closed_pipeline import view_of
 from caesura_service.sessions.limits import Limits
 
@@ -36,7 +36,7 @@ class SessionExport:
     opening: Open  # the last one, with its preset filled in
     recording: Recording  # as it was sent
     began_s: float  # [s] time of day at the session's time 0
-    view: View
+    view: PipelineView
     notes: tuple[str, ...]  # of the program
     complete: bool  # the session is closed
 
@@ -60,18 +60,18 @@ def _with_preset(record: Record) -> Record:
     return record._replace(message=message.model_copy(update={"preset": DEFAULT_PRESET}))
 
 
-def _concluded(outcome: Outcome) -> tuple[View, tuple[str, ...], bool]:
+def _concluded(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
     """What was kept of a closed session."""
     return view_of(outcome.snapshot), outcome.snapshot.program.notes, True
 
 
-def _replayed(records: Sequence[Record]) -> tuple[View, tuple[str, ...], bool]:
+def _replayed(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
     """What the service makes of the records, now as then."""
     standing = _folded(records)
     return standing.view, standing.heading.notes, not standing.is_open
 
 
-def _folded(records: Sequence[Record]) -> Standing:
+def _folded(records: Sequence[Record]) -> SessionState:
     journal = MemoryJournal(sys.maxsize)  # they are in memory already
     for record in records:
         journal.append(record)

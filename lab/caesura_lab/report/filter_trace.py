@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.recording import Recording
-from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import batches, opening_of
@@ -32,7 +32,7 @@ PRUNE_RATIO = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class PosteriorSnapshot:
     """What one observation left: the posterior of the current segment's start."""
 
     starts: Indices  # (h,) observations
@@ -48,7 +48,7 @@ class Replay:
     """
 
     observations: tuple[Observation, ...]
-    beliefs: tuple[Belief, ...]
+    beliefs: tuple[PosteriorSnapshot, ...]
     smoothed: Array
     offline: Array
     boundary_t: Array
@@ -83,13 +83,15 @@ def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Obs
     yield from conditioner.finish().observations
 
 
-def _believed(online: Filter, observations: tuple[Observation, ...]) -> Iterator[Belief]:
+def _believed(
+    online: ChangepointFilter, observations: tuple[Observation, ...]
+) -> Iterator[PosteriorSnapshot]:
     for observation in observations:
         online.step(observed(observation), boundary=observation.after_gap)
-        yield Belief(online.starts.copy(), np.minimum(online.posterior, 1.0))
+        yield PosteriorSnapshot(online.starts.copy(), np.minimum(online.posterior, 1.0))
 
 
-def _offline(online: Filter, observations: tuple[Observation, ...]) -> Array:
+def _offline(online: ChangepointFilter, observations: tuple[Observation, ...]) -> Array:
     """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
     seen = [observed(one) for one in observations]
     cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]

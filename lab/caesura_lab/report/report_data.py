@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.annotations import Truth
-from caesura_lab.report.filter_trace import Belief, Replay, replay
+from caesura_lab.report.filter_trace import PosteriorSnapshot, Replay, replay
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -91,7 +91,7 @@ class ReportData:
     signals: ReportSignals
     changes: Changes
     run_lengths: RunLengths
-    view: View
+    view: PipelineView
     truth: Truth | None
 
 
@@ -131,7 +131,7 @@ def _signals(replayed: Replay, *, has_force: bool) -> ReportSignals:
 
 
 def _run_lengths(replayed: Replay) -> RunLengths:
-    beliefs: tuple[Belief, ...] = replayed.beliefs
+    beliefs: tuple[PosteriorSnapshot, ...] = replayed.beliefs
     return RunLengths(
         t=np.array([one.t for one in replayed.observations]),
         start_t=replayed.boundary_t,

@@ -11,7 +11,7 @@ from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.turning import screw_in_words
-from caesura_service.segmentation.view import NO_GRIPPER, View
+from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ APP_NOTE = (
 )
 
 
-def segments_table(view: View) -> Table:
+def segments_table(view: PipelineView) -> Table:
     """One segment a row."""
     starts = [None, *(one.probability for one in view.changepoints)]
     rows = [_segment(i, one, starts[i]) for i, one in enumerate(view.segments)]
@@ -85,14 +85,14 @@ def segments_table(view: View) -> Table:
     )
 
 
-def program_table(view: View) -> Table:
+def program_table(view: PipelineView) -> Table:
     """One app a row, in the colour of its first segment."""
     rows = tuple(_app(i, app) for i, app in enumerate(view.apps))
     kinds = tuple(view.segments[app.segments[0]].kind if app.segments else None for app in view.apps)
     return Table("Task program", APP_COLUMNS, rows, kinds, APP_NOTE)
 
 
-def notes(view: View) -> tuple[str, ...]:
+def notes(view: PipelineView) -> tuple[str, ...]:
     """What a reader must know beside the numbers."""
     gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
     turns = (

@@ -18,7 +18,7 @@ from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
 
 if TYPE_CHECKING:
-    from caesura_lab.teacher.simulated_teaching import Demonstration, Teaching
+    from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching
 
 
 def register(app: typer.Typer) -> None:
@@ -65,14 +65,14 @@ def teach(
 
 def _teaching(
     scenario: str, seed: int, wrench_source: str, profile: str | None, rate: float, *, natural: bool
-) -> Teaching:
+) -> SimulatedTeaching:
     # Pinocchio and scipy take a second to load: only for who teaches.
-    from caesura_lab.teacher.simulated_teaching import Teaching  # noqa: PLC0415
+    from caesura_lab.teacher.simulated_teaching import SimulatedTeaching  # noqa: PLC0415
 
     source = cast(WrenchSource, _one_of(WRENCH_SOURCES, wrench_source, "--wrench-source"))
     chosen = cast(Profile, _one_of(PROFILES, profile, "--profile")) if profile else None
     try:
-        return Teaching(
+        return SimulatedTeaching(
             scenario, seed=seed, wrench_source=source, profile=chosen, rate_hz=rate, natural=natural
         )
     except ValueError as error:
@@ -85,7 +85,7 @@ def _one_of(known: Sequence[str], value: str, option: str) -> str:
     return value
 
 
-def _simulate(teaching: Teaching) -> Demonstration:
+def _simulate(teaching: SimulatedTeaching) -> Demonstration:
     from caesura_lab.teacher.simulated_teaching import finish  # noqa: PLC0415
 
     chunks = []

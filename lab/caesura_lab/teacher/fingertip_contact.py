@@ -79,7 +79,7 @@ class Surface:
         return self.preload_n + self.spring_n_per_m * self.travel_m if self.travel_m else 0.0
 
 
-class Touch:
+class FingertipContact:
     """Contact of one point, the fingertips, with the surfaces around it. Keeps the bristle between steps."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_lab.teacher.hand_force import Effort
+from caesura_lab.teacher.hand_force import HandForceController
 from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
@@ -42,7 +42,7 @@ POSTURE = (0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)  # [rad] elbow up, fingers down; 
 
 
 @dataclass(frozen=True)
-class Trace:
+class SimulationTrace:
     """What happened, tick by tick; base frame.
 
     t (n,) [s]; q (n, 7) [rad]; v (n, 7) [rad/s]; twist (n, 6) of the flange [m/s, rad/s]; environment (n, 6)
@@ -64,14 +64,14 @@ class Trace:
     normal: Array = field(default_factory=lambda: np.zeros(0))
 
 
-class Guiding:
+class GuidedArmSimulation:
     """One demonstration under way: `run` takes it some ticks further."""
 
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
         self._contact = contact_with(plan.scenario.surfaces)
         rate_per_s = plan.person.force_rate_per_s
-        self._effort = None if rate_per_s is None else Effort(plan.aims, rate_per_s, DT)
+        self._effort = None if rate_per_s is None else HandForceController(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
         self._damping = plan.person.guiding_damping * DAMPING
         self._stiction = plan.person.stiction
@@ -88,7 +88,7 @@ class Guiding:
         """Whether the demonstration is over."""
         return self._tick >= self._plan.ticks
 
-    def run(self, ticks: int) -> Trace:
+    def run(self, ticks: int) -> SimulationTrace:
         """Simulate the next ticks, or what is left."""
         first, last = self._tick, min(self._tick + ticks, self._plan.ticks)
         rows = np.empty((last - first, 39))
@@ -99,7 +99,9 @@ class Guiding:
         q, v, twist, environment, hand, contact, tip_velocity, normal = parts
         t = np.arange(first, last) / TICKS_PER_S
         width, load_kg = self._plan.width[first:last], self._plan.load_kg[first:last]
-        return Trace(t, q, v, twist, environment, hand, contact, width, load_kg, tip_velocity, normal[:, 0])
+        return SimulationTrace(
+            t, q, v, twist, environment, hand, contact, width, load_kg, tip_velocity, normal[:, 0]
+        )
 
     def _step(self, tick: int, row: Array) -> None:
         """Write the state and its wrenches into the row, then go one tick on."""

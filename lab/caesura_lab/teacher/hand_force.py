@@ -20,7 +20,7 @@ SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fa
 
 
 @dataclass(frozen=True)
-class Aim:
+class ForceSetpoint:
     """What a hand means to press with from a time on.
 
     aside: (2,) share of the force that goes sideways; yields: it gives its place up to the surface that it
@@ -44,9 +44,9 @@ class Aims:
     yields: NDArray[np.bool_]
 
 
-def aims_at(aims: Sequence[Aim], t: Array) -> Aims:
+def aims_at(aims: Sequence[ForceSetpoint], t: Array) -> Aims:
     """The aim that holds at each of the times t (n,) [s]; none before the first."""
-    known = (Aim(0.0), *aims)
+    known = (ForceSetpoint(0.0), *aims)
     at = np.searchsorted([aim.start_s for aim in aims], t, side="right")
     return Aims(
         np.array([aim.force_n for aim in known])[at],
@@ -65,7 +65,7 @@ def goal_to_reach(force_n: float, before_n: float, duration_s: float, rate_per_s
     return max(0.0, (force_n - before_n * left) / (1.0 - left))
 
 
-class Effort:
+class HandForceController:
     """The controller, tick by tick.
 
     force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.habits import IDEAL
-from caesura_lab.teacher.hand_force import Aim, Aims, aims_at, goal_to_reach
+from caesura_lab.teacher.hand_force import Aims, ForceSetpoint, aims_at, goal_to_reach
 from caesura_lab.teacher.motion_profiles import Array, Movement, Stroke, Vector, path, time_of_share
 from caesura_lab.teacher.noise import band_noise, wandering
 from caesura_lab.teacher.person import Person
@@ -163,7 +163,7 @@ class _Planner:
         self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
         self.presses: list[Stroke] = []
-        self.aims: list[Aim] = []
+        self.aims: list[ForceSetpoint] = []
         self.aside = (0.0, 0.0)  # share of a press that goes sideways, as long as it lasts
         self.touch_s: float | None = None  # [s] since when it has been about to touch
         self.closed_s: list[float] = []
@@ -398,15 +398,15 @@ class _Planner:
         if self.press == 0.0:
             self.aside = (float(aside[0]), float(aside[1]))
         if self.touch_s is not None:
-            self.aims.append(Aim(self.touch_s, goal, self.aside, yields, waits=True))
-        self.aims.append(Aim(self.now, goal, self.aside, yields))
+            self.aims.append(ForceSetpoint(self.touch_s, goal, self.aside, yields, waits=True))
+        self.aims.append(ForceSetpoint(self.now, goal, self.aside, yields))
         self.press = goal + (self.press - goal) * exp(-rate_per_s * duration)
         self.touch_s = None
 
     def _let_go(self, duration: float) -> None:
         if self.person.force_rate_per_s is None:
             self._push_with(np.zeros(3), 0.0, duration)
-        self.aims.append(Aim(self.now))
+        self.aims.append(ForceSetpoint(self.now))
         self.press, self.touch_s = 0.0, None
 
     def _scattered(self, step: Step) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_lab.teacher.guided_arm import Trace
+from caesura_lab.teacher.guided_arm import SimulationTrace
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.noise import band_noise
 from caesura_lab.teacher.plan import DT, FULL_SPEED_NOISE, TICKS_PER_S, Plan
@@ -66,7 +66,7 @@ class Sensors:
         self._last_velocity = np.zeros(3)
         self._last_quaternion = np.zeros(4)
 
-    def read(self, trace: Trace) -> dict[str, Array]:
+    def read(self, trace: SimulationTrace) -> dict[str, Array]:
         """Signals of the next ticks, name → (n, width), as in a recording."""
         first = round(trace.t[0] / DT)
         ticks = slice(first, first + trace.t.size)
@@ -86,7 +86,7 @@ class Sensors:
         signals["gripper"] = _stepped(trace.width[:, None], POSITION_STEP)
         return signals
 
-    def _wrench(self, trace: Trace, positions: Array, ticks: slice) -> tuple[Array, Array | None]:
+    def _wrench(self, trace: SimulationTrace, positions: Array, ticks: slice) -> tuple[Array, Array | None]:
         """Measured wrench (n, 6), and the joint torques (n, 7) that it was estimated from."""
         chance, tau = self._chance, None
         speed = np.linalg.norm(trace.twist[:, :3], axis=1)
@@ -110,7 +110,7 @@ class Sensors:
         bias: Array = way @ self._chance.gradient
         return bias
 
-    def _joint_torques(self, trace: Trace, moving: Array, ticks: slice) -> Array:
+    def _joint_torques(self, trace: SimulationTrace, moving: Array, ticks: slice) -> Array:
         """External joint torques as the robot estimates them: true ones plus the error of its model."""
         pairs = zip(trace.q, trace.environment + trace.hand, strict=True)
         true = np.array([self._robot.joint_torques_of_wrench(q, wrench) for q, wrench in pairs])
@@ -118,7 +118,7 @@ class Sensors:
         error: Array = self._chance.joint_friction * slip
         return true + error + JOINT_NOISE_NM * self._chance.joint_coloured[ticks] * moving
 
-    def _acceleration(self, trace: Trace) -> Array:
+    def _acceleration(self, trace: SimulationTrace) -> Array:
         velocity = np.vstack([self._last_velocity, trace.twist[:, :3]])
         self._last_velocity = velocity[-1]
         return np.diff(velocity, axis=0) / DT

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from caesura_lab.teacher.fingertip_contact import BRISTLE_N_PER_M, BRISTLE_NS_PER_M, Surface, Touch
+from caesura_lab.teacher.fingertip_contact import BRISTLE_N_PER_M, BRISTLE_NS_PER_M, FingertipContact, Surface
 from caesura_lab.teacher.motion_profiles import Array, Vector
 
 ENGAGEMENT_NM_PER_RAD = 40.0  # stiffness of a tool in a screw's head
@@ -104,10 +104,13 @@ Contact = Callable[[Sequence[float], Sequence[float], float, float, float], Felt
 
 
 def contact_with(surfaces: Sequence[Surface]) -> Contact:
-    """Return what surfaces do to a tool's tip, as `ShapedTouch.touch`; level ones by the faster `Touch`."""
+    """Return what surfaces do to a tool's tip, as `ShapedTouch.touch`.
+
+    Level surfaces use the faster `FingertipContact`.
+    """
     if any(isinstance(surface, SHAPED) for surface in surfaces):
         return ShapedTouch(surfaces).touch
-    level = Touch(surfaces)
+    level = FingertipContact(surfaces)
 
     def touch(
         position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
@@ -138,7 +141,8 @@ class ShapedTouch:
     ) -> Felt:
         """What the surfaces do to a tip at a position [m] with a velocity [m/s], in a step of dt [s].
 
-        spin: rate [rad/s] of the tool about its axis, which points to its tip; load_n: as of `Touch`.
+        spin: rate [rad/s] of the tool about its axis, which points to its tip.
+        load_n: as of `FingertipContact`.
         """
         x, y, z = position
         within = [s for s in self._surfaces if isinstance(s, Hole)] if self._sunk else self._surfaces
@@ -176,7 +180,7 @@ class ShapedTouch:
         return depth, UP
 
     def _friction(self, velocity: Array, normal: Array, limit_n: float, dt: float) -> Array:
-        """Friction (3,) [N] of a bristle across the normal, as of `Touch`."""
+        """Friction (3,) [N] of a bristle across the normal, as of `FingertipContact`."""
         across = velocity - (velocity @ normal) * normal
         self._stretch = self._stretch + dt * across
         self._stretch -= (self._stretch @ normal) * normal

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.teacher.guided_arm import Guiding, Trace
+from caesura_lab.teacher.guided_arm import GuidedArmSimulation, SimulationTrace
 from caesura_lab.teacher.habits import IDEAL
 from caesura_lab.teacher.motion_profiles import Array, Profile
 from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
@@ -45,7 +45,7 @@ class Demonstration:
     truth: Truth
 
 
-class Teaching:
+class SimulatedTeaching:
     """One demonstration, simulated as it is read.
 
     A scenario is one of `SCENARIOS`, by name, or one of your own. natural: the person of the seed has habits
@@ -81,7 +81,7 @@ class Teaching:
         plan = make_plan(self.scenario, self.person, rng)
         self.duration_s = DT * plan.ticks
         self._phases = plan.phases
-        self._guiding = Guiding(robot, plan)
+        self._guiding = GuidedArmSimulation(robot, plan)
         self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
         self._stride = 1.0 / (DT * rate_hz)
         self._states: list[TrueState] = []
@@ -123,7 +123,7 @@ class Teaching:
             **({"screws": screws} if screws else {}),
         }
 
-    def _state(self, trace: Trace) -> TrueState:
+    def _state(self, trace: SimulationTrace) -> TrueState:
         """True state of a trace: of the flange, or of the fingertips and their turns."""
         if not self.scenario.whole_pose:
             return TrueState(trace.t, trace.twist[:, :3], trace.contact[:, 2], trace.load_kg)
@@ -152,8 +152,8 @@ def teach(
     robot: Robot | None = None,
     natural: bool = False,
 ) -> Demonstration:
-    """Simulate a whole demonstration. Arguments and errors as for `Teaching`."""
-    teaching = Teaching(
+    """Simulate a whole demonstration. Arguments and errors as for `SimulatedTeaching`."""
+    teaching = SimulatedTeaching(
         scenario,
         seed=seed,
         person=person,
@@ -167,7 +167,7 @@ def teach(
     return finish(teaching, list(teaching.chunks(1.0)))
 
 
-def finish(teaching: Teaching, chunks: list[Array]) -> Demonstration:
+def finish(teaching: SimulatedTeaching, chunks: list[Array]) -> Demonstration:
     """Put all chunks of a teaching together."""
     samples = np.concatenate(chunks)
     widths = [len(COLUMNS_OF_SIGNAL[s]) for s in teaching.signals]

@@ -6,8 +6,8 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S
 from caesura_clients.bridge.sources.pacing import PacedSource
 from caesura_clients.bridge.sources.registry import SourceOptions, hand_statement
-from caesura_lab.teacher.simulated_teaching import Teaching
-from caesura_protocol.errors import BadSource
+from caesura_lab.teacher.simulated_teaching import SimulatedTeaching
+from caesura_protocol.errors import SourceError
 from caesura_protocol.messages import WRENCH_SOURCES
 
 DEFAULT_SCENARIO = "pick_and_place"
@@ -17,11 +17,13 @@ def open_teacher(options: SourceOptions) -> Source:
     """Build the source from the options of the command line. Raises BadSource for a value that it has not."""
     source = options.wrench_source or "flange_sensor"
     if source not in WRENCH_SOURCES:
-        raise BadSource(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")
+        raise SourceError(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")
     try:
-        teaching = Teaching(options.scenario or DEFAULT_SCENARIO, seed=options.seed, wrench_source=source)
+        teaching = SimulatedTeaching(
+            options.scenario or DEFAULT_SCENARIO, seed=options.seed, wrench_source=source
+        )
     except ValueError as error:
-        raise BadSource(str(error)) from error
+        raise SourceError(str(error)) from error
     return PacedSource(
         lambda: teaching.chunks(CHUNK_S),
         columns=teaching.columns,

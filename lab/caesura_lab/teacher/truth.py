@@ -121,7 +121,7 @@ class TrueState:
         return self.normal - GRAVITY * self.load_kg
 
 
-class Span(NamedTuple):
+class TickSpan(NamedTuple):
     """Ticks first to last (exclusive) of one class; small ones are corrections.
 
     clear: an annotator would give it a class.
@@ -183,13 +183,13 @@ def contact_spans(state: TrueState) -> list[tuple[int, int]]:
     return [(a, b) for a, b in joined if (b - a) * state.dt > TOUCH_S and state.normal[a:b].max() > TOUCH_N]
 
 
-def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -> list[Span]:
+def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -> list[TickSpan]:
     """The whole demonstration as consecutive spans."""
     edges = {0, state.t.size, *(e for contact in contacts for e in contact)}
     taken = {e for held in runs(state.load_kg > 0.0) for e in held}
     edges |= {e for e in taken if not any(a <= e < b for a, b in contacts)}
     touching = {first for first, _ in contacts}
-    spans: list[Span] = []
+    spans: list[TickSpan] = []
     for first, last in pairwise(sorted(edges)):
         held = bool(state.load_kg[first] > 0.0)
         names: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
@@ -200,7 +200,7 @@ def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -
 
 def _motion_spans(
     state: TrueState, first: int, last: int, names: tuple[Class, Class], *, guided: bool
-) -> list[Span]:
+) -> list[TickSpan]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
     way = _reach if state.turns else _way
     find = partial(_guided_moves if guided else _ideal_moves, way=way)
@@ -215,10 +215,10 @@ def _motion_spans(
         moves = _with_turns(state, moves, turns, in_place)
     at, spans = 0, []
     for move in _joined(moves, last - first, round(REST_S / state.dt)):
-        spans += [Span(at, move.first, names[1])] * (move.first > at)
+        spans += [TickSpan(at, move.first, names[1])] * (move.first > at)
         spans.append(move)
         at = move.last
-    spans += [Span(at, last - first, names[1])] * (last - first > at)
+    spans += [TickSpan(at, last - first, names[1])] * (last - first > at)
     return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
 
 
@@ -228,14 +228,16 @@ def _pace(state: TrueState, velocity: Array) -> tuple[Array, Array, float]:
     return velocity, speed, state.dt
 
 
-def _in_place(state: TrueState, first: int, turn: Span) -> bool:
+def _in_place(state: TrueState, first: int, turn: TickSpan) -> bool:
     """Whether the tip hardly travels in a turn of a stretch that begins at a tick."""
     ticks = slice(first + turn.first, first + turn.last)
     turned = state.dt * float(np.linalg.norm(HAND_BREADTH_M * state.rate[ticks], axis=1).sum())
     return _reach(state.velocity[ticks], state.dt) < TRAVEL_SHARE * turned
 
 
-def _with_turns(state: TrueState, moves: list[Span], turns: list[Span], in_place: list[Span]) -> list[Span]:
+def _with_turns(
+    state: TrueState, moves: list[TickSpan], turns: list[TickSpan], in_place: list[TickSpan]
+) -> list[TickSpan]:
     """Movements and turns of a stretch, apart: what travels and turns is a movement.
 
     What is left of a turn before or after a movement is a turn, if it is not shorter than a rest. A small
@@ -262,28 +264,28 @@ def _with_turns(state: TrueState, moves: list[Span], turns: list[Span], in_place
     return sorted(moves + left + small)
 
 
-def _apart(move: Span, turns: list[Span]) -> Span:
+def _apart(move: TickSpan, turns: list[TickSpan]) -> TickSpan:
     """A movement without the ends that smoothing has put into a turn beside it."""
     first = max([move.first, *(turn.last for turn in turns if turn.first <= move.first < turn.last)])
     last = min([move.last, *(turn.first for turn in turns if turn.first < move.last <= turn.last)])
     return move._replace(first=first, last=last)
 
 
-def _overlap(one: Span, other: Span) -> bool:
+def _overlap(one: TickSpan, other: TickSpan) -> bool:
     return one.first < other.last and other.first < one.last
 
 
-def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[Span]:
+def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[TickSpan]:
     """Movements of ideal people: what exceeds 5 mm/s, if it exceeds 10 mm/s."""
     moves = []
     for a, b in runs(speed > START_M_PER_S):
         small = bool(speed[a:b].max() < SMALL_M_PER_S or way(velocity[a:b], dt) < SMALL_M)
         if speed[a:b].max() > SURE_M_PER_S:
-            moves.append(Span(a, b, cls, small or _slips(a, b, dt, cls)))
+            moves.append(TickSpan(a, b, cls, small or _slips(a, b, dt, cls)))
     return moves
 
 
-def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[Span]:
+def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[TickSpan]:
     """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections.
 
     A small run beside a large one is a correction: the large movement starts and stops where it does itself.
@@ -294,7 +296,7 @@ def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way
         for a, b in runs(speed > SURE_M_PER_S)
         if speed[a:b].max() >= SMALL_M_PER_S and way(velocity[a:b], dt) >= SMALL_M
     ]
-    fast = [Span(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
+    fast = [TickSpan(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
     left = speed > TRACING_M_PER_S
     for move in fast:
         left[move.first : move.last] = False
@@ -302,12 +304,12 @@ def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way
     for a, b in _bridged(runs(left), rest, apart=fast):
         traced = way(velocity[a:b], dt) >= TRACING_M
         if traced or speed[a:b].max() > SURE_M_PER_S:
-            slow.append(Span(a, b, cls, not traced or _slips(a, b, dt, cls)))
+            slow.append(TickSpan(a, b, cls, not traced or _slips(a, b, dt, cls)))
     return sorted(fast + slow)
 
 
 def _bridged(
-    stretches: list[tuple[int, int]], rest: int, apart: Sequence[Span] = ()
+    stretches: list[tuple[int, int]], rest: int, apart: Sequence[TickSpan] = ()
 ) -> list[tuple[int, int]]:
     """Join stretches that less than a rest [ticks] parts, unless a span of `apart` lies between them."""
     joined: list[tuple[int, int]] = []
@@ -332,12 +334,12 @@ def _slips(first: int, last: int, dt: float, cls: Class) -> bool:
     return cls == "sliding" and (last - first) * dt < SLIDE_S
 
 
-def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
+def _joined(moves: list[TickSpan], length: int, rest: int) -> list[TickSpan]:
     """Movements without the rests that are too short to part them: two that are alike become one.
 
     A small movement takes a short rest beside it, so that the large one starts and stops where it does.
     """
-    joined: list[Span] = []
+    joined: list[TickSpan] = []
     for move in moves:
         begin = 0 if move.first < rest else move.first
         end = length if length - move.last < rest else move.last
@@ -357,7 +359,9 @@ def _joined(moves: list[Span], length: int, rest: int) -> list[Span]:
     return [move for move in joined if move.first < move.last]
 
 
-def _boundaries(state: TrueState, spans: list[Span], contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+def _boundaries(
+    state: TrueState, spans: list[TickSpan], contacts: list[tuple[int, int]]
+) -> list[dict[str, Any]]:
     on, off = {a for a, _ in contacts}, {b for _, b in contacts}
     marks = []
     for before, after in pairwise(spans):
@@ -369,11 +373,13 @@ def _boundaries(state: TrueState, spans: list[Span], contacts: list[tuple[int, i
     return marks
 
 
-def _large(span: Span) -> bool:
+def _large(span: TickSpan) -> bool:
     return span.cls in MOVING and not span.small
 
 
-def _beside_rests(state: TrueState, spans: list[Span], marks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _beside_rests(
+    state: TrueState, spans: list[TickSpan], marks: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
     """Mark a start or stop beside a small movement as optional, unless a rest lies beyond the small one.
 
     Where one does, the tolerance covers the small movement. marks: one for each pair of spans in a row.
@@ -404,8 +410,8 @@ def _with_edge(state: TrueState, mark: dict[str, Any]) -> dict[str, Any]:
 
 
 def _without_doubtful_rests(
-    state: TrueState, spans: list[Span], marks: list[dict[str, Any]]
-) -> tuple[list[Span], list[dict[str, Any]]]:
+    state: TrueState, spans: list[TickSpan], marks: list[dict[str, Any]]
+) -> tuple[list[TickSpan], list[dict[str, Any]]]:
     """Leave open what is a rest by one reading only: below 10 mm/s, but never below 5 mm/s for 0.3 s.
 
     Such a span has no class, and a start or stop beside it is optional. In contact a press may move the hand.
@@ -420,7 +426,7 @@ def _without_doubtful_rests(
     return spans, marks
 
 
-def _rests(speed: Array, span: Span, dt: float) -> bool:
+def _rests(speed: Array, span: TickSpan, dt: float) -> bool:
     """Whether a rest is one by the lower threshold too; the recording's ends may cut it."""
     slow = runs(speed[span.first : span.last] < START_M_PER_S)
     longest = max((last - first for first, last in slow), default=0)
@@ -443,7 +449,7 @@ def _optional(mark: dict[str, Any]) -> dict[str, Any]:
     return {**mark, "level": "optional"}
 
 
-def _within_motions(state: TrueState, spans: list[Span], *, guided: bool) -> list[dict[str, Any]]:
+def _within_motions(state: TrueState, spans: list[TickSpan], *, guided: bool) -> list[dict[str, Any]]:
     """Corners, speed dips and short rests inside of movements."""
     find, marks = guided_dips if guided else ideal_dips, []
     for span in filter(_large, spans):
@@ -454,7 +460,7 @@ def _within_motions(state: TrueState, spans: list[Span], *, guided: bool) -> lis
     return marks
 
 
-def _smoothed(state: TrueState, span: Span) -> Array:
+def _smoothed(state: TrueState, span: TickSpan) -> Array:
     part = state.moving(span.first, span.last, span.cls)
     smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
     return smooth
@@ -497,7 +503,7 @@ def _force(state: TrueState, first: int, last: int) -> dict[str, float]:
     return {"t0": _time(state, first), "t1": _time(state, last), "newton": newton}
 
 
-def _loads(state: TrueState, spans: list[Span]) -> list[dict[str, float]]:
+def _loads(state: TrueState, spans: list[TickSpan]) -> list[dict[str, float]]:
     carried = np.zeros(state.t.size, dtype=bool)
     for span in spans:
         free = state.load_kg[span.first] > 0.0 and state.normal[span.first] == 0.0

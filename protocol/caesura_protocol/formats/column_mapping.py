@@ -16,7 +16,7 @@ from caesura_protocol.recording import OPTIONS, RecordingError
 
 
 @dataclass(frozen=True)
-class Mapped:
+class ColumnMapping:
     """A mapping file that was read; `name` is what errors call it."""
 
     name: str
@@ -51,12 +51,12 @@ class Mapped:
         return RecordingError(f"{self.name}: {what}")
 
 
-def load_mapping(path: Path) -> Mapped:
+def load_mapping(path: Path) -> ColumnMapping:
     """Read a mapping file. Raises RecordingError."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise RecordingError(f"{path}: not a readable mapping file ({error})") from error
-    mapped = Mapped(path.name, table)
+    mapped = ColumnMapping(path.name, table)
     mapped.known("the top", table, (*OPTIONS, "delimiter", "decimal", "time", "columns", "topics", "domain"))
     return mapped

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
@@ -62,7 +62,7 @@ class CsvTable(NamedTuple):
     numbers: list[int]  # of the rows, as an editor counts lines
 
 
-def read_foreign_csv(path: Path, mapped: Mapped) -> RawRecording:
+def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     """The signals that the mapping names. Raises RecordingError, which names the column and what there is."""
     rules = rules_of(mapped)
     table = _table(path, mapped)
@@ -78,7 +78,7 @@ def read_foreign_csv(path: Path, mapped: Mapped) -> RawRecording:
     return RawRecording(arrays, mapped.options, [name for name in table.header if name not in used])
 
 
-def rules_of(mapped: Mapped) -> list[Rule]:
+def rules_of(mapped: ColumnMapping) -> list[Rule]:
     """What the mapping says of each column. Raises RecordingError."""
     time = mapped.part("time")
     if not time:
@@ -88,7 +88,7 @@ def rules_of(mapped: Mapped) -> list[Rule]:
     return [_rule(mapped, "t", time), *(_rule(mapped, ours, said) for ours, said in columns.items())]
 
 
-def _rule(mapped: Mapped, ours: str, said: Any) -> Rule:
+def _rule(mapped: ColumnMapping, ours: str, said: Any) -> Rule:
     where = "[time]" if ours == "t" else f"[columns] {ours}"
     if isinstance(said, str | int) and not isinstance(said, bool):
         return Rule(ours, str(said), 1.0)
@@ -105,13 +105,13 @@ def _rule(mapped: Mapped, ours: str, said: Any) -> Rule:
     return Rule(ours, str(said["column"]), factor * _scale(mapped, where, said.get("scale", 1.0)))
 
 
-def _scale(mapped: Mapped, where: str, said: Any) -> float:
+def _scale(mapped: ColumnMapping, where: str, said: Any) -> float:
     if isinstance(said, bool) or not isinstance(said, int | float) or not np.isfinite(said) or said == 0:
         raise mapped.wrong(f"{where}: scale is {said!r}, expected a number that is not 0")
     return float(said)
 
 
-def _table(path: Path, mapped: Mapped) -> CsvTable:
+def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
     delimiter = str(mapped.table.get("delimiter", ","))
     if len(delimiter) != 1:
         raise mapped.wrong(f"delimiter is {delimiter!r}, expected one character")
@@ -136,7 +136,7 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _numbers(path: Path, mapped: Mapped, table: CsvTable, rule: Rule) -> Array:
+def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: Rule) -> Array:
     """Return one column. Raises RecordingError, which names the column, the line and the value."""
     found = table.header.count(rule.theirs)
     if found != 1:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.poses import Transform, flange_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_protocol.formats.signal_aligner import NS
@@ -46,13 +46,13 @@ class TopicRule:
     definition: str | None = None  # the .msg file of its type
 
 
-def topic_rules(mapped: Mapped | None) -> dict[str, TopicRule]:
+def topic_rules(mapped: ColumnMapping | None) -> dict[str, TopicRule]:
     """The rules of a mapping by topic. Raises RecordingError."""
     found = {} if mapped is None else mapped.part("topics")
     return {topic: _rule(mapped, topic, said) for topic, said in found.items() if mapped is not None}
 
 
-def _rule(mapped: Mapped, topic: str, said: Any) -> TopicRule:
+def _rule(mapped: ColumnMapping, topic: str, said: Any) -> TopicRule:
     where = f'[topics."{topic}"]'
     if not isinstance(said, Mapping):
         raise mapped.wrong(f"{where} is {said!r}, expected a table")

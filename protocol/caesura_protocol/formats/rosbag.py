@@ -17,11 +17,11 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import RawRecording
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
-from caesura_protocol.formats.signal_aligner import Joiner, Row
+from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
@@ -30,7 +30,7 @@ TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.AS
 LOOKED_AT = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
-def read_rosbag(path: Path, mapped: Mapped | None, wrench_source: str | None) -> RawRecording:
+def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | None) -> RawRecording:
     """A rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for no rosbag2."""
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))
@@ -93,7 +93,7 @@ def _heard(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[tuple[Top
 def _content(
     path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection
 ) -> RawRecording:
-    joiner = Joiner(plan.signals)
+    joiner = SignalAligner(plan.signals)
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
     for topic, message in _messages(reader, used):

@@ -21,7 +21,7 @@ Row = list[float]
 Values = Sequence[float]
 
 
-class Joiner:
+class SignalAligner:
     """Values with their stamps [ns] in, rows (t, …) out; t [s] counts from the first stamp of the leader.
 
     signals: what a row has; patience_s: how long a row waits for a signal that lags behind the leader. Live

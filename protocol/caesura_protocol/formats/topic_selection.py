@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.messages import ESTIMATE
@@ -47,7 +47,7 @@ class TopicSelection:
 
 
 def plan_of(
-    heard: Sequence[tuple[Topic, Any]], mapped: Mapped | None, wrench_source: str | None
+    heard: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
 ) -> TopicSelection:
     """From some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in heard}
@@ -80,7 +80,7 @@ def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
 def _options(
     topic_of: Mapping[str, str],
     heard: Sequence[tuple[Topic, Any]],
-    mapped: Mapped | None,
+    mapped: ColumnMapping | None,
     wrench_source: str | None,
 ) -> dict[str, str]:
     said = {} if mapped is None else mapped.options

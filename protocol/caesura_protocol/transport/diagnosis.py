@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
-from caesura_protocol.errors import NotLetIn, Unreachable
+from caesura_protocol.errors import AccessDenied, Unreachable
 
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
 
@@ -67,7 +67,7 @@ def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreach
         return Unreachable(f"{endpoint} closes every connection at once{tried}: {full}; try again")
     except OSError as error:
         return Unreachable(f"no router at {endpoint}{tried}: {error.strerror or error}; check the network")
-    return NotLetIn(f"{endpoint} does not let us in: {said}")
+    return AccessDenied(f"{endpoint} does not let us in: {said}")
 
 
 def _look(protocol: str, host: str, port: int, read: Read) -> str:

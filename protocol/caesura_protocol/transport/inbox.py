@@ -22,7 +22,7 @@ DEFAULT_CAPACITY = 4096
 CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
 
 
-class Delivery(NamedTuple):
+class ReceivedSample(NamedTuple):
     """A payload that was put on a key, or that answered a query."""
 
     key: str
@@ -37,7 +37,7 @@ class TokenChange(NamedTuple):
     alive: bool
 
 
-class Question(Protocol):
+class IncomingQuery(Protocol):
     """A query that waits for its answer. Leaving it as a context manager ends it for the asker."""
 
     @property
@@ -65,7 +65,7 @@ class Question(Protocol):
     ) -> None: ...
 
 
-Item = Delivery | TokenChange | Question
+Item = ReceivedSample | TokenChange | IncomingQuery
 
 
 class Inbox:
@@ -90,7 +90,7 @@ class Inbox:
             self.dropped += len(dropped)
             self._changed.notify()
         for oldest in dropped:
-            if not isinstance(oldest, Delivery | TokenChange):
+            if not isinstance(oldest, ReceivedSample | TokenChange):
                 self._refuse(oldest)
 
     def get(self, timeout_s: float) -> Item | None:
@@ -115,7 +115,7 @@ class Inbox:
         self._bytes -= _size(item)
         return item
 
-    def _refuse(self, question: Question) -> None:
+    def _refuse(self, question: IncomingQuery) -> None:
         full = ProtocolError("overloaded", "too many questions at once", limit=self.capacity)
         with question:
             question.refuse(encode_error(full))
@@ -123,7 +123,7 @@ class Inbox:
 
 def _size(item: Item) -> int:
     """Of what its sender chose the length of [bytes]."""
-    if isinstance(item, Delivery):
+    if isinstance(item, ReceivedSample):
         return len(item.payload) + len(item.key)
     if isinstance(item, TokenChange):
         return len(item.key)

@@ -14,7 +14,7 @@ from typing import Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 
 
@@ -37,7 +37,7 @@ class MemoryNetwork:
         self.queryables: list[tuple[str, Inbox]] = []
         self.watchers: list[tuple[str, Inbox]] = []
         self.tokens: list[str] = []
-        self.lose: Callable[[Delivery], bool] = lambda delivery: False
+        self.lose: Callable[[ReceivedSample], bool] = lambda delivery: False
         self.lock = threading.RLock()
 
     def transport(self) -> MemoryTransport:
@@ -67,7 +67,7 @@ class MemoryTransport:
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
         """Deliver to every subscriber of the key."""
         del priority  # one process, one order
-        delivery = Delivery(key, *content)
+        delivery = ReceivedSample(key, *content)
         if not self._network.lose(delivery):
             self._offer(self._network.subscribers, key, delivery)
 
@@ -130,7 +130,7 @@ class MemoryTransport:
                 inbox.offer(TokenChange(token, alive=True))
             yield
 
-    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: Delivery | TokenChange) -> None:
+    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: ReceivedSample | TokenChange) -> None:
         with self._network.lock:
             inboxes = [inbox for known, inbox in declared if intersect(known, key)]
         for inbox in inboxes:
@@ -154,13 +154,13 @@ class MemoryQuestion:
         self.key = key
         self.parameters = parameters
         self.content = content
-        self.replies: list[Delivery] = []
+        self.replies: list[ReceivedSample] = []
         self.refusals: list[ProtocolError] = []
         self.ended = threading.Event()
 
     def reply(self, key: str, answer: Encoded) -> None:
         """Send one answer."""
-        self.replies.append(Delivery(key, *answer))
+        self.replies.append(ReceivedSample(key, *answer))
 
     def refuse(self, error: Encoded) -> None:
         """Send a refusal."""

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, Protocol
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 ENDPOINT_VARIABLE = "CAESURA_CONNECT"  # of the environment: the endpoint where none is given
@@ -18,7 +18,7 @@ Priority = Literal["data_high", "data", "data_low"]
 class QueryReplies(NamedTuple):
     """What came back from a query. An empty one means: no queryable is there, or the query is forbidden."""
 
-    replies: tuple[Delivery, ...]
+    replies: tuple[ReceivedSample, ...]
     refusals: tuple[ProtocolError, ...]
 
 

@@ -25,7 +25,7 @@ import zenoh
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.transport.diagnosis import why_not
-from caesura_protocol.transport.inbox import Delivery, Inbox, TokenChange
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import (
     DEFAULT_ENDPOINT,
     QUERY_TIMEOUT_S,
@@ -215,8 +215,8 @@ def direct(enqueue: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
     return zenoh.handlers.Callback(enqueue, indirect=False)
 
 
-def _delivery(sample: zenoh.Sample) -> Delivery:
-    return Delivery(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)[:MAX_TEXT])
+def _delivery(sample: zenoh.Sample) -> ReceivedSample:
+    return ReceivedSample(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)[:MAX_TEXT])
 
 
 def _presence(sample: zenoh.Sample) -> TokenChange:
@@ -224,7 +224,7 @@ def _presence(sample: zenoh.Sample) -> TokenChange:
 
 
 def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> QueryReplies:
-    good: list[Delivery] = []
+    good: list[ReceivedSample] = []
     refusals: list[ProtocolError] = []
     for reply in replies:
         if reply.ok is not None:

@@ -22,7 +22,7 @@ NOTHING = -1  # the group before the first segment
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class PathSegment:
     """A segment of the best segmentation up to some start: where it began, and what it was.
 
     kind_log_evidence: (kinds,); group: of its kind, None where groups play no part; before: the group of the
@@ -40,7 +40,7 @@ class Ended:
         return self.start, self.before
 
 
-class FinalPath(Sequence[Ended]):
+class FinalPath(Sequence[PathSegment]):
     """The segments that no later observation can undo, oldest first, as rows of numbers; only grows."""
 
     def __init__(self, kinds: int) -> None:
@@ -53,27 +53,27 @@ class FinalPath(Sequence[Ended]):
         return len(self._starts)
 
     @overload
-    def __getitem__(self, index: int) -> Ended: ...
+    def __getitem__(self, index: int) -> PathSegment: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Ended]: ...
-    def __getitem__(self, index: int | slice) -> Ended | list[Ended]:
+    def __getitem__(self, index: slice) -> list[PathSegment]: ...
+    def __getitem__(self, index: int | slice) -> PathSegment | list[PathSegment]:
         if isinstance(index, slice):
             return [self._read(i) for i in range(len(self))[index]]
         return self._read(range(len(self))[index])
 
-    def __iter__(self) -> Iterator[Ended]:
+    def __iter__(self) -> Iterator[PathSegment]:
         return map(self._read, range(len(self)))
 
-    def extend(self, settled: Iterable[Ended]) -> None:
+    def extend(self, settled: Iterable[PathSegment]) -> None:
         """These are final too."""
         for ended in settled:
             self._starts.append(ended.start)
             self._groups.append(NOTHING if ended.group is None else ended.group)
             self._evidence.extend(ended.kind_log_evidence.tolist())
 
-    def _read(self, i: int) -> Ended:
+    def _read(self, i: int) -> PathSegment:
         kinds = np.array(self._evidence[i * self._kinds : (i + 1) * self._kinds])
-        return Ended(self._starts[i], kinds, self._groups[i], self._groups[i - 1] if i else NOTHING)
+        return PathSegment(self._starts[i], kinds, self._groups[i], self._groups[i - 1] if i else NOTHING)
 
 
 class Links(NamedTuple):
@@ -174,7 +174,7 @@ class Window:
 
     def sum_from(
         self, start: int, before: int | None, count: int, hazard: Hazard, log_transition: Array
-    ) -> tuple[dict[Node, Ended], Links]:
+    ) -> tuple[dict[Node, PathSegment], Links]:
         """Keep only the segmentations with a boundary at `start`, and sum again from there.
 
         before: the group of the segment that ends at `start`, where it is certain from now on. Returns what
@@ -185,7 +185,7 @@ class Window:
             self._map_evidence[earlier % self.size, start - earlier :] = -np.inf
         if before is not None:
             self._links[start % self.size] = _with_past(self.links(start), before, log_transition)
-        ended: dict[Node, Ended] = {}
+        ended: dict[Node, PathSegment] = {}
         starts = np.arange(start, count)
         rows, log_mass = starts % self.size, hazard.log_mass(1 + np.arange(starts.size))
         for end in range(start + 1, count + 1):
@@ -200,7 +200,7 @@ class Window:
             for group in links.nodes:
                 s = int(best[group])
                 kinds = self._kinds[rows[s], size - 1 - s].copy()
-                ended[end, group] = Ended(start + s, kinds, group, int(past[s].before[group]))
+                ended[end, group] = PathSegment(start + s, kinds, group, int(past[s].before[group]))
             if end < count:
                 self._links[end % self.size] = links
         return ended, links

@@ -1,7 +1,7 @@
-"""The filter compiled: `OnlineFilter` in all that it shows, many times as fast.
+"""The filter compiled: `RunLengthFilter` in all that it shows, many times as fast.
 
-The same observations give the same state, bit for bit. `OnlineFilter` is the reference, to which it agrees to
-1e-9, and stands in where a lattice holds a model that `kernels` does not know.
+The same observations give the same state, bit for bit. `RunLengthFilter` is the reference, to which it agrees
+to 1e-9. It runs where a model set holds a model that `kernels` does not implement.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import Ended, FinalPath, Starts
+from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, Starts
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
@@ -25,24 +25,26 @@ from caesura_service.changepoint.kernels.layout import (
     with_more_nodes,
 )
 from caesura_service.changepoint.kernels.unpacking import table_of
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.run_length_filter import check_finite, check_start
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
-from caesura_service.changepoint.smoothed_probabilities import Smoothed, Smoothing
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.smoothed_probabilities import RunLengthFilterBase, SmoothedProbabilities
 
 Array = NDArray[np.float64]
 
-__all__ = ["CompiledFilter", "can_compile", "compile_now"]
+__all__ = ["CompiledRunLengthFilter", "can_compile", "compile_now"]
 
 FIRST_LENGTHS = 64  # samples of a segment that the tables reach at first
 
 
-class CompiledFilter(Smoothed):
-    """See `OnlineFilter`. Raises ValueError for a lattice that cannot be compiled."""
+class CompiledRunLengthFilter(SmoothedProbabilities):
+    """See `RunLengthFilter`. Raises ValueError for a lattice that cannot be compiled."""
 
-    def __init__(self, lattice: Lattice, hazard: Hazard, parameters: FilterParameters | None = None) -> None:
+    def __init__(
+        self, lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters | None = None
+    ) -> None:
         if not can_compile(lattice):
             raise ValueError(f"no compiled twin for one of {[*lattice.channels]}, use OnlineFilter")
         self.lattice = lattice
@@ -51,13 +53,13 @@ class CompiledFilter(Smoothed):
         self.count = 0
         self.final = FinalPath(len(lattice.kinds))
         self.boundaries: list[int] = []
-        self._smoothing = Smoothing()
+        self._smoothing = RunLengthFilterBase()
         model = model_of(lattice, hazard, self.parameters, FIRST_LENGTHS)
         sizes = len(lattice.kinds), len(lattice.log_transition), len(lattice.channels), fields_of(lattice)
         self._keep(model, fresh_state(model.settings, *sizes, profiled_of(lattice)))
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
 
-    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+    def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
         changepoint: whether a segment starts here, where that is given. Raises ValueError where a value is
@@ -125,7 +127,7 @@ class CompiledFilter(Smoothed):
         """(h,) log joint of each hypothesis and everything so far."""
         return self._state.joint[: self._living].copy()
 
-    def map_path(self) -> list[Ended]:
+    def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         state, living = self._state, slice(self._living)
         survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
@@ -133,12 +135,12 @@ class CompiledFilter(Smoothed):
         best, group = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
         node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
         before = int(state.node_group[node])
-        path = [Ended(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]
+        path = [PathSegment(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]
         while node not in (root, FREE):
             parent, group = int(state.node_parent[node]), before
             before = int(state.node_group[parent])
             start = int(state.node_start[parent])
-            path.append(Ended(start, state.node_kinds[node].copy(), group, before))
+            path.append(PathSegment(start, state.node_kinds[node].copy(), group, before))
             node = parent
         return path[::-1]
 
@@ -157,7 +159,9 @@ class CompiledFilter(Smoothed):
         count = self._state.counters["settled"][0]
         state = self._state
         settled = (getattr(state, f"settled_{name}")[:count] for name in ("start", "kinds", "group"))
-        self.final.extend(Ended(int(s), kinds, int(group)) for s, kinds, group in zip(*settled, strict=True))
+        self.final.extend(
+            PathSegment(int(s), kinds, int(group)) for s, kinds, group in zip(*settled, strict=True)
+        )
 
     def _make_room(self) -> None:
         """For some steps, and for a decision after each of them."""
@@ -176,9 +180,9 @@ class CompiledFilter(Smoothed):
 
 def compile_now() -> None:
     """Have everything compiled, or loaded if it has been before. All lattices share it."""
-    still = Walk("position", scale=1.0)
-    lattice = Lattice({"still": still}, (Kind("steady", "steady", "free", ("still",)),))
-    small = CompiledFilter(lattice, Geometric(10.0), FilterParameters(window=2, certain=1.0))
+    still = StudentRandomWalk("position", scale=1.0)
+    lattice = SegmentModelSet({"still": still}, (SegmentKind("steady", "steady", "free", ("still",)),))
+    small = CompiledRunLengthFilter(lattice, Geometric(10.0), FilterParameters(window=2, certain=1.0))
     for _ in range(3):
-        small.step(Observed(np.zeros(3), np.zeros(3)))
+        small.step(ModelInput(np.zeros(3), np.zeros(3)))
     small.condition(2)

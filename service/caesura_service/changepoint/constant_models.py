@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.models import (
     AXES,
     Channel,
+    ModelInput,
     Noise,
-    Observed,
     Origin,
     Rows,
     append,
@@ -27,7 +27,7 @@ _Z = 2
 
 
 @dataclass(frozen=True)
-class Constant:
+class ConstantLevel:
     """The channel keeps a value that is known: where it started (steady) or zero (no contact).
 
     Thesis (3.60), (3.65); origins as in Profiled.
@@ -41,7 +41,7 @@ class Constant:
         """Rows: n, origin, y, Σy²."""
         return np.zeros(0, np.int64), *(np.zeros((0, AXES)) for _ in range(3))
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z = signal(observed, self.channel)
         start = append(rows[1], origin_of(self.origin, rows, z))
@@ -58,7 +58,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Biased:
+class FreeSpaceForce:
     """Free space as a real sensor shows it: an unknown constant force with a prior of scale `bias` [N].
 
     The mean and the deviations from it are independent: the deviations have the noise's density over n − 1
@@ -82,7 +82,7 @@ class Biased:
         n, vector, scalar = np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros(0)
         return n, vector, vector, vector, scalar, scalar
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         n, before, squares, total, weight = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in range(5))
         force = np.broadcast_to(observed.force, before.shape)
@@ -108,7 +108,7 @@ class Biased:
 
 
 @dataclass(frozen=True)
-class Laden(Biased):
+class LoadForce(FreeSpaceForce):
     """A load hangs on the gripper: the force is its weight, (0, 0, −m g), give or take the sensor's bias.
 
     The load is log-uniform between `least_kg` and `most_kg`, with normal shoulders as wide as the bias.
@@ -129,7 +129,7 @@ class Laden(Biased):
 
 
 @dataclass(frozen=True)
-class Carried:
+class ThesisLoadForce:
     """The thesis' transport: the weight of a load of max(m_min, mean), known for certain. (3.52), (3.60)."""
 
     noise: Noise
@@ -139,7 +139,7 @@ class Carried:
         """Rows: n, Σf, Σf²."""
         return np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros((0, AXES))
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         n, total, squares = (append(array, np.zeros(array.shape[1:])) for array in rows)
         return n + 1, total + observed.force, squares + observed.force**2
@@ -155,7 +155,7 @@ class Carried:
 
 
 @dataclass(frozen=True)
-class Held:
+class GripperHoldingChain:
     """Whether the gripper holds something: a two-state chain.
 
     probability: that it does when the segment starts; change: that this flips from one observation to the
@@ -169,7 +169,7 @@ class Held:
         """Rows: log evidence, the last known state (nan before one)."""
         return np.zeros(0), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         told, before = append(rows[0], 0.0), append(rows[1], np.nan)
         if np.isnan(observed.holding):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from caesura_service.changepoint.models import AXES, Observed, Rows, append
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class ConstantVelocity:
         """Rows: n, first sample, Σy, Σty, Σy²."""
         return np.zeros(0, np.int64), *(np.zeros((0, AXES)) for _ in range(4))
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         first = append(rows[1], observed.position)
         n, total, moment, squares = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3, 4))

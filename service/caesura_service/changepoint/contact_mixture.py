@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.constant_models import GRAVITY
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.models import AXES, Observed, Rows, append
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _Z = 2
 
 
 @dataclass(frozen=True)
-class ContactShare:
+class ContactMixture:
     """The segment's evidence, and the share of one state in it.
 
     Over the three states the shares add up to one. The evidence is multiplied by the number of states,
@@ -42,7 +42,7 @@ class ContactShare:
         """Rows: n, Σf_z, c, log evidence."""
         return np.zeros(0, np.int64), np.zeros(0), np.zeros((0, STATES)), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         n, total, counts, told = (append(array, np.zeros(array.shape[1:])) for array in rows)
         shares = counts + np.asarray(self.alpha)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.constant_models import weightless
-from caesura_service.changepoint.models import AXES, Observed, Rows, append
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class NoRise:
+class NoContactRise:
     """A weight of at most 1 on the start of free space: exp(−rise²/2 scale²).
 
     The rise is by how much the force [N], within `reach` observations after the first, exceeds that of the
@@ -34,7 +34,7 @@ class NoRise:
         """Rows: n, force before the start, largest rise, last force."""
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, AXES))
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         force = weightless(observed.force, 0.0, self.most_kg)
         last = rows[3][-1] if len(rows[0]) else force

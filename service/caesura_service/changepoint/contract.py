@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Observed, Rows, select
+from caesura_service.changepoint.models import AXES, Channel, ChannelModel, ModelInput, Rows, select
 
 Array = NDArray[np.float64]
-NOWHERE = Observed(np.zeros(AXES), np.zeros(AXES))
+NOWHERE = ModelInput(np.zeros(AXES), np.zeros(AXES))
 
 EARLY, LATE = 20, 500  # observations between which nothing may grow
 SPARE_BYTES = 2048  # what Python itself allocates now and then; a number an observation would be 4000
@@ -30,7 +30,7 @@ ROUNDING = 1e-10
 BEFORE = 1  # the hypothesis that `mass` looks at starts after so many observations
 
 
-def rows_after(model: ChannelModel, observations: Iterable[Observed], rows: Rows | None = None) -> Rows:
+def rows_after(model: ChannelModel, observations: Iterable[ModelInput], rows: Rows | None = None) -> Rows:
     """Rows of all hypotheses after some observations, from `rows` on."""
     rows = model.empty() if rows is None else rows
     for observed in observations:
@@ -38,7 +38,7 @@ def rows_after(model: ChannelModel, observations: Iterable[Observed], rows: Rows
     return rows
 
 
-def check_pure(model: ChannelModel, observations: Sequence[Observed]) -> None:
+def check_pure(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
     """Nothing given is changed or kept, and the same gives the same bits."""
     rows = model.empty()
     for observed in observations:
@@ -59,7 +59,7 @@ def check_pure(model: ChannelModel, observations: Sequence[Observed]) -> None:
         rows = extended
 
 
-def check_independent(model: ChannelModel, observations: Sequence[Observed]) -> None:
+def check_independent(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
     """A hypothesis goes on alone, or beside any others, as it does beside all."""
     *past, observed = observations
     rows = rows_after(model, past)
@@ -70,7 +70,7 @@ def check_independent(model: ChannelModel, observations: Sequence[Observed]) -> 
         np.testing.assert_allclose(some[:-1], every[np.array(index)], atol=ROUNDING, rtol=ROUNDING)
 
 
-def check_serialisable(model: ChannelModel, observations: Sequence[Observed]) -> None:
+def check_serialisable(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
     """Model and rows survive being written down, bit for bit, and go on as if nothing had been."""
     half = len(observations) // 2
     rows = rows_after(model, observations[:half])
@@ -88,7 +88,7 @@ def check_serialisable(model: ChannelModel, observations: Sequence[Observed]) ->
     assert _bytes([again.log_evidence(other)]) == _bytes([model.log_evidence(ended)]), "nor the same evidence"
 
 
-def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -> None:
+def check_constant_work(model: ChannelModel, observations: Iterable[ModelInput]) -> None:
     """After many observations a hypothesis takes the memory, and the lines run, that it took early on.
 
     observations: endless, or longer than `LATE`. No clock is looked at.
@@ -108,7 +108,7 @@ def check_constant_work(model: ChannelModel, observations: Iterable[Observed]) -
 
 def everywhere(
     channel: Channel, centre: ArrayLike, scale: ArrayLike, *, nodes: int = 13, reach: float = 3.5
-) -> tuple[list[Observed], Array]:
+) -> tuple[list[ModelInput], Array]:
     """Places all over one channel's space, and the volume that each stands for [unit³].
 
     Dense within `scale` [unit] of the centre and ever wider apart up to scale · sinh(reach), as heavy tails
@@ -125,9 +125,9 @@ def everywhere(
 
 def mass(
     model: ChannelModel,
-    past: Sequence[Observed],
-    places: tuple[Sequence[Observed], Array],
-    after: Sequence[Observed] = (),
+    past: Sequence[ModelInput],
+    places: tuple[Sequence[ModelInput], Array],
+    after: Sequence[ModelInput] = (),
 ) -> float:
     """What the next observation's density comes to over all places, given the past.
 
@@ -146,7 +146,7 @@ def mass(
     return float(places[1] @ np.exp(model.log_evidence(batch) - known))
 
 
-def _work(model: ChannelModel, rows: Rows, observed: Observed) -> tuple[int, int, int]:
+def _work(model: ChannelModel, rows: Rows, observed: ModelInput) -> tuple[int, int, int]:
     """Of one step: bytes of the rows, lines run, most bytes allocated."""
 
     def step() -> Rows:

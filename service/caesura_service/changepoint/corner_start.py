@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, Channel, Observed, Rows, append, signal
+from caesura_service.changepoint.models import AXES, Channel, ModelInput, Rows, append, signal
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class CornerStart:
         past = np.zeros((0, self.memory, AXES))
         return np.zeros(0, np.int64), past, vectors, vectors, scalars, scalars, scalars, scalars
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z = signal(observed, self.channel)
         past = np.concatenate([rows[1][-1][1:], z[None]]) if len(rows[0]) else np.tile(z, (self.memory, 1))

@@ -17,22 +17,27 @@ from functools import partial
 
 import numpy as np
 
-from caesura_service.changepoint.constant_models import Biased, Constant, Held, Laden
-from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.constant_models import (
+    ConstantLevel,
+    FreeSpaceForce,
+    GripperHoldingChain,
+    LoadForce,
+)
+from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.corner_start import CornerStart
-from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.held_torque import Resistance
+from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.preset import STEP_S, Preset
-from caesura_service.changepoint.profile_model import Profiled, Target
+from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
-from caesura_service.changepoint.random_walk import Walk
-from caesura_service.changepoint.segment_model_set import Kind
+from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
-from caesura_service.changepoint.turn_in_place import Pivot
-from caesura_service.changepoint.turn_rate import Pace
+from caesura_service.changepoint.turn_in_place import TurnInPlace
+from caesura_service.changepoint.turn_rate import TurnRate
 
 
 def correlation(time_s: float) -> float:
@@ -89,11 +94,16 @@ def human_motion_library() -> ProfileLibrary:
     return ProfileLibrary([*even_moves(), *early_moves()], STEP_S, correlation(MEMORY_S), CALM)
 
 
-def stroke() -> Profiled:
+def stroke() -> ProfileModel:
     """A movement along one profile of the library: it leaves its profile by about 4 % of its length."""
     path = Noise(nu0=5.0, floor=0.0007, shares=(0.02, 0.06), joint=True, correlation=correlation(MEMORY_S))
-    return Profiled(
-        "position", human_motion_library(), path, origin="previous", target=Target(0.2, 0.005), pace=SLOW
+    return ProfileModel(
+        "position",
+        human_motion_library(),
+        path,
+        origin="previous",
+        target=DisplacementPrior(0.2, 0.005),
+        pace=SLOW,
     )
 
 
@@ -115,22 +125,22 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     return {
         "moving": guided_motion(),
         "corner": CornerStart(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
-        "still": Walk("position", scale=REST_STEP_M, still=REST),
-        "stopped": Walk("position", scale=REST_STEP_M),
-        "turning": Pace("rotation", least=REST / HANDS_BREADTH_M),
+        "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
+        "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
+        "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
-        "unturned": Pace("rotation", most=REST / HANDS_BREADTH_M),
-        "about_a_point": Pivot(floor=0.0002, share=0.002, reach=TOOL_M),
-        "resisted": Resistance(least=HELD_NM),
-        "unresisted": Resistance(most=HELD_NM),
-        "untouched": Biased(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
-        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
-        "pressed": Walk("force", scale=0.5, presence=beyond),
-        "slid_along": Friction(least=beyond, pace=SLOW),
-        "laden": Laden(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
-        "empty": Held(0.01 * _LADEN_WEIGHT),
-        "gripping": Held(0.5, change=0.05),
-        "holding": Held(0.99),
+        "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
+        "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M),
+        "resisted": HeldTorque(least=HELD_NM),
+        "unresisted": HeldTorque(most=HELD_NM),
+        "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
+        "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
+        "pressed": StudentRandomWalk("force", scale=0.5, presence=beyond),
+        "slid_along": FrictionConeWeight(least=beyond, pace=SLOW),
+        "laden": LoadForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
+        "empty": GripperHoldingChain(0.01 * _LADEN_WEIGHT),
+        "gripping": GripperHoldingChain(0.5, change=0.05),
+        "holding": GripperHoldingChain(0.99),
     }
 
 
@@ -140,20 +150,20 @@ def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         **default_channels(bias_n),
         **_laden_by_sample(bias_n),
         "moving": stroke(),
-        "still": Walk("position", scale=REST_STEP_M, still=SLOW),
-        "empty": Held(0.01),
+        "still": StudentRandomWalk("position", scale=REST_STEP_M, still=SLOW),
+        "empty": GripperHoldingChain(0.01),
     }
     used = {channel for kind in STROKE_KINDS for channel in kind.channels}
     return {name: model for name, model in channels.items() if name in used}
 
 
 STROKE_KINDS = (
-    Kind("motion", "motion", "free", ("moving", "untouched", "empty")),
-    Kind("steady", "steady", "free", ("still", "untouched", "empty")),
-    Kind("sliding", "motion", "contact", ("moving", "pressed", "slid_along", "gripping")),
-    Kind("contact", "steady", "contact", ("stopped", "pressed", "gripping")),
-    Kind("transport", "motion", "transport", ("moving", "laden", "holding"), _LADEN_WEIGHT),
-    Kind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
+    SegmentKind("motion", "motion", "free", ("moving", "untouched", "empty")),
+    SegmentKind("steady", "steady", "free", ("still", "untouched", "empty")),
+    SegmentKind("sliding", "motion", "contact", ("moving", "pressed", "slid_along", "gripping")),
+    SegmentKind("contact", "steady", "contact", ("stopped", "pressed", "gripping")),
+    SegmentKind("transport", "motion", "transport", ("moving", "laden", "holding"), _LADEN_WEIGHT),
+    SegmentKind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
 )
 
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
@@ -164,12 +174,12 @@ ALL_KINDS = (
         replace(kind, channels=(*kind.channels, *_MORE[kind.motion], *_FREE[kind.contact]))
         for kind in STROKE_KINDS
     ),
-    Kind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
+    SegmentKind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
     *(
-        Kind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
+        SegmentKind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
         for torque in ("resisted", "unresisted")
     ),
-    Kind("turning", "motion", "transport", (*_TURN, "laden", "not_set_in", "holding"), _LADEN_WEIGHT),
+    SegmentKind("turning", "motion", "transport", (*_TURN, "laden", "not_set_in", "holding"), _LADEN_WEIGHT),
 )
 UNREPEATED = (("steady", "hold"), ("contact",))  # rests, with and without a load; contacts
 
@@ -200,12 +210,12 @@ def _cornerless(bias_n: float) -> Channels:
 
 def _thesis_scales(bias_n: float) -> Channels:
     """25 mm and 1.25 N whatever the sensor, Tab. 4.5."""
-    place = Constant("position", Noise(1.0, 0.025, joint=True), origin="previous")
+    place = ConstantLevel("position", Noise(1.0, 0.025, joint=True), origin="previous")
     return {
         "moving": replace(guided_motion(), floor=0.025),
         "still": place,
         "stopped": place,
-        "pressed": Walk("force", scale=1.25, presence=2.0 * bias_n),
+        "pressed": StudentRandomWalk("force", scale=1.25, presence=2.0 * bias_n),
     }
 
 
@@ -216,20 +226,20 @@ def _even_noise(bias_n: float) -> Channels:
 
 def _unbiased(bias_n: float) -> Channels:
     """Free space reads zero."""
-    return {"untouched": Constant("force", QUIET, origin="zero")}
+    return {"untouched": ConstantLevel("force", QUIET, origin="zero")}
 
 
 def _laden_by_sample(bias_n: float) -> Channels:
     """Every sample of a weight speaks against free space, as every sample of a press does."""
     return {
-        "untouched": Biased(QUIET, bias=bias_n, absence=2.0 * bias_n),
-        "not_set_in": NoRise(scale=FORCE_IN_MOTION_N),
+        "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=2.0 * bias_n),
+        "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N),
     }
 
 
 def _rising_contact(bias_n: float) -> Channels:
     """A contact is a rise from zero, (3.36)–(3.45)."""
-    rise = Profiled("force", thesis_force_library(), Noise(10.0, 1.25), origin="zero")
+    rise = ProfileModel("force", thesis_force_library(), Noise(10.0, 1.25), origin="zero")
     return {"pressed": rise}
 
 
@@ -238,9 +248,9 @@ def _white(bias_n: float) -> Channels:
     white = replace(QUIET, correlation=0.0)
     return {
         "moving": replace(guided_motion(), correlation=0.0),
-        "untouched": Biased(white, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG),
-        "pressed": Constant("force", white, origin="previous"),
-        "laden": Laden(white, bias=bias_n, absence=2.0 * bias_n),
+        "untouched": FreeSpaceForce(white, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG),
+        "pressed": ConstantLevel("force", white, origin="previous"),
+        "laden": LoadForce(white, bias=bias_n, absence=2.0 * bias_n),
     }
 
 
@@ -248,21 +258,21 @@ def _paceless(bias_n: float) -> Channels:
     """Movement and rest differ by their course alone."""
     return {
         "moving": replace(guided_motion(), pace=0.0, away=0.0),
-        "still": Walk("position", scale=REST_STEP_M),
+        "still": StudentRandomWalk("position", scale=REST_STEP_M),
     }
 
 
 def _frictionless(bias_n: float) -> Channels:
     """A movement under a force that no bias explains slides, wherever the force points."""
-    return {"slid_along": Friction(least=0.0, pace=SLOW)}
+    return {"slid_along": FrictionConeWeight(least=0.0, pace=SLOW)}
 
 
 def _torqueless(bias_n: float) -> Channels:
     """A screw that is driven and a ratchet that returns are one kind of turn."""
-    return {"resisted": Resistance(), "unresisted": Resistance()}
+    return {"resisted": HeldTorque(), "unresisted": HeldTorque()}
 
 
-def _begun_anyhow(kind: Kind) -> Kind:
+def _begun_anyhow(kind: SegmentKind) -> SegmentKind:
     """A load may begin with a rise of the force."""
     if kind.contact != "transport":
         return kind

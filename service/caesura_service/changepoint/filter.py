@@ -8,20 +8,20 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import Ended, Starts
+from caesura_service.changepoint.best_path_window import PathSegment, Starts
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]
 
 
-class Filter(Protocol):
-    """Takes observations one by one; see `OnlineFilter` for what each of these is."""
+class ChangepointFilter(Protocol):
+    """Takes observations one by one; see `RunLengthFilter` for what each of these is."""
 
     @property
-    def lattice(self) -> Lattice:
+    def lattice(self) -> SegmentModelSet:
         """What a segment may be."""
 
     @property
@@ -45,7 +45,7 @@ class Filter(Protocol):
         """Starts that a correction makes certain."""
 
     @property
-    def final(self) -> Sequence[Ended]:
+    def final(self) -> Sequence[PathSegment]:
         """Segments that no later sample can undo."""
 
     @property
@@ -60,13 +60,13 @@ class Filter(Protocol):
     def smoothed(self) -> Array:
         """(n,) smoothed probability at every observation."""
 
-    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+    def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation, with what is known of it as a start. Raises ValueError."""
 
     def condition(self, start: int) -> None:
         """Take it for certain that a segment starts at observation `start`. Raises ValueError."""
 
-    def map_path(self) -> list[Ended]:
+    def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the final ones on; the last is still growing."""
 
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.run_length_filter import OnlineFilter
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.numba_support import has_kernels
 
 
-def filter_for(lattice: Lattice, hazard: Hazard, parameters: FilterParameters) -> Filter:
+def filter_for(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters) -> ChangepointFilter:
     """A filter at its beginning. A third party's channel model has no compiled twin, and needs none."""
     if not has_kernels():
-        return OnlineFilter(lattice, hazard, parameters)
-    from caesura_service.changepoint.compiled_filter import CompiledFilter, can_compile  # noqa: PLC0415
+        return RunLengthFilter(lattice, hazard, parameters)
+    from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile  # noqa: PLC0415
 
-    made = CompiledFilter if can_compile(lattice) else OnlineFilter
+    made = CompiledRunLengthFilter if can_compile(lattice) else RunLengthFilter
     return made(lattice, hazard, parameters)
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, Observed, Rows, append, log_absence, log_presence
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append, log_absence, log_presence
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Friction:
+class FrictionConeWeight:
     """A surface pushes out of itself, across the movement, and holds the movement back; it never drives it.
 
     Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of 1 at most.
@@ -33,7 +33,7 @@ class Friction:
         """Rows: the last position, Σ log weight."""
         return np.zeros((0, AXES)), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation. The first of all is no step."""
         step = observed.position - rows[0][-1] if len(rows[0]) else np.zeros(AXES)
         told = append(rows[1], 0.0) + self.log_weight(observed.force, step)

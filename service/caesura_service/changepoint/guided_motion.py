@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
-from caesura_service.changepoint.models import AXES, Observed, Rows, append, log_presence
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append, log_presence
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class GuidedMotion:
         vectors, scalars, past = np.zeros((0, AXES)), np.zeros(0), np.zeros((0, self.away_steps + 1, AXES))
         return np.zeros(0, np.int64), past, vectors, vectors, scalars, scalars, scalars
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z, joins = observed.position, len(rows[0]) > 0
         n, step_1, step_2, squares, log_scales, paced = (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.models import (
     AXES,
     UNTURNED,
-    Observed,
+    ModelInput,
     Rows,
     append,
     log_absence,
@@ -37,7 +37,7 @@ def torsion_of(force: Array, torque: Array | None) -> Array:
 
 
 @dataclass(frozen=True)
-class Resistance:
+class HeldTorque:
     """A weight on every step of a turn, by the torsion that acts against it; no density of the torsion.
 
     least [Nm] weighs a step by 1 − exp(−resisting²/2 least²), with the torsion against the step where there
@@ -55,7 +55,7 @@ class Resistance:
         """Rows: last rotation, Σ log weight."""
         return np.zeros((0, AXES)), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         joins, torsion, weight = len(rows[0]) > 0, observed.torsion, 0.0
         if joins and self._is_screwing(step := observed.rotation - rows[0][-1], observed.force):

@@ -28,7 +28,7 @@ UNTURNED = np.zeros(AXES)  # the rotation of a pose without an orientation
 UNTURNED.setflags(write=False)
 
 
-class Observed(NamedTuple):
+class ModelInput(NamedTuple):
     """What a model sees of one moment, in the base frame."""
 
     position: Array  # (3,) [m]
@@ -44,7 +44,7 @@ class ChannelModel(Protocol):
     def empty(self) -> Rows:
         """Rows of no hypothesis."""
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Rows after one more observation, with a hypothesis that starts at it appended."""
 
     def log_evidence(self, rows: Rows) -> Array:
@@ -77,7 +77,7 @@ def log_absence(squared: ArrayLike, most: float) -> Array:
     return weight
 
 
-def signal(observed: Observed, channel: Channel) -> Array:
+def signal(observed: ModelInput, channel: Channel) -> Array:
     """(3,) the channel's values."""
     value: Array = getattr(observed, channel)
     return value

@@ -1,7 +1,7 @@
 """The exact posterior over all segmentations of a whole recording. Fearnhead 2006; thesis 2.1.4.
 
 With P_j(t,s) the evidence of observations t..s as one segment of group j, g and S from the hazard, R the
-weight of a group after another (`Lattice.log_transition`), and n the last:
+weight of a group after another (`SegmentModelSet.log_transition`), and n the last:
 
     Q_j(t) = Σ_{s<n} P_j(t,s) g(s−t+1) F_j(s+1) + P_j(t,n) S(n−t),    F_i(t) = Σ_j R_ij Q_j(t)
 
@@ -21,18 +21,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import NOTHING, Ended
+from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.changepoint.threshold_segmenter import THRESHOLD, threshold_path
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Offline:
+class OfflinePosterior:
     """What a whole recording says.
 
     changepoint_probability: (n,) that a segment starts at each observation; path: the best segmentation.
@@ -40,11 +40,11 @@ class Offline:
 
     log_evidence: float
     changepoint_probability: Array
-    path: tuple[Ended, ...]
-    lattice: Lattice = field(repr=False)
-    data: tuple[Observed, ...] = field(repr=False)
+    path: tuple[PathSegment, ...]
+    lattice: SegmentModelSet = field(repr=False)
+    data: tuple[ModelInput, ...] = field(repr=False)
 
-    def threshold_path(self, level: float = THRESHOLD) -> tuple[Ended, ...]:
+    def threshold_path(self, level: float = THRESHOLD) -> tuple[PathSegment, ...]:
         """The segments between changepoints whose probability is above a level. Raises as `runs_above`."""
         return threshold_path(self.lattice, self.data, self.changepoint_probability, level)
 
@@ -62,8 +62,8 @@ class _Evidence:
 
 
 def segment_offline(
-    lattice: Lattice, hazard: Hazard, data: Sequence[Observed], *, prune_ratio: float = 0.0
-) -> Offline:
+    lattice: SegmentModelSet, hazard: Hazard, data: Sequence[ModelInput], *, prune_ratio: float = 0.0
+) -> OfflinePosterior:
     """Segment a whole recording at once.
 
     prune_ratio: starts whose share of what is known so far falls below it are followed no further
@@ -74,7 +74,7 @@ def segment_offline(
         raise ValueError("no observations, expected at least one")
     evidence, n = _collect(lattice, hazard, data, prune_ratio), len(data)
     backward = _Backward(evidence, hazard, lattice.log_transition, n)
-    return Offline(
+    return OfflinePosterior(
         log_evidence=float(log_sum_exp(backward.total[0])),
         changepoint_probability=_marginals(evidence, hazard, lattice.log_transition, backward),
         path=_path(evidence, backward, n),
@@ -83,7 +83,9 @@ def segment_offline(
     )
 
 
-def _collect(lattice: Lattice, hazard: Hazard, data: Sequence[Observed], prune_ratio: float) -> _Evidence:
+def _collect(
+    lattice: SegmentModelSet, hazard: Hazard, data: Sequence[ModelInput], prune_ratio: float
+) -> _Evidence:
     values: list[list[Array]] = [[] for _ in data]
     best: list[list[Array]] = [[] for _ in data]
     kinds: list[list[Array]] = [[] for _ in data]
@@ -165,11 +167,11 @@ def _marginals(evidence: _Evidence, hazard: Hazard, transition: Array, backward:
     return result
 
 
-def _path(evidence: _Evidence, backward: _Backward, n: int) -> tuple[Ended, ...]:
-    path: list[Ended] = []
+def _path(evidence: _Evidence, backward: _Backward, n: int) -> tuple[PathSegment, ...]:
+    path: list[PathSegment] = []
     start, before, group = 0, NOTHING, int(backward.best[0].argmax())
     while start < n:
         length = int(backward.length[start, group])
-        path.append(Ended(start, evidence.kinds[start][length - 1], group, before))
+        path.append(PathSegment(start, evidence.kinds[start][length - 1], group, before))
         start, before, group = start + length, group, int(backward.after[start, group])
     return tuple(path)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
-from caesura_service.changepoint.held_torque import Resistance
+from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
-from caesura_service.changepoint.turn_in_place import Pivot
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.turn_in_place import TurnInPlace
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
@@ -20,9 +20,9 @@ SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is kno
 
 # What is left where the force does not show contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
-    Kind("motion", "motion", "free", ("moving", "corner")),
-    Kind("steady", "steady", "free", ("still", "unturned")),
-    Kind("turning", "motion", "free", ("turning", "turned_back", "about_a_point")),
+    SegmentKind("motion", "motion", "free", ("moving", "corner")),
+    SegmentKind("steady", "steady", "free", ("still", "unturned")),
+    SegmentKind("turning", "motion", "free", ("turning", "turned_back", "about_a_point")),
 )
 
 
@@ -45,7 +45,7 @@ class Preset:
 
     name: str
     channels: Callable[[float], Mapping[str, ChannelModel]]
-    kinds: tuple[Kind, ...]
+    kinds: tuple[SegmentKind, ...]
     maximum: bool = False
     continuous: bool = False
     mean_segment_s: float = 2.0
@@ -64,7 +64,7 @@ class Preset:
         orientation: bool = False,
         torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
-    ) -> Lattice:
+    ) -> SegmentModelSet:
         """The lattice over what the session reports.
 
         Without contact the force is not looked at, and what remains is whether the arm moves. Without an
@@ -76,7 +76,7 @@ class Preset:
         if not orientation:
             channels = {name: model for name, model in channels.items() if not looks_at_rotation(model)}
         if not (orientation and torque):
-            channels = {name: model for name, model in channels.items() if not isinstance(model, Resistance)}
+            channels = {name: model for name, model in channels.items() if not isinstance(model, HeldTorque)}
         if contact:
             kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         else:
@@ -95,7 +95,7 @@ class Preset:
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}
         choice: Choice = "maximum" if self.maximum else "mixture"
-        return Lattice(channels, kinds, choice, self.unrepeated, self.power)
+        return SegmentModelSet(channels, kinds, choice, self.unrepeated, self.power)
 
     def online(
         self,
@@ -105,7 +105,7 @@ class Preset:
         orientation: bool = False,
         torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
-    ) -> Filter:
+    ) -> ChangepointFilter:
         """A filter at its beginning; arguments as for `lattice`."""
         lattice = self.lattice(
             contact=contact, transport=transport, orientation=orientation, torque=torque, bias_n=bias_n
@@ -119,9 +119,9 @@ class Preset:
         return Refractory(mean, early) if early else Geometric(mean)
 
 
-def _united(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
+def _united(kinds: Iterable[SegmentKind]) -> tuple[SegmentKind, ...]:
     """Kinds that differ by nothing but their weight as one, with the sum of their weights."""
-    weights: dict[Kind, float] = {}
+    weights: dict[SegmentKind, float] = {}
     for kind in kinds:
         alike = replace(kind, weight=1.0)
         weights[alike] = weights.get(alike, 0.0) + kind.weight
@@ -130,4 +130,4 @@ def _united(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
 
 def looks_at_rotation(model: ChannelModel) -> bool:
     """Whether a channel model needs an orientation."""
-    return isinstance(model, Pivot) or getattr(model, "channel", None) == "rotation"
+    return isinstance(model, TurnInPlace) or getattr(model, "channel", None) == "rotation"

@@ -12,8 +12,8 @@ from caesura_service.changepoint.models import (
     AXES,
     Channel,
     Choice,
+    ModelInput,
     Noise,
-    Observed,
     Origin,
     Rows,
     append,
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Target:
+class DisplacementPrior:
     """Prior of how far a segment goes: normal, but not so near zero that nothing explains it.
 
     reach [unit]: standard deviation an axis; least [unit]: what rest comes to. The density at y is that of
@@ -47,7 +47,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Profiled:
+class ProfileModel:
     """The channel goes from where the segment starts to where it is now along one profile of a library.
 
     y_j = y_n φ_k(j) + residual, with y counted from the segment's first sample (`origin="first"`), from
@@ -69,7 +69,7 @@ class Profiled:
     noise: Noise
     choice: Choice = "mixture"
     origin: Origin = "first"
-    target: Target | None = None
+    target: DisplacementPrior | None = None
     pace: float = 0.0
 
     def __post_init__(self) -> None:
@@ -89,7 +89,7 @@ class Profiled:
         vectors, moments = np.zeros((0, AXES)), np.zeros((0, AXES, len(self.library)))
         return np.zeros(0, np.int64), vectors, vectors, moments, moments, np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z = signal(observed, self.channel)
         start = append(rows[1], origin_of(self.origin, rows, z))

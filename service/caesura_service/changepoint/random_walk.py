@@ -11,7 +11,7 @@ from scipy.special import gammaln
 from caesura_service.changepoint.models import (
     AXES,
     Channel,
-    Observed,
+    ModelInput,
     Rows,
     append,
     log_absence,
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Walk:
+class StudentRandomWalk:
     """From one sample to the next the value stays, give or take a step: Student-t in three dimensions.
 
     scale [unit]: of most steps; nu: degrees of freedom, 1 (Cauchy) lets one of a hundred be a hundred times
@@ -45,7 +45,7 @@ class Walk:
         """Rows: the last value, log evidence."""
         return np.zeros((0, AXES)), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation. The first of all is no step."""
         z = signal(observed, self.channel)
         before = append(rows[0], rows[0][-1] if len(rows[0]) else z)

@@ -1,8 +1,8 @@
 """The run-length filter on starts: which hypothesis is the current segment, now that one more sample is in.
 
 With L_j(s,t) the evidence of samples s..t as one segment of group j, S and g from the hazard, and R the
-log weight of a group after another (`Lattice.log_transition`). L is the evidence to the lattice's power in
-sums, and the evidence itself in maxima:
+log weight of a group after another (`SegmentModelSet.log_transition`). L is the evidence to the power of the
+model set in sums, and the evidence itself in maxima:
 
     joint(s,t) = logsumexp_j [A_j(s) + log S(t−s) + L_j(s,t)]
     E_i(t+1)   = logsumexp_s [A_i(s) + log g(t−s+1) + L_i(s,t)]
@@ -34,10 +34,10 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.best_path_window import (
     NOTHING,
-    Ended,
     FinalPath,
     Groups,
     Node,
+    PathSegment,
     Starts,
     Window,
     first_links,
@@ -45,19 +45,19 @@ from caesura_service.changepoint.best_path_window import (
 )
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.segment_model_set import Lattice, LatticeRows
-from caesura_service.changepoint.smoothed_probabilities import Smoothed, Smoothing
+from caesura_service.changepoint.segment_model_set import LatticeRows, SegmentModelSet
+from caesura_service.changepoint.smoothed_probabilities import RunLengthFilterBase, SmoothedProbabilities
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class OnlineFilter(Smoothed):
+class RunLengthFilter(SmoothedProbabilities):
     """Takes observations one by one; the same observations give the same state, bit for bit."""
 
-    lattice: Lattice
+    lattice: SegmentModelSet
     hazard: Hazard
     parameters: FilterParameters = field(default_factory=FilterParameters)
 
@@ -74,13 +74,13 @@ class OnlineFilter(Smoothed):
             (0, groups)
         )  # (h, groups) over the kinds of a group, to its power
         self.map_evidence: Array = np.zeros((0, groups))  # (h, groups) the same as it is, for the maximum
-        self.ended: dict[Node, Ended] = {}  # what ends at a start that living hypotheses descend from
+        self.ended: dict[Node, PathSegment] = {}  # what ends at a start that living hypotheses descend from
         self.root_node: Node = (0, NOTHING)  # the latest that every living hypothesis descends from
         self.final = FinalPath(kinds)  # the segments before the root
         self.boundaries: list[int] = []  # starts that a correction makes certain
         self.capped = 0  # steps on which the cap bit
         self._window = Window(self.parameters.window, kinds, groups)
-        self._smoothing = Smoothing()
+        self._smoothing = RunLengthFilterBase()
         self._next = first_links(groups)  # of the hypothesis that the next observation starts
 
     @property
@@ -88,7 +88,7 @@ class OnlineFilter(Smoothed):
         """The latest start that every living hypothesis descends from."""
         return self.root_node[0]
 
-    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+    def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
 
         changepoint: whether a segment starts here, where that is given (a hazard of 1 or 0). What is not
@@ -154,7 +154,7 @@ class OnlineFilter(Smoothed):
         survived = self.hazard.log_survival(self.count - 1 - self.starts)[:, None]
         return self.log_prior + survived + self.log_evidence
 
-    def map_path(self) -> list[Ended]:
+    def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
         survived = self.hazard.log_survival(self.count - 1 - self.starts)[:, None]
         scores = self.map_prior + survived + self.map_evidence
@@ -164,12 +164,12 @@ class OnlineFilter(Smoothed):
             path.append(self.ended[path[-1].node])
         return path[::-1]
 
-    def _segment(self, place: int, group: int) -> Ended:
+    def _segment(self, place: int, group: int) -> PathSegment:
         """A living hypothesis as a segment of this group."""
         kinds, before = self.kind_log_evidence[place].copy(), int(self.before[place, group])
-        return Ended(int(self.starts[place]), kinds, group, before)
+        return PathSegment(int(self.starts[place]), kinds, group, before)
 
-    def _grow(self, observed: Observed, changepoint: bool | None) -> None:
+    def _grow(self, observed: ModelInput, changepoint: bool | None) -> None:
         self.rows = self.lattice.extend(self.rows, observed)
         self.starts = np.append(self.starts, self.count)
         self.log_prior = np.concatenate([self.log_prior, self._next.prior[None]])
@@ -237,7 +237,7 @@ class OnlineFilter(Smoothed):
 
     def _forget(self) -> None:
         """Drop what no living hypothesis, nor the next one, descends from."""
-        wanted: dict[Node, Ended] = {}
+        wanted: dict[Node, PathSegment] = {}
         for node in self._nodes:
             while node != self.root_node and node not in wanted:
                 wanted[node] = self.ended[node]
@@ -247,7 +247,7 @@ class OnlineFilter(Smoothed):
     def _settle(self) -> None:
         """Move the root to where the ancestries of all hypotheses, the next one included, first part."""
         root = node = _common_ancestor(self._nodes, self.ended)
-        settled: list[Ended] = []
+        settled: list[PathSegment] = []
         while node != self.root_node:
             settled.append(self.ended.pop(node))
             node = settled[-1].node
@@ -270,7 +270,7 @@ class OnlineFilter(Smoothed):
         self._smoothing.follow(self._window.smoothed(self.count, self.hazard, transition, total), self.count)
 
 
-def _common_ancestor(nodes: set[Node], ended: Mapping[Node, Ended]) -> Node:
+def _common_ancestor(nodes: set[Node], ended: Mapping[Node, PathSegment]) -> Node:
     """The latest node shared by the ancestries of all nodes, themselves included."""
     nodes = set(nodes)
     while len(nodes) > 1:
@@ -280,7 +280,7 @@ def _common_ancestor(nodes: set[Node], ended: Mapping[Node, Ended]) -> Node:
     return nodes.pop()
 
 
-def check_finite(observed: Observed, count: int) -> None:
+def check_finite(observed: ModelInput, count: int) -> None:
     """Raises ValueError for an observation that holds anything else."""
     for name in ("position", "force", "rotation", "torsion"):
         value = getattr(observed, name)

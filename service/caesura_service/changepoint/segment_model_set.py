@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.models import ChannelModel, Choice, Observed, Rows, select
+from caesura_service.changepoint.models import ChannelModel, Choice, ModelInput, Rows, select
 
 Array = NDArray[np.float64]
 LatticeRows = tuple[Rows, ...]
 
 
 @dataclass(frozen=True)
-class Kind:
+class SegmentKind:
     """One kind of segment: its name, what moves, what is touched, and its prior weight."""
 
     name: str
@@ -32,7 +32,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Lattice:
+class SegmentModelSet:
     """Kinds over named channel models.
 
     `choice`: the evidence of a segment is the prior-weighted mixture over its kinds, or their maximum
@@ -51,7 +51,7 @@ class Lattice:
     """
 
     channels: Mapping[str, ChannelModel]
-    kinds: tuple[Kind, ...]
+    kinds: tuple[SegmentKind, ...]
     choice: Choice = "mixture"
     unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
@@ -88,7 +88,7 @@ class Lattice:
         """Rows of no hypothesis, one entry a channel."""
         return tuple(channel.empty() for channel in self.channels.values())
 
-    def extend(self, rows: LatticeRows, observed: Observed) -> LatticeRows:
+    def extend(self, rows: LatticeRows, observed: ModelInput) -> LatticeRows:
         """Take one observation in every channel."""
         return tuple(
             channel.extend(part, observed) for channel, part in zip(self.channels.values(), rows, strict=True)
@@ -139,7 +139,7 @@ class Lattice:
         return log_sum_exp(kind_log_evidence, axis=1)
 
 
-def _groups(kinds: tuple[Kind, ...], unrepeated: tuple[tuple[str, ...], ...]) -> NDArray[np.int64]:
+def _groups(kinds: tuple[SegmentKind, ...], unrepeated: tuple[tuple[str, ...], ...]) -> NDArray[np.int64]:
     """(kinds,) the group of each kind; those that may be repeated are the first group."""
     number = {name: i for i, names in enumerate(unrepeated) for name in names}
     found = [number.get(kind.name, -1) for kind in kinds]

@@ -11,33 +11,33 @@ from types import MappingProxyType
 
 import numpy as np
 
-from caesura_service.changepoint.best_path_window import NOTHING, Ended
-from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
+from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
-from caesura_service.changepoint.threshold_segmenter import OnlineThreshold
+from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 
 INTERVAL_PROBABILITY = 0.9
 MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Classification:
     """What a segment is, given where it begins and ends."""
 
-    kind: Kind
+    kind: SegmentKind
     probability: float
-    runner_up: Kind | None  # None where the lattice has a single kind
+    runner_up: SegmentKind | None  # None where the lattice has a single kind
     log_odds: float  # of the kind over the runner-up; 0 without one
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class InferredSegment:
     """Observations start to end, the end not included, as one segment."""
 
     start: int
     end: int
-    verdict: Verdict
+    verdict: Classification
     start_probability: float  # that a segment starts here or at a neighbouring observation
     start_interval: tuple[int, int]  # observations between which it starts with INTERVAL_PROBABILITY
     start_final: bool
@@ -50,7 +50,7 @@ class Stretch:
         return self.start_stands and self.end_final
 
 
-def verdict(lattice: Lattice, ended: Ended) -> Verdict:
+def verdict(lattice: SegmentModelSet, ended: PathSegment) -> Classification:
     """The best kind of the group that the best segmentation has, and the probability of its name.
 
     Given where the segment begins and ends, and the group of the segment before it: a kind that may not
@@ -69,12 +69,12 @@ def verdict(lattice: Lattice, ended: Ended) -> Verdict:
     odds_against = sum([value for value, same in zip(odds, alike, strict=True) if not same])
     probability = in_favour / (in_favour + odds_against)
     if not others:
-        return Verdict(kinds[best], probability, None, 0.0)
+        return Classification(kinds[best], probability, None, 0.0)
     second = others[0]
-    return Verdict(kinds[best], probability, kinds[second], values[best] - values[second])
+    return Classification(kinds[best], probability, kinds[second], values[best] - values[second])
 
 
-def _best(lattice: Lattice, ended: Ended) -> int:
+def _best(lattice: SegmentModelSet, ended: PathSegment) -> int:
     """The number of a segment's kind: the most probable one of its group, or of all where it has no group."""
     inside = (
         range(len(lattice.kinds)) if ended.group is None else np.flatnonzero(lattice.groups == ended.group)
@@ -82,19 +82,21 @@ def _best(lattice: Lattice, ended: Ended) -> int:
     return max(map(int, inside), key=ended.kind_log_evidence.__getitem__)
 
 
-def outline(online: Filter, decided: OnlineThreshold | None = None) -> tuple[int, list[tuple[int, int]]]:
+def outline(
+    online: ChangepointFilter, decided: ThresholdSegmenter | None = None
+) -> tuple[int, list[tuple[int, int]]]:
     """How many segments are final; of each that is not, where it starts and the number of its kind."""
     final, growing = _ended(online, decided)
     return len(final), [(ended.start, _best(online.lattice, ended)) for ended in growing]
 
 
 def stretches(
-    online: Filter,
+    online: ChangepointFilter,
     first: int = 0,
     *,
-    decided: OnlineThreshold | None = None,
-    known: Mapping[int, Stretch] = MappingProxyType({}),
-) -> list[Stretch]:
+    decided: ThresholdSegmenter | None = None,
+    known: Mapping[int, InferredSegment] = MappingProxyType({}),
+) -> list[InferredSegment]:
     """The best segmentation so far, from the final segment number `first` on; or else what was `decided`.
 
     known: those of an earlier look, by their start; what nothing can change any more is taken from there.
@@ -103,7 +105,7 @@ def stretches(
     settled, path = len(final), [*final[first:], *growing]
     before = final[first - 1].start if first else -1
     starts = [before, *(ended.start for ended in path), online.count]
-    found: list[Stretch] = []
+    found: list[InferredSegment] = []
     for i, ended in enumerate(path):
         stretch = known.get(ended.start)
         if stretch is None or not stretch.stands:
@@ -113,25 +115,27 @@ def stretches(
     return found
 
 
-def _ended(online: Filter, decided: OnlineThreshold | None) -> tuple[Sequence[Ended], Sequence[Ended]]:
+def _ended(
+    online: ChangepointFilter, decided: ThresholdSegmenter | None
+) -> tuple[Sequence[PathSegment], Sequence[PathSegment]]:
     """The segments that are final, and those after them."""
     return (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
 
 
 def _stretch(
-    online: Filter,
-    ended: Ended,
+    online: ChangepointFilter,
+    ended: PathSegment,
     starts: tuple[int, int, int],
     number: int,
     settled: int,
-    known: Stretch | None,
-) -> Stretch:
+    known: InferredSegment | None,
+) -> InferredSegment:
     """starts: of the segment before, of this one, and of the one after; known: what it was before."""
     before, start, after = starts
     found, is_over = verdict(online.lattice, ended), number < settled
     if known is not None and known.start_stands and min(known.end, after) > start + INTERVAL_REACH:
         return replace(known, end=after, verdict=found, end_final=is_over)
-    return Stretch(
+    return InferredSegment(
         start=start,
         end=after,
         verdict=found,
@@ -143,7 +147,7 @@ def _stretch(
     )
 
 
-def _interval(online: Filter, before: int, start: int, after: int) -> tuple[int, int]:
+def _interval(online: ChangepointFilter, before: int, start: int, after: int) -> tuple[int, int]:
     """First and last observation of the central interval, among those that may be the same event.
 
     One observation wider on either side: what happens lies between observations, not at one.

@@ -14,14 +14,14 @@ from collections.abc import Collection, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import Ended, FinalPath
+from caesura_service.changepoint.best_path_window import FinalPath, PathSegment
 
 Array = NDArray[np.float64]
 
 INTERVAL_REACH = 5  # observations to either side at which the same event may lie
 
 
-class Smoothing:
+class RunLengthFilterBase:
     """The smoothed probability of every observation so far."""
 
     def __init__(self) -> None:
@@ -98,11 +98,11 @@ class Smoothing:
         return [s for s in (start - 1, start, start + 1) if 0 <= s < self.count and s not in others]
 
 
-class Smoothed(ABC):
+class SmoothedProbabilities(ABC):
     """What follows from the joints and the smoothed probabilities of a filter, however it computes them."""
 
     final: FinalPath
-    _smoothing: Smoothing
+    _smoothing: RunLengthFilterBase
 
     @property
     @abstractmethod
@@ -110,7 +110,7 @@ class Smoothed(ABC):
         """(h,) log joint of each hypothesis and everything so far."""
 
     @abstractmethod
-    def map_path(self) -> list[Ended]:
+    def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
 
     @property

@@ -12,14 +12,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from caesura_service.changepoint.constant_models import Carried, Constant
+from caesura_service.changepoint.constant_models import ConstantLevel, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.contact_mixture import ContactShare
+from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.preset import STEP_S, Preset
-from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
-from caesura_service.changepoint.segment_model_set import Kind
+from caesura_service.changepoint.segment_model_set import SegmentKind
 
 PRESS = Noise(10.0, 1.25)  # [N] thesis Tab. 4.3
 PRESS_TAB_4_5 = Noise(1.0, 1.25)  # [N] thesis Tab. 4.5
@@ -39,18 +39,18 @@ def thesis_force_library() -> ProfileLibrary:
 def _integrated_channels(press: Noise) -> Callable[[float], Mapping[str, ChannelModel]]:
     def channels(bias_n: float) -> Mapping[str, ChannelModel]:
         return {
-            "moving": Profiled("position", thesis_motion_library(), Noise(1.0, 0.025), "maximum"),
-            "still": Constant("position", Noise(1.0, 0.025)),
-            "untouched": Constant("force", Noise(1.0, 0.5), origin="zero"),
+            "moving": ProfileModel("position", thesis_motion_library(), Noise(1.0, 0.025), "maximum"),
+            "still": ConstantLevel("position", Noise(1.0, 0.025)),
+            "untouched": ConstantLevel("force", Noise(1.0, 0.5), origin="zero"),
             "pressed": _pressed(press),
-            "loaded": Carried(Noise(1.0, 0.5), least_kg=0.2),
+            "loaded": ThesisLoadForce(Noise(1.0, 0.5), least_kg=0.2),
         }
 
     return channels
 
 
-def _pressed(noise: Noise) -> Profiled:
-    return Profiled("force", thesis_force_library(), noise, "maximum", origin="zero")
+def _pressed(noise: Noise) -> ProfileModel:
+    return ProfileModel("force", thesis_force_library(), noise, "maximum", origin="zero")
 
 
 def _constant_velocity_channels(bias_n: float) -> Mapping[str, ChannelModel]:
@@ -59,7 +59,7 @@ def _constant_velocity_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 def _second_order_channels(sigma_m: float) -> Callable[[float], Mapping[str, ChannelModel]]:
     def channels(bias_n: float) -> Mapping[str, ChannelModel]:
-        return {"moving": Profiled("position", thesis_motion_library(), Noise(1.0, sigma_m), "maximum")}
+        return {"moving": ProfileModel("position", thesis_motion_library(), Noise(1.0, sigma_m), "maximum")}
 
     return channels
 
@@ -69,20 +69,20 @@ def _force_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 
 def _contact_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    return {name: ContactShare(state) for state, name in enumerate(("free", "contact", "transport"))}
+    return {name: ContactMixture(state) for state, name in enumerate(("free", "contact", "transport"))}
 
 
-_MOTION_ONLY = (Kind("motion", "motion", "free", ("moving",)),)
-_FORCE_ONLY = (Kind("contact", "steady", "contact", ("pressed",)),)
+_MOTION_ONLY = (SegmentKind("motion", "motion", "free", ("moving",)),)
+_FORCE_ONLY = (SegmentKind("contact", "steady", "contact", ("pressed",)),)
 _CONTACT_ONLY = (
-    Kind("motion", "motion", "free", ("free",)),
-    Kind("contact", "steady", "contact", ("contact",)),
-    Kind("transport", "motion", "transport", ("transport",)),
+    SegmentKind("motion", "motion", "free", ("free",)),
+    SegmentKind("contact", "steady", "contact", ("contact",)),
+    SegmentKind("transport", "motion", "transport", ("transport",)),
 )
 _THESIS_KINDS = (
-    Kind("motion", "motion", "free", ("moving", "untouched")),
-    Kind("contact", "steady", "contact", ("still", "pressed")),
-    Kind("transport", "motion", "transport", ("moving", "loaded")),
+    SegmentKind("motion", "motion", "free", ("moving", "untouched")),
+    SegmentKind("contact", "steady", "contact", ("still", "pressed")),
+    SegmentKind("transport", "motion", "transport", ("moving", "loaded")),
 )
 
 THESIS_PRESETS = (

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_service.changepoint.best_path_window import Ended
-from caesura_service.changepoint.filter import Filter
-from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.best_path_window import PathSegment
+from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]
 
@@ -60,13 +60,13 @@ def runs_above(
 
 
 def threshold_path(
-    lattice: Lattice,
-    data: Sequence[Observed],
+    lattice: SegmentModelSet,
+    data: Sequence[ModelInput],
     probability: ArrayLike,
     level: float = THRESHOLD,
     *,
     boundaries: Collection[int] = (),
-) -> tuple[Ended, ...]:
+) -> tuple[PathSegment, ...]:
     """The segments between the changepoints in a smoothed probability, the first from observation 0 on.
 
     probability: (n,) that a segment starts at each observation; boundaries: as for `runs_above`.
@@ -77,7 +77,7 @@ def threshold_path(
     runs = runs_above(probability, level, boundaries=boundaries)
     starts = sorted({0, *(run.start for run in runs)})
     return tuple(
-        Ended(start, _Tape(lattice, data[:end], start, _last_gap(start, boundaries)).kinds[-1])
+        PathSegment(start, _Tape(lattice, data[:end], start, _last_gap(start, boundaries)).kinds[-1])
         for start, end in pairwise([*starts, len(data)])
     )
 
@@ -88,27 +88,27 @@ def _last_gap(start: int, boundaries: Collection[int]) -> int:
 
 
 @dataclass
-class OnlineThreshold:
+class ThresholdSegmenter:
     """The same while observations come in: steps a filter, and keeps the evidence from each start chosen.
 
     A changepoint is final once it and the samples next to it have left the filter's window.
     """
 
-    online: Filter
+    online: ChangepointFilter
     level: float = THRESHOLD
-    final: list[Ended] = field(default_factory=list)  # the segments before the root
+    final: list[PathSegment] = field(default_factory=list)  # the segments before the root
     root: int = 0  # the latest final start
 
     def __post_init__(self) -> None:
         check_level(self.level)
-        self._data: list[Observed] = []
+        self._data: list[ModelInput] = []
         self._undecided = 0  # the first sample that may yet be part of a changepoint
         self._runs: list[Run] = []
         self._tapes: dict[int, _Tape] = {}
         self._said: set[int] = set()  # starts that are given
 
-    def step(self, observed: Observed, boundary: bool = False, *, changepoint: bool | None = None) -> None:
-        """Take one observation. Raises ValueError as `OnlineFilter.step`."""
+    def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
+        """Take one observation. Raises ValueError as `RunLengthFilter.step`."""
         if changepoint:
             self._said.add(self.online.count)
         self.online.step(observed, boundary=boundary, changepoint=changepoint)
@@ -118,7 +118,7 @@ class OnlineThreshold:
         self._choose()
         self._settle()
 
-    def path(self) -> list[Ended]:
+    def path(self) -> list[PathSegment]:
         """The segments from the root on, oldest first; the last is still growing."""
         starts = [*self._starts, self.online.count]
         return [self._ended(start, end) for start, end in pairwise(starts)]
@@ -150,8 +150,8 @@ class OnlineThreshold:
                 self.root = start
         self._undecided = min([left, *(run.first for run in self._runs)])
 
-    def _ended(self, start: int, end: int) -> Ended:
-        return Ended(start, self._tapes[start].kinds[end - start - 1])
+    def _ended(self, start: int, end: int) -> PathSegment:
+        return PathSegment(start, self._tapes[start].kinds[end - start - 1])
 
 
 class _Tape:
@@ -160,7 +160,7 @@ class _Tape:
     since: the segment may look at the last samples before its start, from this one on.
     """
 
-    def __init__(self, lattice: Lattice, data: Sequence[Observed], start: int, since: int) -> None:
+    def __init__(self, lattice: SegmentModelSet, data: Sequence[ModelInput], start: int, since: int) -> None:
         self.kinds: list[Array] = []  # (kinds,) log evidence of data[start : start + 1 + i]
         self._lattice = lattice
         self._rows = lattice.empty()
@@ -169,7 +169,7 @@ class _Tape:
         for observed in data[start:]:
             self.extend(observed)
 
-    def extend(self, observed: Observed) -> None:
+    def extend(self, observed: ModelInput) -> None:
         """One more sample."""
         mine = 0 if self.kinds else -1  # its own row comes last at its first sample, and then stays first
         rows = self._lattice.extend(self._rows, observed)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import known_mean_log_evidence
-from caesura_service.changepoint.models import AXES, Observed, Rows, append
+from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ SMALL_ANGLE_RAD = 1e-6  # below which the series of the rotation matrix ends at 
 
 
 @dataclass(frozen=True)
-class Pivot:
+class TurnInPlace:
     """The position turns about a centre that stays where it is and is unknown.
 
     With the rotation exp(φ_t) from one observation to the next, E_t = exp(φ_t) − I, and the centre c,
@@ -57,7 +57,7 @@ class Pivot:
             scalars,
         )
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation. A segment begins at the position before its first one."""
         z, rotation, joins = observed.position, observed.rotation, len(rows[0]) > 0
         before, turned = (rows[2][-1], rotation - rows[3][-1]) if joins else (z, np.zeros(AXES))

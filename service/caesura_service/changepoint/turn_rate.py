@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.models import (
     AXES,
     Channel,
-    Observed,
+    ModelInput,
     Rows,
     append,
     log_absence,
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Pace:
+class TurnRate:
     """A weight on every step of a channel; the evidence has no density of the channel's values.
 
     least [unit] weighs a step by 1 − exp(−step²/2 least²), and most [unit] by exp(−step²/2 most²); 0 leaves
@@ -38,7 +38,7 @@ class Pace:
         """Rows: the last value, Σ log weight."""
         return np.zeros((0, AXES)), np.zeros(0)
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z, joins = signal(observed, self.channel), len(rows[0]) > 0
         step2 = float(((z - rows[0][-1]) ** 2).sum()) if joins else 0.0

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from caesura_service.security.certificates import SecurityError
-from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from caesura_service.security.roles import Identity, Role
 
 _Names = list[str] | None
@@ -54,11 +54,11 @@ def certs(
         "dashboard": dashboard,
         "operator": operator,
     }
-    kept = Directory(directory)
+    kept = CredentialStore(directory)
     try:
         for label in revoke or ():
             kept.revoke(label)
-        kept.issue(Wanted(list(_holders(asked)), renew or (), host or (), listen, days, passwords))
+        kept.issue(IssueRequest(list(_holders(asked)), renew or (), host or (), listen, days, passwords))
     except (SecurityError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
@@ -70,7 +70,7 @@ def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:
         yield from identities(role, names or ())
 
 
-def _tell(kept: Directory) -> None:
+def _tell(kept: CredentialStore) -> None:
     """What was written, and what to do with it."""
     for file in kept.written:
         typer.echo(f"wrote {file}")

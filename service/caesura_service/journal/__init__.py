@@ -13,7 +13,7 @@ from caesura_service.journal.journal import (
     Recordable,
 )
 from caesura_service.journal.memory import MemoryJournal
-from caesura_service.journal.peer_journals import PeerCopy, Siblings
+from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
 from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.sqlite import SqliteJournal
 
@@ -29,9 +29,9 @@ __all__ = [
     "MemoryJournal",
     "Outcome",
     "PeerCopy",
+    "PeerJournals",
     "Record",
     "Recordable",
     "Resolution",
-    "Siblings",
     "SqliteJournal",
 ]

@@ -49,7 +49,7 @@ class PeerCopy(NamedTuple):
     copy: Copy
 
 
-class Siblings:
+class PeerJournals:
     """Every journal in the directory of `own` except that one; none if `own` is None."""
 
     def __init__(self, own: Path | None) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from caesura_service.monitoring.http_server import Health, Web
+from caesura_service.monitoring.http_server import Health, HttpServer
 from caesura_service.monitoring.metrics import MetricsSource, metrics_of
 
 # Far past what one arrival can take: a station that is taken over is replayed in a fifteenth of its time, and
@@ -32,9 +32,9 @@ def ready(observed: MetricsSource) -> Health:
     return Health(False, "not joined: replaying its journal, waiting for a router, or leaving")
 
 
-def web_of(address: str, observed: MetricsSource) -> Web:
+def web_of(address: str, observed: MetricsSource) -> HttpServer:
     """What is served about a service."""
-    return Web(
+    return HttpServer(
         address,
         metrics_of(observed),
         alive=lambda: alive(observed),

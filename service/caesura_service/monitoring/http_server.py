@@ -51,7 +51,7 @@ class HttpResponse(NamedTuple):
     body: bytes
 
 
-class Web:
+class HttpServer:
     """Serves while the context lasts, from the first moment on: also while sessions are replayed.
 
     address: `host:port`, port 0 for a free one. Raises WebError.

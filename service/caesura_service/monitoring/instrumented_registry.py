@@ -11,24 +11,24 @@ from weakref import WeakKeyDictionary
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall, changes_between
-from caesura_service.monitoring.session_event_logger import Chronicle
-from caesura_service.monitoring.station_counters import Counting
+from caesura_service.monitoring.session_event_logger import SessionEventLogger
+from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Incoming, Output, ReplayEnded
-from caesura_service.publishing.session_state import Standing, Tally
+from caesura_service.publishing.session_state import SessionCounters, SessionState
 from caesura_service.sessions.session import Session
 
 
-class WatchedRegistry(Registry):
+class InstrumentedRegistry(Registry):
     """As Registry; any thread may read `counting` as well. watch: a clock [s] of the watcher's own."""
 
     def __init__(self, *, watch: Callable[[], float] = time.monotonic, **given: Any) -> None:
         super().__init__(**given)
         self._watch = watch
-        self.counting = Counting(watch())
-        self._chronicle = Chronicle()
+        self.counting = StationCounterSet(watch())
+        self._chronicle = SessionEventLogger()
         # Each session at its last count: reading it in between does not change the count.
-        self._seen: WeakKeyDictionary[Session, Standing] = WeakKeyDictionary()
+        self._seen: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
     def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
@@ -84,7 +84,7 @@ class WatchedRegistry(Registry):
         message: Incoming | None,
         changes: Sequence[Change],
         said: list[Output],
-        tally: Tally,
+        tally: SessionCounters,
         began: float,
     ) -> None:
         """Count and log what was done. tally: as it was when that began [s]."""
@@ -98,13 +98,13 @@ class WatchedRegistry(Registry):
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.board.sessions.get(station or "", ())
 
-    def _seen_of(self, session: Session) -> Standing:
+    def _seen_of(self, session: Session) -> SessionState:
         return self._seen.get(session) or self._noted(session)
 
-    def _noted(self, session: Session) -> Standing:
+    def _noted(self, session: Session) -> SessionState:
         looked = self._seen[session] = session.looked
         return looked
 
 
-def _refusals(tally: Tally) -> int:
+def _refusals(tally: SessionCounters) -> int:
     return sum(tally.refused.values())

@@ -7,7 +7,7 @@ from collections.abc import Hashable
 MAX_KEYS = 4096
 
 
-class Quiet:
+class LogThrottle:
     """Decides for each key whether a line is due. Holds at most MAX_KEYS; past that, no key is new."""
 
     def __init__(self, interval_s: float) -> None:

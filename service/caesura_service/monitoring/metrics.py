@@ -23,10 +23,10 @@ from prometheus_client.registry import Collector
 
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import Budget, JournalReport, ServiceStatus, StationBudgets
-from caesura_service.monitoring.instrumented_registry import WatchedRegistry
-from caesura_service.monitoring.station_counters import Counted
-from caesura_service.ownership.session_index import Board
-from caesura_service.publishing.session_state import Standing
+from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
+from caesura_service.monitoring.station_counters import StationCounters
+from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.publishing.session_state import SessionState
 
 Family = CounterMetricFamily | GaugeMetricFamily
 
@@ -35,14 +35,14 @@ Family = CounterMetricFamily | GaugeMetricFamily
 class MetricsSource:
     """What is asked for numbers; from any thread."""
 
-    registry: WatchedRegistry
+    registry: InstrumentedRegistry
     status: Callable[[], ServiceStatus]
     is_ready: Callable[[], bool]  # has it joined the network, and can it be found?
     budgets: Callable[[str], StationBudgets]  # of a station
 
 
 # (metric, what it says, how it is read): of each station that the instance has, what it has done
-OF_STATION: tuple[tuple[str, str, Callable[[Counted], float]], ...] = (
+OF_STATION: tuple[tuple[str, str, Callable[[StationCounters], float]], ...] = (
     ("caesura_batches", "Batches processed.", lambda one: one.batches),
     ("caesura_samples", "Samples processed.", lambda one: one.samples),
     ("caesura_observations", "Observations on the segmentation grid.", lambda one: one.observations),
@@ -65,7 +65,7 @@ OF_STATION: tuple[tuple[str, str, Callable[[Counted], float]], ...] = (
 )
 
 # of each station's current session
-OF_SESSION: tuple[tuple[str, str, Callable[[Standing], float]], ...] = (
+OF_SESSION: tuple[tuple[str, str, Callable[[SessionState], float]], ...] = (
     ("caesura_session_open", "1 while the current session takes samples.", lambda one: one.is_open),
     ("caesura_session_hypotheses", "Living hypotheses.", lambda one: one.view.hypotheses),
     ("caesura_session_segments", "Segments found.", lambda one: len(one.view.segments)),
@@ -133,18 +133,20 @@ class ServiceCollector(Collector):
         yield from self._budgets(board)
         yield self._durations()
 
-    def _stations(self, board: Board) -> Iterator[Metric]:
+    def _stations(self, board: SessionIndex) -> Iterator[Metric]:
         counting, now = self._observed.registry.counting, self._clock()
         counted = counting.of_station
         for name, says, of_station in OF_STATION:
-            values = {station: of_station(counted.get(station, Counted())) for station in board.sessions}
+            values = {
+                station: of_station(counted.get(station, StationCounters())) for station in board.sessions
+            }
             yield _labelled(CounterMetricFamily(name, says, labels=["station"]), values)
         current = {standing.station: standing for standing in board.current()}
         for name, says, of_session in OF_SESSION:
             values = {station: of_session(standing) for station, standing in current.items()}
             yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
         ages = {
-            station: now - (counted.get(station, Counted()).received_s or counting.began)
+            station: now - (counted.get(station, StationCounters()).received_s or counting.began)
             for station, standing in current.items()
             if standing.is_open
         }
@@ -156,7 +158,7 @@ class ServiceCollector(Collector):
             now - counting.turned,
         )
 
-    def _budgets(self, board: Board) -> Iterator[Metric]:
+    def _budgets(self, board: SessionIndex) -> Iterator[Metric]:
         labels = ["station", "budget"]
         used = GaugeMetricFamily(
             "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
@@ -203,7 +205,7 @@ def _refused(status: ServiceStatus) -> Metric:
     return _labelled(family, dict(status.refused.items()))
 
 
-def _sessions(status: ServiceStatus, board: Board) -> Iterator[Metric]:
+def _sessions(status: ServiceStatus, board: SessionIndex) -> Iterator[Metric]:
     family = GaugeMetricFamily("caesura_sessions", "Sessions that can be asked for.", labels=["state"])
     yield _labelled(family, {"open": status.sessions_open, "closed": status.sessions_closed})
     yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(board.sessions))

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import Refusal
 from caesura_service.publishing.events import Incoming, Output
-from caesura_service.publishing.session_state import Standing
+from caesura_service.publishing.session_state import SessionState
 
 
 class Change(NamedTuple):
     """A session before and after; None where it was not there."""
 
-    before: Standing | None
-    after: Standing | None
+    before: SessionState | None
+    after: SessionState | None
 
 
 class RegistryCall(NamedTuple):
@@ -33,7 +33,7 @@ class RegistryCall(NamedTuple):
     took_s: float
 
 
-def changes_between(before: Mapping[str, Standing], after: Mapping[str, Standing]) -> list[Change]:
+def changes_between(before: Mapping[str, SessionState], after: Mapping[str, SessionState]) -> list[Change]:
     """Every session that is not what it was, by name; what stayed is left out."""
     names = before if before.keys() == after.keys() else dict.fromkeys((*before, *after))
     pairs = [(before.get(name), after.get(name)) for name in names]

@@ -10,10 +10,10 @@ import logging
 from typing import Any
 
 from caesura_protocol.messages import Gap
-from caesura_service.monitoring.log_throttle import Quiet
+from caesura_service.monitoring.log_throttle import LogThrottle
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
-from caesura_service.publishing.events import AskReplay, ReplayEnded
-from caesura_service.publishing.session_state import Standing
+from caesura_service.publishing.events import ReplayEnded, RequestReplay
+from caesura_service.publishing.session_state import SessionState
 
 logger = logging.getLogger(__name__)
 
@@ -24,18 +24,18 @@ GAP_REASONS = {
 }
 
 
-class Chronicle:
+class SessionEventLogger:
     """Steps in, log lines out."""
 
     def __init__(self) -> None:
-        self._quiet = Quiet(QUIET_S)
+        self._quiet = LogThrottle(QUIET_S)
 
     def take(self, step: RegistryCall, now: float) -> None:
         """Log what a step has changed. now: [s]"""
         for change in step.changes:
             _tell_change(change)
         for output in step.outputs:
-            if isinstance(output, AskReplay):
+            if isinstance(output, RequestReplay):
                 asked = f"asks for batches {output.first} to {output.last}"
                 self._tell(logging.INFO, now, ("asked",), output.station, output.session, asked)
         if isinstance(step.message, ReplayEnded) and not (step.message.answered or step.message.evicted):
@@ -93,7 +93,7 @@ def _gap(gap: Gap) -> str:
     return f"gap from {gap.t0:.2f} to {gap.tn:.2f} s ({gap.reason}): {why}"
 
 
-def _closed(standing: Standing) -> str:
+def _closed(standing: SessionState) -> str:
     view, tally = standing.view, standing.tally
     lost = (
         f", {len(view.gaps)} gaps of {sum(gap.tn - gap.t0 for gap in view.gaps):.2f} s" if view.gaps else ""
@@ -104,12 +104,12 @@ def _closed(standing: Standing) -> str:
     )
 
 
-def _duration(standing: Standing) -> float:
+def _duration(standing: SessionState) -> float:
     segments = standing.view.segments
     return segments[-1].tn - segments[0].t0 if segments else 0.0
 
 
-def _say_of(standing: Standing, level: int, what: str) -> None:
+def _say_of(standing: SessionState, level: int, what: str) -> None:
     _say(level, standing.station, standing.session, what)
 
 

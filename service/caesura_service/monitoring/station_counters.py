@@ -14,15 +14,15 @@ from itertools import accumulate
 
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
-from caesura_service.publishing.events import AskReplay
-from caesura_service.publishing.session_state import Tally
-from caesura_service.segmentation.view import View
+from caesura_service.publishing.events import RequestReplay
+from caesura_service.publishing.session_state import SessionCounters
+from caesura_service.segmentation.view import PipelineView
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 
 
 @dataclass(slots=True)
-class Counted:
+class StationCounters:
     """Counts of one station. received_s: when its last batch came [s, the counter's clock]."""
 
     batches: int = 0
@@ -48,14 +48,14 @@ class Counted:
         if after.view is not before.view:
             self._add_view(before.view, after.view)
 
-    def _add_tally(self, old: Tally, new: Tally) -> None:
+    def _add_tally(self, old: SessionCounters, new: SessionCounters) -> None:
         self.batches += _grown(old.batches, new.batches)
         if new[1:] != old[1:]:
             self.duplicates += _grown(old.duplicates, new.duplicates)
             self.lost += _grown(old.lost, new.lost)
             self.dropped += _grown(old.dropped, new.dropped)
 
-    def _add_view(self, old: View, new: View) -> None:
+    def _add_view(self, old: PipelineView, new: PipelineView) -> None:
         self.samples += _grown(old.samples, new.samples)
         self.repeats += _grown(old.repeats, new.repeats)
         self.observations += _grown(old.observations, new.observations)
@@ -83,7 +83,7 @@ class Durations:
         return list(zip(bounds, map(float, accumulate(self.counts)), strict=True))
 
 
-class Counting:
+class StationCounterSet:
     """Folds steps into numbers."""
 
     def __init__(self, began: float) -> None:
@@ -91,10 +91,10 @@ class Counting:
         self.began = began
         self.turned = began  # [s] when the registry's thread last came round
         self.durations = Durations()
-        self._of_station: dict[str, Counted] = {}
+        self._of_station: dict[str, StationCounters] = {}
 
     @property
-    def of_station(self) -> Mapping[str, Counted]:
+    def of_station(self) -> Mapping[str, StationCounters]:
         """As of now, by station."""
         return dict(self._of_station)
 
@@ -115,7 +115,7 @@ class Counting:
         if isinstance(step.message, SampleBatch):
             self.durations.add(step.took_s)
         for output in step.outputs:
-            if isinstance(output, AskReplay) and output.station in known:
+            if isinstance(output, RequestReplay) and output.station in known:
                 self._counted(output.station, known).replays += 1
         if step.station is not None and step.station in known:
             self._count(step.station, step, known, now)
@@ -127,11 +127,11 @@ class Counting:
         if isinstance(step.message, SampleBatch) and not step.refused:
             counted.received_s = now
 
-    def _counted(self, station: str, known: Container[str]) -> Counted:
+    def _counted(self, station: str, known: Container[str]) -> StationCounters:
         """Return the counts of a station; a new one takes the place of stations that have left."""
         if station not in self._of_station:
             self._of_station = {name: one for name, one in self._of_station.items() if name in known}
-            self._of_station[station] = Counted()
+            self._of_station[station] = StationCounters()
         return self._of_station[station]
 
 

@@ -21,25 +21,25 @@ from types import TracebackType
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.messages import Close, Command, Edit, Heartbeat, JournalReport, Open, SampleBatch
-from caesura_service.journal import Journal, JournalError, Key, Siblings
-from caesura_service.ownership.session_copies import Copies, Journals
-from caesura_service.ownership.session_index import Board
-from caesura_service.ownership.session_rebuilder import Reviving
-from caesura_service.ownership.station_ownership import Custody
-from caesura_service.ownership.takeover import Builder, Takeover, is_behind
+from caesura_service.journal import Journal, JournalError, Key, PeerJournals
+from caesura_service.ownership.session_copies import JournalSet, SessionCopies
+from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.ownership.session_rebuilder import SessionRebuilder
+from caesura_service.ownership.station_ownership import StationOwnership
+from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.publishing.events import (
-    Answer,
-    NotTaken,
+    BatchRejected,
     Output,
     Owner,
     PipelineFactory,
     Publish,
-    Refused,
     ReplayEnded,
+    Reply,
     SessionDeleted,
-    Taken,
+    StationTakenOver,
+    TakeoverFailed,
 )
-from caesura_service.publishing.session_state import Tally, status_of
+from caesura_service.publishing.session_state import SessionCounters, status_of
 from caesura_service.segmentation.time_slices import Slices
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
@@ -58,30 +58,30 @@ class Registry:
         default_preset: str,
         journal: Journal,
         limits: Limits,
-        siblings: Siblings | None = None,
+        siblings: PeerJournals | None = None,
     ) -> None:
         self._default_preset = default_preset
         self._journal = journal
         self._limits = limits
-        self._journals = Journals(journal, siblings or Siblings(None))
-        self.custody = Custody(owner, journal, self._journals)
-        self._builder = Builder(pipeline_factory, default_preset, journal, limits)
+        self._journals = JournalSet(journal, siblings or PeerJournals(None))
+        self.custody = StationOwnership(owner, journal, self._journals)
+        self._builder = SessionFactory(pipeline_factory, default_preset, journal, limits)
         self._takeover = Takeover(self._builder, self._journals, journal)
-        self._reviving = Reviving(self._takeover, self._journals)
+        self._reviving = SessionRebuilder(self._takeover, self._journals)
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
         self._hushed: set[Session] = set()  # which keep a refusal back for a little while
         self._tidy_at = self._look_at = float("-inf")  # [s]
-        self.board = Board({})
-        self.tally = Tally()
+        self.board = SessionIndex({})
+        self.tally = SessionCounters()
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
-    def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[NotTaken]:
+    def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
         """Take these stations, or every one that is known; returns the sessions that were left out."""
         wanted = self.known() if stations is None else stations
         taken = (said for station in sorted(wanted) for said in self.take(station, now))
-        return [output for said in taken for output in said if isinstance(output, NotTaken)]
+        return [output for said in taken for output in said if isinstance(output, TakeoverFailed)]
 
     def known(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""
@@ -107,7 +107,7 @@ class Registry:
             self.custody.unbar(station)
 
     def _take(
-        self, station: str, now: float, wanted: Mapping[str, Copies]
+        self, station: str, now: float, wanted: Mapping[str, SessionCopies]
     ) -> Generator[list[Output], None, None]:
         self.custody.bar(station)
         self._reviving.leave(station)
@@ -127,7 +127,7 @@ class Registry:
             if session.is_open or name in held:  # its readers learn the new owner
                 said.append(Publish(status_of(session.standing)))
         opened = sum(session.is_open for session in taken.values())
-        yield [Taken(station, owner.epoch, len(taken), opened), *said]
+        yield [StationTakenOver(station, owner.epoch, len(taken), opened), *said]
 
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
@@ -145,7 +145,7 @@ class Registry:
         for name in (station, REVIVING):
             self.slices.finish(name)
 
-    def _to_hold(self, known: Mapping[str, Copies]) -> list[str]:
+    def _to_hold(self, known: Mapping[str, SessionCopies]) -> list[str]:
         """Which of a station's sessions are held here: those that are open, and the last closed ones."""
         closed = [name for name, copies in known.items() if copies.best.closed]
         gone = set(closed[: max(0, len(closed) - self._limits.closed_sessions)])
@@ -156,7 +156,7 @@ class Registry:
     def command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
         if (elsewhere := self.custody.elsewhere(station)) is not None:
-            return [Answer(ProtocolError("overloaded", elsewhere, value=station))]
+            return [Reply(ProtocolError("overloaded", elsewhere, value=station))]
         try:
             if isinstance(command, Open) and self._find(station, command.session) is None:
                 return self._open(station, command, now)
@@ -165,13 +165,13 @@ class Registry:
                 if isinstance(command, Edit) and not session.is_folded:
                     session.check_revision(command)
                     owner = self.custody.owner(station, now)
-                    return [Answer(self._reviving.ask(station, session, owner))]
+                    return [Reply(self._reviving.ask(station, session, owner))]
                 return self._minded(session, session.receive(command, now))
         except ProtocolError as error:
             if isinstance(command, Edit):  # which is the editor's affair, not that of the session's bridge
                 self.tally = self.tally.with_refusal(error)
-                return [Answer(error)]
-            return [*self._charge(station, command.session, error), Answer(error)]
+                return [Reply(error)]
+            return [*self._charge(station, command.session, error), Reply(error)]
 
     def samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
@@ -186,7 +186,7 @@ class Registry:
         except ProtocolError as error:
             return self._charge(station, message.session, error)
         for output in said:
-            if isinstance(output, Refused):
+            if isinstance(output, BatchRejected):
                 self.tally = self.tally.with_refusal(output.error)
         if session.looked.view.observations >= self._limits.observations and session.is_open:
             said = [*said, *self._end(station, session, now)]
@@ -256,7 +256,7 @@ class Registry:
         self._show()
         return said
 
-    def _open_once_more(self, station: str, command: Open, known: Copies, now: float) -> list[Output]:
+    def _open_once_more(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
         """One that a journal has, and that is not held: if it is open, it was not to be had so far.
 
         Raises ProtocolError `overloaded` where that may change, else `conflict`.
@@ -266,7 +266,7 @@ class Registry:
             said = [output for each in self.take(station, now) for output in each]
             if self._find(station, name) is not None:
                 return [*said, *self.command(station, command, now)]
-            failed = [out.error for out in said if isinstance(out, NotTaken) and out.session == name]
+            failed = [out.error for out in said if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
                 raise ProtocolError("overloaded", str(failed[0]), value=name)
             why = "which cannot be read"
@@ -368,10 +368,10 @@ class Registry:
 
     def _show(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
-        self.board = Board(shown)
+        self.board = SessionIndex(shown)
 
 
-def _lacks(session: Session | None, copies: Copies) -> bool:
+def _lacks(session: Session | None, copies: SessionCopies) -> bool:
     return session is None or is_behind(session, copies)
 
 
@@ -395,4 +395,4 @@ _RECORDING, _BEGINNING = _Recording("overloaded"), _Recording("conflict")
 
 
 def _unanswered(said: list[Output]) -> list[Output]:
-    return [output for output in said if not isinstance(output, Answer)]
+    return [output for output in said if not isinstance(output, Reply)]

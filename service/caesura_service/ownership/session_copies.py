@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from caesura_service.journal import Copy, Edit, Journal, Outcome, PeerCopy, Record, Siblings
+from caesura_service.journal import Copy, Edit, Journal, Outcome, PeerCopy, PeerJournals, Record
 
 
-class Copies(NamedTuple):
+class SessionCopies(NamedTuple):
     """What there is of one session; at least one of the two."""
 
     own: Copy | None
@@ -29,10 +29,10 @@ class Copies(NamedTuple):
         return min(copy.opened for copy in self._all)
 
 
-class Journals:
+class JournalSet:
     """Reads all, writes to the own one alone."""
 
-    def __init__(self, own: Journal, siblings: Siblings) -> None:
+    def __init__(self, own: Journal, siblings: PeerJournals) -> None:
         self._own = own
         self._siblings = siblings
 
@@ -40,14 +40,14 @@ class Journals:
         """Those with a session."""
         return self._siblings.stations().union(station for station, _ in self._own.sessions())
 
-    def of(self, station: str, session: str | None = None) -> Mapping[str, Copies]:
+    def of(self, station: str, session: str | None = None) -> Mapping[str, SessionCopies]:
         """Every session of a station, or the one, in the order in which they were opened."""
-        known = {copy.session: Copies(copy, None) for copy in self._own.copies(station, session)}
+        known = {copy.session: SessionCopies(copy, None) for copy in self._own.copies(station, session)}
         siblings = self._siblings.copies(station, session)
         for found in siblings:
-            own, furthest = known.get(found.copy.session, Copies(None, None))
+            own, furthest = known.get(found.copy.session, SessionCopies(None, None))
             if furthest is None or found.copy.progress > furthest.copy.progress:
-                known[found.copy.session] = Copies(own, found)
+                known[found.copy.session] = SessionCopies(own, found)
         if not siblings:
             return known  # in order, whatever the clock did
         return dict(sorted(known.items(), key=lambda item: item[1].opened))
@@ -56,7 +56,7 @@ class Journals:
         """Return the highest epoch under which any instance had the station; -1 if none had."""
         return max(self._own.epoch_of(station), self._siblings.epoch_of(station))
 
-    def outcome(self, copies: Copies) -> Outcome | None:
+    def outcome(self, copies: SessionCopies) -> Outcome | None:
         """How the session ended, where the best copy has kept that."""
         if copies.furthest is not None and copies.best is copies.furthest.copy:
             return self._siblings.outcome(copies.furthest)

@@ -10,16 +10,16 @@ from collections.abc import Generator
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.journal import JournalError, Key
-from caesura_service.ownership.session_copies import Copies, Journals
+from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.takeover import Takeover
-from caesura_service.publishing.events import NotTaken, Output, Owner
+from caesura_service.publishing.events import Output, Owner, TakeoverFailed
 from caesura_service.sessions.session import Session
 
 
-class Reviving:
+class SessionRebuilder:
     """What is under way, by station and session."""
 
-    def __init__(self, takeover: Takeover, journals: Journals) -> None:
+    def __init__(self, takeover: Takeover, journals: JournalSet) -> None:
         self._takeover = takeover
         self._journals = journals
         self._under_way: dict[Key, Generator[list[Output], None, None]] = {}
@@ -59,7 +59,7 @@ class Reviving:
         except Exception as error:
             self._under_way.pop(key, None)
             self._failed[key] = f"{type(error).__name__}: {error}"
-            return [NotTaken(*key, error)]
+            return [TakeoverFailed(*key, error)]
         return []
 
     def leave(self, station: str) -> None:
@@ -68,7 +68,7 @@ class Reviving:
             self._under_way.pop(key).close()
 
     def _revive(
-        self, key: Key, session: Session, copies: Copies, owner: Owner
+        self, key: Key, session: Session, copies: SessionCopies, owner: Owner
     ) -> Generator[list[Output], None, None]:
         work = self._takeover.rebuilt(copies, owner)
         while True:
@@ -78,7 +78,7 @@ class Reviving:
                 rebuilt: Session | None = done.value
                 break
             for one in said:
-                if isinstance(one, NotTaken):
+                if isinstance(one, TakeoverFailed):
                     self._failed[key] = str(one.error)
             yield said
         if rebuilt is None:

@@ -10,14 +10,14 @@ from collections.abc import Set
 from contextlib import suppress
 
 from caesura_service.journal import Journal, JournalError
-from caesura_service.ownership.session_copies import Journals
+from caesura_service.ownership.session_copies import JournalSet
 from caesura_service.publishing.events import Owner
 
 
-class Custody:
+class StationOwnership:
     """Stations by name."""
 
-    def __init__(self, me: Owner, own: Journal, journals: Journals) -> None:
+    def __init__(self, me: Owner, own: Journal, journals: JournalSet) -> None:
         """me: this instance, with the lowest epoch that it publishes under."""
         self.served: Set[str] | None = None  # the stations of this instance; None: all
         self._me = me

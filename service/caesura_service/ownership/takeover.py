@@ -13,18 +13,18 @@ from contextlib import suppress
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
 from caesura_service.journal import Copy, Journal, JournalDamagedError, JournalError, Key, Outcome
-from caesura_service.ownership.session_copies import Copies, Journals
-from caesura_service.publishing.events import NotTaken, Output, Owner, PipelineFactory
+from caesura_service.ownership.session_copies import JournalSet, SessionCopies
+from caesura_service.publishing.events import Output, Owner, PipelineFactory, TakeoverFailed
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.batch_validation import check_columns
-from caesura_service.sessions.closed_pipeline import Concluded, standing_of
+from caesura_service.sessions.closed_pipeline import ClosedPipeline, standing_of
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 
 Steps = Generator[list[Output], None, Session | None]  # gives way after every record; what there is to say
 
 
-class Builder:
+class SessionFactory:
     """Sessions on one journal."""
 
     def __init__(
@@ -49,7 +49,7 @@ class Builder:
 
     def concluded(self, station: str, outcome: Outcome, owner: Owner) -> Session:
         """One that has ended."""
-        session = self._session(station, outcome.opening, Concluded(outcome.snapshot), owner)
+        session = self._session(station, outcome.opening, ClosedPipeline(outcome.snapshot), owner)
         session.take_up(outcome, standing_of(outcome.snapshot, owner))
         return session
 
@@ -60,13 +60,13 @@ class Builder:
 class Takeover:
     """Brings sessions of one journal and its siblings up to where the furthest copy is."""
 
-    def __init__(self, builder: Builder, journals: Journals, own: Journal) -> None:
+    def __init__(self, builder: SessionFactory, journals: JournalSet, own: Journal) -> None:
         self._builder = builder
         self._journals = journals
         self._own = own
         self._borrowed: set[Key] = set()  # ended sessions that only a sibling has
 
-    def session(self, copies: Copies, held: Session | None, owner: Owner) -> Steps:
+    def session(self, copies: SessionCopies, held: Session | None, owner: Owner) -> Steps:
         """The session, None where it cannot be had. held: what is in memory of it."""
         ended_elsewhere = copies.best.closed and (held is None or held.is_open)
         behind = ended_elsewhere or (held is not None and is_behind(held, copies))
@@ -80,7 +80,7 @@ class Takeover:
             return held
         return (yield from self.rebuilt(copies, owner))
 
-    def rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+    def rebuilt(self, copies: SessionCopies, owner: Owner) -> Steps:
         """Return the session, folded from all its records; None where they do not suffice."""
         session = yield from self._rebuilt(copies, owner)
         if session is not None and is_behind(session, copies):
@@ -94,7 +94,7 @@ class Takeover:
         self._borrowed.difference_update(gone)
         return gone
 
-    def _ended(self, copies: Copies, owner: Owner) -> Session | None:
+    def _ended(self, copies: SessionCopies, owner: Owner) -> Session | None:
         """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
@@ -106,14 +106,14 @@ class Takeover:
                 self._own.forget(station, name)
         return self._builder.concluded(station, outcome, owner)
 
-    def _rebuilt(self, copies: Copies, owner: Owner) -> Steps:
+    def _rebuilt(self, copies: SessionCopies, owner: Owner) -> Steps:
         key = copies.best.key
         try:
             if copies.own is not None:
                 try:
                     return (yield from self._restored(copies.own, owner))
                 except JournalDamagedError as damage:
-                    yield [NotTaken(*key, damage)]
+                    yield [TakeoverFailed(*key, damage)]
                     if self._own.outcome(*key) is not None:
                         return None  # it can be asked for still
                     self._own.set_aside(*key, str(damage))
@@ -121,7 +121,7 @@ class Takeover:
                         return None
             return self._begun(copies, owner)
         except Exception as error:
-            yield [NotTaken(*key, error)]
+            yield [TakeoverFailed(*key, error)]
             return None
 
     def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
@@ -131,7 +131,7 @@ class Takeover:
             yield []
         return session
 
-    def _begun(self, copies: Copies, owner: Owner) -> Session:
+    def _begun(self, copies: SessionCopies, owner: Owner) -> Session:
         """As another instance has opened it, and recorded here."""
         assert copies.furthest is not None
         first = next(self._journals.siblings_records(copies.furthest, 0), None)
@@ -141,17 +141,17 @@ class Takeover:
         session.begin(first.at)
         return session
 
-    def _followed(self, session: Session, copies: Copies) -> Generator[list[Output], None, None]:
+    def _followed(self, session: Session, copies: SessionCopies) -> Generator[list[Output], None, None]:
         assert copies.furthest is not None
         records = self._journals.siblings_records(copies.furthest, session.next_seq)
         try:
             for _ in session.following(records, self._journals.siblings_edits(copies.furthest)):
                 yield []
         except Exception as error:
-            yield [NotTaken(*copies.best.key, error)]
+            yield [TakeoverFailed(*copies.best.key, error)]
 
 
-def is_behind(session: Session, copies: Copies) -> bool:
+def is_behind(session: Session, copies: SessionCopies) -> bool:
     """Has another instance gone further than what is in memory here?"""
     if copies.furthest is None:
         return False

@@ -3,14 +3,20 @@
 from caesura_service.program.builder import GRIP_SLACK_S, task_program
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths
-from caesura_service.program.segment_interpretation import Grip, Moment, MomentAt, ProgramSegment, holds
+from caesura_service.program.segment_interpretation import (
+    GripperAction,
+    Moment,
+    MomentAt,
+    ProgramSegment,
+    holds,
+)
 
 __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
     "Gaps",
-    "Grip",
+    "GripperAction",
     "Moment",
     "MomentAt",
     "Paths",

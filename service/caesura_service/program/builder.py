@@ -29,7 +29,7 @@ from caesura_service.program.paths import Paths
 from caesura_service.program.segment_interpretation import (
     ARRIVES_M,
     PUSHES_BACK_N,
-    Grip,
+    GripperAction,
     Moment,
     MomentAt,
     ProgramSegment,
@@ -58,14 +58,14 @@ GRIP_APPS: dict[str, AppKind] = {
 
 def task_program(
     steps: Sequence[ProgramSegment],
-    grips: Sequence[Grip],
+    grips: Sequence[GripperAction],
     moment_at: MomentAt,
     *,
     least_s: float = 0.3,
     force_limit_n: float | None = None,
     paths: Paths | None = None,
     gaps: Sequence[Gap] = (),
-    known: Sequence[Grip] | None = None,
+    known: Sequence[GripperAction] | None = None,
 ) -> tuple[App, ...]:
     """The apps of a demonstration, in time order.
 
@@ -98,7 +98,7 @@ class _Group:
 
     steps: list[ProgramSegment]
     following: ProgramSegment | None
-    grips: list[Grip]  # not yet used; those that belong to a contact are taken out
+    grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
     force_limit_n: float | None
     paths: Paths | None
@@ -326,7 +326,7 @@ def _along(force: Vector | None, direction: Vector) -> float:
 
 
 def _grip_app(
-    grip: Grip, t0: float, tn: float, moment_at: MomentAt, confidence: float, segments: Sequence[int]
+    grip: GripperAction, t0: float, tn: float, moment_at: MomentAt, confidence: float, segments: Sequence[int]
 ) -> App:
     moment = moment_at(grip.t)
     return App(

@@ -68,7 +68,7 @@ MomentAt = Callable[[float], Moment]
 
 
 @dataclass(frozen=True)
-class Grip:
+class GripperAction:
     """A gripper event."""
 
     t: float  # [s]
@@ -107,7 +107,7 @@ class ProgramSegment:
 
 
 def kept_steps(
-    steps: Sequence[ProgramSegment], grips: Sequence[Grip], moment_at: MomentAt, least_s: float
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt, least_s: float
 ) -> list[ProgramSegment]:
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
     kept: list[ProgramSegment] = []
@@ -161,7 +161,7 @@ def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
 
 
 def _as_touching(
-    before: ProgramSegment | None, step: ProgramSegment, grips: Sequence[Grip], moment_at: MomentAt
+    before: ProgramSegment | None, step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt
 ) -> ProgramSegment:
     """A contact, with the force before it; what does not change that goes on as what came before."""
     if before is None or not step.touches:
@@ -243,7 +243,7 @@ def _from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
 
 
 def _in_hand(
-    step: ProgramSegment, grips: Sequence[Grip], from_air: bool, moment_at: MomentAt
+    step: ProgramSegment, grips: Sequence[GripperAction], from_air: bool, moment_at: MomentAt
 ) -> ProgramSegment:
     """What the fingers hold is carried, however light; what they have let go is not, nor while they are shut.
 
@@ -269,14 +269,14 @@ def _pauses(step: ProgramSegment) -> bool:
     return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
 
 
-def holds(step: ProgramSegment, grips: Sequence[Grip]) -> bool | None:
+def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
     """Whether the fingers hold something in the middle of it; None where they have not said anything."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
     last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
     return None if last is None else last.kind == "grasp"
 
 
-def _hanging(step: ProgramSegment, grips: Sequence[Grip]) -> ProgramSegment:
+def _hanging(step: ProgramSegment, grips: Sequence[GripperAction]) -> ProgramSegment:
     """A movement under a force that hangs on the robot is a carry, and so is a rest with something in hand.
 
     What a hand slides along pushes back; only a load pulls straight down.

@@ -55,7 +55,7 @@ class Publish:
 
 
 @dataclass(frozen=True)
-class AskReplay:
+class RequestReplay:
     """Batches `first` to `last`, both included, are missing."""
 
     station: str
@@ -65,21 +65,21 @@ class AskReplay:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Reply:
     """The reply to a command; one for each."""
 
     reply: Ack | ProtocolError
 
 
 @dataclass(frozen=True)
-class Refused:
+class BatchRejected:
     """A message was refused and counted; its sender gets no answer."""
 
     error: ProtocolError
 
 
 @dataclass(frozen=True)
-class Failed:
+class SessionFailed:
     """The session ended by an internal error. For the log."""
 
     station: str
@@ -97,7 +97,7 @@ class SessionDeleted:
 
 
 @dataclass(frozen=True)
-class NotTaken:
+class TakeoverFailed:
     """A session of a station was not taken up, or not as far as it is known to have come. For the log."""
 
     station: str
@@ -106,7 +106,7 @@ class NotTaken:
 
 
 @dataclass(frozen=True)
-class Taken:
+class StationTakenOver:
     """The station now belongs to this instance. For the log."""
 
     station: str
@@ -115,4 +115,13 @@ class Taken:
     open: int
 
 
-Output = Publish | AskReplay | Answer | Refused | Failed | SessionDeleted | NotTaken | Taken
+Output = (
+    Publish
+    | RequestReplay
+    | Reply
+    | BatchRejected
+    | SessionFailed
+    | SessionDeleted
+    | TakeoverFailed
+    | StationTakenOver
+)

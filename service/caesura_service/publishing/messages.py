@@ -9,9 +9,9 @@ from typing import Any
 from caesura_protocol.messages import MAX_GAPS, Program
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.publishing.session_state import (
-    Standing,
+    SessionCounters,
+    SessionState,
     Stream,
-    Tally,
     changepoints_of,
     posterior_of,
     program_of,
@@ -19,21 +19,21 @@ from caesura_service.publishing.session_state import (
     status_of,
     time_of,
 )
-from caesura_service.segmentation.corrections import Corrections
+from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 
 
 @dataclass(frozen=True)
-class Edited:
+class EditOutcome:
     """The corrections of a session after an edit, whose it was, and when [s, time of day]."""
 
-    corrections: Corrections
+    corrections: EditHistory
     author: str
     at: float
 
 
-def beginning(station: str, session: str, owner: Owner, preset: str, view: View) -> Standing:
+def beginning(station: str, session: str, owner: Owner, preset: str, view: PipelineView) -> SessionState:
     """A session that has taken nothing yet."""
     heading = Program(
         station=station,
@@ -48,14 +48,14 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: View)
         **_of_the_demonstration(view),
     )
     silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
-    return Standing(
+    return SessionState(
         station=station,
         session=session,
         owner=owner,
         preset=preset,
         state="open",
         view=view,
-        tally=Tally(),
+        tally=SessionCounters(),
         waiting_for=None,
         last_seq=silent,
         heading=heading,
@@ -63,7 +63,7 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: View)
     )
 
 
-def first_words(standing: Standing) -> tuple[Standing, list[Publish]]:
+def first_words(standing: SessionState) -> tuple[SessionState, list[Publish]]:
     """Every stream but the posterior begins with what is there, so that a snapshot can number it."""
     standing = _bump(_bump(standing, "changepoints"), "segments")
     said = [Publish(changepoints_of(standing)), Publish(segments_of(standing)), Publish(program_of(standing))]
@@ -71,13 +71,15 @@ def first_words(standing: Standing) -> tuple[Standing, list[Publish]]:
     return standing, [*said, status]
 
 
-def with_status(standing: Standing) -> tuple[Standing, Publish]:
+def with_status(standing: SessionState) -> tuple[SessionState, Publish]:
     """A status, as of now."""
     standing = _bump(standing, "status")
     return standing, Publish(status_of(standing))
 
 
-def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, list[Publish]]:
+def with_view(
+    standing: SessionState, view: PipelineView, tally: SessionCounters
+) -> tuple[SessionState, list[Publish]]:
     """Take a new view and say what differs from the old one."""
     old, standing = standing.view, standing._replace(view=view, tally=tally)
     said: list[Publish] = []
@@ -97,7 +99,7 @@ def with_view(standing: Standing, view: View, tally: Tally) -> tuple[Standing, l
     return standing, said
 
 
-def with_program(standing: Standing, *, note: str | None = None) -> Standing:
+def with_program(standing: SessionState, *, note: str | None = None) -> SessionState:
     """With the next version of the task program, where it differs from the last one."""
     heading, view = standing.heading, standing.view
     notes = (*view.notes, note) if note else view.notes
@@ -107,7 +109,9 @@ def with_program(standing: Standing, *, note: str | None = None) -> Standing:
     return _next_program(standing, notes=notes, complete=complete)
 
 
-def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing, list[Publish]]:
+def with_edit(
+    standing: SessionState, view: PipelineView, edited: EditOutcome
+) -> tuple[SessionState, list[Publish]]:
     """What an edit makes of it: what differs, a version of the program with its author, and a status."""
     standing, changes = with_view(standing, view, standing.tally)
     done = edited.corrections
@@ -126,31 +130,33 @@ def with_edit(standing: Standing, view: View, edited: Edited) -> tuple[Standing,
     return standing, [*changes, Publish(program_of(standing)), status]
 
 
-def with_repeated_edit(standing: Standing, view: View, edited: Edited, version: int) -> Standing:
+def with_repeated_edit(
+    standing: SessionState, view: PipelineView, edited: EditOutcome, version: int
+) -> SessionState:
     """What an edit of the journal made of it: as `with_edit`, with the version that its program had."""
     standing, _ = with_edit(standing, view, edited)
     return standing._replace(heading=standing.heading.model_copy(update={"version": version}))
 
 
-def settled(standing: Standing, view: View) -> Standing:
+def settled(standing: SessionState, view: PipelineView) -> SessionState:
     """With the view that the corrections come to which have been counted already."""
     standing, _ = with_view(standing, view, standing.tally)
     heading = standing.heading.model_copy(update={"t": time_of(view), "notes": view.notes})
     return standing._replace(heading=heading, apps=view.apps)
 
 
-def _next_program(standing: Standing, **changes: Any) -> Standing:
+def _next_program(standing: SessionState, **changes: Any) -> SessionState:
     heading, view = standing.heading, standing.view
     changes |= {"version": heading.version + 1, "t": time_of(view)} | _of_the_demonstration(view)
     return standing._replace(heading=heading.model_copy(update=changes), apps=view.apps)
 
 
-def _of_the_demonstration(view: View) -> dict[str, Any]:
+def _of_the_demonstration(view: PipelineView) -> dict[str, Any]:
     """What a check compares the program with, beside its apps."""
     return {"gaps": view.gaps[-MAX_GAPS:], "wrench": view.wrench, "force_limit_n": view.force_limit_n}
 
 
-def _posterior(view: View) -> tuple[object, ...]:
+def _posterior(view: PipelineView) -> tuple[object, ...]:
     return view.observations, view.posterior_starts, view.posterior_probabilities
 
 
@@ -167,5 +173,5 @@ def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
     return None if len(old) == len(new) else min(len(old), len(new))
 
 
-def _bump(standing: Standing, stream: Stream) -> Standing:
+def _bump(standing: SessionState, stream: Stream) -> SessionState:
     return standing._replace(last_seq={**standing.last_seq, stream: standing.last_seq[stream] + 1})

@@ -25,12 +25,12 @@ from caesura_protocol.messages import (
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.lifecycle import State
 from caesura_service.segmentation.encoded_log import since
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 
 Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 
-class Tally(NamedTuple):
+class SessionCounters(NamedTuple):
     """What has been counted. The first three count for the session, the rest for this process."""
 
     batches: int = 0
@@ -41,13 +41,13 @@ class Tally(NamedTuple):
     refused: Mapping[ErrorCode, int] = MappingProxyType({})
     last_refusal: Refusal | None = None
 
-    def with_refusal(self, error: ProtocolError) -> Tally:
+    def with_refusal(self, error: ProtocolError) -> SessionCounters:
         """One refusal more."""
         counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
         return self._replace(refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
 
 
-class Standing(NamedTuple):
+class SessionState(NamedTuple):
     """A session at one moment."""
 
     station: str
@@ -55,8 +55,8 @@ class Standing(NamedTuple):
     owner: Owner
     preset: str
     state: State
-    view: View
-    tally: Tally
+    view: PipelineView
+    tally: SessionCounters
     waiting_for: int | None  # the batch that is missing
     last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
     heading: Program  # the task program without its apps
@@ -70,7 +70,7 @@ class Standing(NamedTuple):
         """Does it take samples?"""
         return self.state == "open"
 
-    def after(self, batches: int, samples: int) -> Standing:
+    def after(self, batches: int, samples: int) -> SessionState:
         """So many more, of which there is nothing else to say."""
         return self._replace(
             view=self.view._replace(samples=self.view.samples + samples),
@@ -89,12 +89,12 @@ class Standing(NamedTuple):
         }
 
 
-def time_of(view: View) -> float:
+def time_of(view: PipelineView) -> float:
     """[s] The last observation; 0 before the first."""
     return view.t if math.isfinite(view.t) else 0.0
 
 
-def status_of(standing: Standing) -> SessionStatus:
+def status_of(standing: SessionState) -> SessionStatus:
     """How the session is doing."""
     view, tally = standing.view, standing.tally
     return SessionStatus(
@@ -124,13 +124,13 @@ def status_of(standing: Standing) -> SessionStatus:
     )
 
 
-def changepoints_of(standing: Standing, first: int = 0) -> Changepoints:
+def changepoints_of(standing: SessionState, first: int = 0) -> Changepoints:
     """The changepoints from the `first` on."""
     bare = Changepoints(**standing.header("changepoints"), first=first, changepoints=())
     return bare.model_copy(update={"changepoints": since(standing.view.changepoints, first)})
 
 
-def segments_of(standing: Standing, first: int = 0, first_phase: int = 0) -> Segments:
+def segments_of(standing: SessionState, first: int = 0, first_phase: int = 0) -> Segments:
     """The segments from the `first` on, and the phases from the `first_phase` on."""
     bare = Segments(**standing.header("segments"), first=first, segments=(), first_phase=first_phase)
     view = standing.view
@@ -139,7 +139,7 @@ def segments_of(standing: Standing, first: int = 0, first_phase: int = 0) -> Seg
     )
 
 
-def posterior_of(standing: Standing) -> Posterior:
+def posterior_of(standing: SessionState) -> Posterior:
     """The posterior of the current segment's start."""
     return Posterior(
         **standing.header("posterior"),
@@ -148,12 +148,12 @@ def posterior_of(standing: Standing) -> Posterior:
     )
 
 
-def program_of(standing: Standing) -> Program:
+def program_of(standing: SessionState) -> Program:
     """The task program. Its apps are as they are kept, and go over the wire like that."""
     return standing.heading.model_copy(update={"apps": standing.apps})
 
 
-def snapshot_of(standing: Standing) -> Snapshot:
+def snapshot_of(standing: SessionState) -> Snapshot:
     """Everything so far, with the last sequence number of each stream."""
     return Snapshot(
         status=status_of(standing),

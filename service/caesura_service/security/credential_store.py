@@ -40,7 +40,7 @@ _LISTEN = re.compile(r'"listen": \{\s*"endpoints": \[\s*"([^"]+)"')
 
 
 @dataclass(frozen=True)
-class Wanted:
+class IssueRequest:
     """What there shall be. hosts: by which clients reach the router, the first of them in their files."""
 
     holders: Sequence[Identity] = ()
@@ -52,14 +52,14 @@ class Wanted:
 
 
 @dataclass
-class Directory:
+class CredentialStore:
     """The files of one authority. Raises SecurityError, and OSError where they cannot be written."""
 
     path: Path
     written: list[Path] = field(default_factory=list)
     endpoint: str = ""  # by which clients reach the router, once issued
 
-    def issue(self, wanted: Wanted) -> None:
+    def issue(self, wanted: IssueRequest) -> None:
         """Make what is missing, and the router's file anew."""
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         authority = self._authority()
@@ -107,7 +107,7 @@ class Directory:
     def _authority(self) -> Issued:
         return self._kept(AUTHORITY) or self._store(AUTHORITY, new_authority(AUTHORITY_DAYS))
 
-    def _router(self, authority: Issued, wanted: Wanted) -> Issued:
+    def _router(self, authority: Issued, wanted: IssueRequest) -> Issued:
         """The router's certificate; another one where it does not have all hosts, or is to be renewed."""
         kept, hosts = self._kept(ROUTER), self._hosts(wanted)
         complete = kept is not None and set(hosts) <= set(hosts_of(kept.certificate))
@@ -117,13 +117,13 @@ class Directory:
             self._file(ROUTER, suffix).unlink(missing_ok=True)
         return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
 
-    def _hosts(self, wanted: Wanted) -> list[str]:
+    def _hosts(self, wanted: IssueRequest) -> list[str]:
         """Those wanted first, those of the certificate there is, and this machine."""
         kept = self._kept(ROUTER)
         known = [] if kept is None else hosts_of(kept.certificate)
         return list(dict.fromkeys([*map(normal_host, wanted.hosts), *known, *THIS_MACHINE]))
 
-    def _listen(self, wanted: Wanted) -> str:
+    def _listen(self, wanted: IssueRequest) -> str:
         """The endpoint that is wanted, or else the one of the router's file."""
         file = self._file(ROUTER, "json5")
         found = _LISTEN.search(file.read_text()) if file.exists() else None

@@ -43,7 +43,7 @@ NAMED = 3  # changepoints that a refusal names
 
 
 @dataclass(frozen=True)
-class Correction:
+class ResolvedEdit:
     """What one correction comes to. Observations by their number."""
 
     inserted: float | None = None  # [s] the first start whose place on the grid ends after this
@@ -66,10 +66,12 @@ class Correction:
         )
 
 
-def correction_of(recorded: Resolution) -> Correction:
+def correction_of(recorded: Resolution) -> ResolvedEdit:
     """A correction as it was recorded."""
     none = tuple(index for first, stop in recorded.none for index in range(first, stop))
-    return Correction(recorded.inserted, recorded.starts, none, recorded.label, recorded.force, recorded.name)
+    return ResolvedEdit(
+        recorded.inserted, recorded.starts, none, recorded.label, recorded.force, recorded.name
+    )
 
 
 def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
@@ -117,14 +119,14 @@ class EditContext:
 
 
 @dataclass(frozen=True)
-class Corrections:
+class EditHistory:
     """Those of a session, oldest first."""
 
-    active: tuple[Correction, ...] = ()
-    undone: tuple[Correction, ...] = ()
+    active: tuple[ResolvedEdit, ...] = ()
+    undone: tuple[ResolvedEdit, ...] = ()
     revision: int = 0  # edits so far
 
-    def after(self, action: Action, resolve: Callable[[Change], Correction]) -> Corrections:
+    def after(self, action: Action, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
         """With one edit more. Raises ProtocolError where it makes no sense."""
         if isinstance(action, Undo):
             if not self.active:
@@ -139,15 +141,15 @@ class Corrections:
                 why = "the session has too many corrections: undo some"
                 raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
             active, undone = (*self.active, resolve(action)), ()
-        return Corrections(active, undone, self.revision + 1)
+        return EditHistory(active, undone, self.revision + 1)
 
-    def again(self, edit: Edit, kinds: Sequence[str]) -> Corrections:
+    def again(self, edit: Edit, kinds: Sequence[str]) -> EditHistory:
         """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
 
         kinds: of segments in the session, which another version of the service may have changed.
         """
 
-        def known(change: Change) -> Correction:
+        def known(change: Change) -> ResolvedEdit:
             assert edit.resolution is not None
             correction = correction_of(edit.resolution)
             if correction.label is not None:
@@ -156,21 +158,21 @@ class Corrections:
 
         return self.after(edit.action, known)
 
-    def as_anew(self) -> Corrections:
+    def as_anew(self) -> EditHistory:
         """The last one was resolved once more at a restart."""
         if not self.active:
             return self
         return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))
 
-    def passed_over(self) -> Corrections:
+    def passed_over(self) -> EditHistory:
         """An edit that cannot be made again has counted nevertheless."""
         return replace(self, revision=self.revision + 1)
 
 
-class Heeded:
+class FilterConstraints:
     """The corrections of a session as constraints of the filter, by observation, in order."""
 
-    def __init__(self, corrections: Sequence[Correction] = ()) -> None:
+    def __init__(self, corrections: Sequence[ResolvedEdit] = ()) -> None:
         known: dict[int, tuple[int, bool]] = {}
         for order, one in enumerate(corrections):
             known |= dict.fromkeys(one.none, (order, False)) | dict.fromkeys(one.starts, (order, True))
@@ -225,23 +227,23 @@ class Heeded:
         return bool(self._forces)
 
 
-def resolved(action: Change, shown: EditContext) -> Correction:
+def resolved(action: Change, shown: EditContext) -> ResolvedEdit:
     """What a correction comes to. Raises ProtocolError, with what there is, where it points at nothing."""
     match action:
         case Insert(t=t):
             _check_time(t, shown, ahead=True)
-            return Correction(inserted=t)
+            return ResolvedEdit(inserted=t)
         case Remove(t=t):
-            return Correction(none=_meant(t, shown).between)
+            return ResolvedEdit(none=_meant(t, shown).between)
         case Move(t=t, to=to):
             _check_time(to, shown, ahead=True)
-            return Correction(inserted=to, none=_meant(t, shown).between)
+            return ResolvedEdit(inserted=to, none=_meant(t, shown).between)
         case Relabel(t=t, kind=kind):
             return _relabelled(t, kind, shown)
         case LimitForce(t=t, newton=newton):
-            return Correction(force=(_limited(t, newton, shown), newton))
+            return ResolvedEdit(force=(_limited(t, newton, shown), newton))
         case NamePhase(t=t, name=name):
-            return Correction(name=(_named(t, shown), name))
+            return ResolvedEdit(name=(_named(t, shown), name))
 
 
 def _check_time(t: float, shown: EditContext, *, ahead: bool = False) -> None:
@@ -268,13 +270,13 @@ def _meant(t: float, shown: EditContext) -> VisibleChangepoint:
     return mark
 
 
-def _relabelled(t: float, kind: str, shown: EditContext) -> Correction:
+def _relabelled(t: float, kind: str, shown: EditContext) -> ResolvedEdit:
     _check_time(t, shown)
     _check_kind(kind, shown.kinds)
     span = next((span for span in shown.spans if span.t0 <= t < span.tn), shown.spans[-1])
     ends = (span.start,) if span.grows else (span.start, span.end)
     inside = tuple(range(span.start + 1, span.end))
-    return Correction(starts=ends, none=inside, label=((span.start + span.end) // 2, kind))
+    return ResolvedEdit(starts=ends, none=inside, label=((span.start + span.end) // 2, kind))
 
 
 def _check_kind(kind: str, kinds: Sequence[str]) -> None:

@@ -11,21 +11,24 @@ from copy import copy
 from itertools import pairwise
 from typing import Generic, TypeVar, overload
 
-from caesura_protocol.codec import Packed, decode, encode, encoding_of
+from caesura_protocol.codec import PreEncoded, decode, encode, encoding_of
 from caesura_protocol.messages import Message
-from caesura_service.segmentation.overflow_file import Log
+from caesura_service.segmentation.overflow_file import AppendLog
 
 M = TypeVar("M", bound=Message)
 
 AT_ONCE = 64  # messages that are read, or compared by their bytes, before it is known whether more need be
 
 
-class Kept(Generic[M]):
+class EncodedMessageLog(Generic[M]):
     """Messages of one type, in order."""
 
     def __init__(self, model: type[M]) -> None:
         self._model = model
-        self._log, self._ends = Log(), array("q", [0])  # [bytes] where each begins, and the last one ends
+        self._log, self._ends = (
+            AppendLog(),
+            array("q", [0]),
+        )  # [bytes] where each begins, and the last one ends
 
     def __len__(self) -> int:
         return len(self._ends) - 1
@@ -50,10 +53,10 @@ class Kept(Generic[M]):
         return tuple(decode(packed[first:last], encoding, self._model) for first, last in spans)
 
 
-class MessageSequence(Packed, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
+class MessageSequence(PreEncoded, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
     """What a view shows: of what is kept all but the `first` ones, as far as it went then, and the rest."""
 
-    def __init__(self, kept: Kept[M], rest: Iterable[M], *, first: int = 0) -> None:
+    def __init__(self, kept: EncodedMessageLog[M], rest: Iterable[M], *, first: int = 0) -> None:
         self._kept = kept
         self._start, self._stop = min(first, len(kept)), len(kept)
         self._rest = tuple(rest)[first - self._start :]
@@ -113,7 +116,7 @@ def since(messages: Sequence[M], first: int) -> Sequence[M]:
 
 def packed(model: type[M], messages: Iterable[M]) -> MessageSequence[M]:
     """All of these, packed."""
-    kept = Kept(model)
+    kept = EncodedMessageLog(model)
     kept.extend(messages)
     return MessageSequence(kept, ())
 

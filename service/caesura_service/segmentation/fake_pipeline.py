@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Changepoint, Gap, Insert, Open, Segment, WrenchReport
-from caesura_service.segmentation.corrections import Change, Correction
-from caesura_service.segmentation.view import Pipeline, View
+from caesura_service.segmentation.corrections import Change, ResolvedEdit
+from caesura_service.segmentation.view import Pipeline, PipelineView
 
 PRESETS = ("fake", "default", "raising", "raising-at-the-end", "unspeakable")
 STRIDE = 10  # samples an observation
@@ -65,9 +65,9 @@ class FakePipeline:
     _digest: float = field(default=0.0)
 
     @property
-    def view(self) -> View:
+    def view(self) -> PipelineView:
         """What is known now."""
-        return View(
+        return PipelineView(
             t=self.t,
             samples=self.samples,
             repeats=self.repeats,
@@ -105,15 +105,15 @@ class FakePipeline:
         """There is one."""
         return ("motion",)
 
-    def resolve(self, change: Change) -> Correction:
+    def resolve(self, change: Change) -> ResolvedEdit:
         """A jump can be inserted where it has been; that is all."""
         if not isinstance(change, Insert):
             raise ProtocolError("conflict", "the fake inserts only", value=change.do)
         if not 0.0 <= change.t <= self.t:
             raise ProtocolError("malformed", "outside", value=change.t, limit=[0.0, max(self.t, 0.0)])
-        return Correction(inserted=change.t)
+        return ResolvedEdit(inserted=change.t)
 
-    def corrected(self, corrections: Sequence[Correction]) -> FakePipeline:
+    def corrected(self, corrections: Sequence[ResolvedEdit]) -> FakePipeline:
         """With these jumps more."""
         return replace(self, inserted=tuple(one.inserted for one in corrections if one.inserted is not None))
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, Segment
-from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.time_slices import give_way
 
 _AT_ONCE = 100  # parts that are read before others have their turn
@@ -26,13 +26,13 @@ class SegmentEntry(NamedTuple):
     changepoint: Changepoint  # its start; the first part's is never shown
 
 
-class Settled:
+class FinalizedSegments:
     """The first parts of a demonstration, in order."""
 
     def __init__(self) -> None:
         self._starts = array("q", [0])  # of those that are packed, and of the first that is not
-        self._segments = Kept(Segment)
-        self._changepoints = Kept(Changepoint)
+        self._segments = EncodedMessageLog(Segment)
+        self._changepoints = EncodedMessageLog(Changepoint)
         self._parts: list[SegmentEntry] = []  # behind those
 
     def __len__(self) -> int:

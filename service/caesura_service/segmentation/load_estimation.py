@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from caesura_service.changepoint.constant_models import GRAVITY
-from caesura_service.changepoint.segments import Stretch
-from caesura_service.segmentation.observation_store import History
+from caesura_service.changepoint.segments import InferredSegment
+from caesura_service.segmentation.observation_store import ObservationStore
 
 LEAST_BASELINE = 3  # observations of free space that a baseline needs
 EDGE = 2  # observations at either end of a stretch that belong to the transition
@@ -29,14 +29,16 @@ class Load:
     sd_kg: float
 
 
-def is_baseline(stretch: Stretch, history: History, bias_n: float) -> bool:
+def is_baseline(stretch: InferredSegment, history: ObservationStore, bias_n: float) -> bool:
     """Is this free space to compare with: long enough, and no force that its bias [N] cannot account for?"""
     if stretch.verdict.kind.contact != "free" or stretch.end - stretch.start < LEAST_BASELINE:
         return False
     return abs(_vertical(stretch, history)[0]) <= MOST_BIASES * bias_n
 
 
-def weigh(stretches: Sequence[Stretch], index: int, history: History, bias_n: float) -> Load | None:
+def weigh(
+    stretches: Sequence[InferredSegment], index: int, history: ObservationStore, bias_n: float
+) -> Load | None:
     """The load of a stretch in which something is carried; None for any other.
 
     bias_n [N]: scale of what free space may read.
@@ -62,7 +64,7 @@ def _bias_sd(means: list[float], bias_n: float) -> float:
     return abs(means[1] - means[0]) / math.sqrt(12.0)
 
 
-def _vertical(stretch: Stretch, history: History) -> tuple[float, float]:
+def _vertical(stretch: InferredSegment, history: ObservationStore) -> tuple[float, float]:
     """Mean vertical force [N] away from the edges, and the variance of that mean [N²]."""
     edge = EDGE if stretch.end - stretch.start > 3 * EDGE else 0
     start, end = stretch.start + edge, stretch.end - edge

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.program import Moment
-from caesura_service.segmentation.overflow_file import Log
+from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
 from caesura_service.signals import Observation
 from caesura_service.signals.tare import TARED_BIAS_N
@@ -37,11 +37,11 @@ PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
-class History:
+class ObservationStore:
     """Rows of observations, with running sums of the vertical force so that any mean costs the same."""
 
     def __init__(self) -> None:
-        self._log, self._count = Log(), 0  # observations
+        self._log, self._count = AppendLog(), 0  # observations
         self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
         self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))
         self._forces = lru_cache(PRESSES_AT_HAND)(partial(_read_forces, self._log))
@@ -79,13 +79,13 @@ class History:
         )
         self._count += 1
 
-    def observed(self, index: int) -> Observed:
+    def observed(self, index: int) -> ModelInput:
         """What the segment models see of an observation."""
         row = self._row(index)
         force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
         torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
         torsion = torsion_of(np.array(row[_FORCE]), torque)
-        return Observed(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
+        return ModelInput(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
@@ -203,11 +203,11 @@ def _known(part: Row) -> Any:
     return None if math.isnan(part[0]) else part
 
 
-def _read(log: Log, index: int) -> Row:
+def _read(log: AppendLog, index: int) -> Row:
     return _ROW.unpack(log.read(index * _ROW.size, (index + 1) * _ROW.size))
 
 
-def _read_forces(log: Log, looks: range) -> Array:
+def _read_forces(log: AppendLog, looks: range) -> Array:
     """(n, 3) [N] one after the other, or every so many."""
     if looks.step > 1:
         return np.array([_read(log, index)[_FORCE] for index in looks])

@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 BLOCK = 1 << 15  # [bytes]
 
 
-class Spool:
+class OverflowFile:
     """A file of blocks, made when the first one is put into it."""
 
     def __init__(self, directory: Path | None = None, *, block: int = BLOCK) -> None:
@@ -89,13 +89,13 @@ class _File:
         return block
 
 
-SPOOL = Spool()
+SPOOL = OverflowFile()
 
 
-class Log:
+class AppendLog:
     """Bytes that only grow; at most two blocks of them in memory."""
 
-    def __init__(self, spool: Spool = SPOOL) -> None:
+    def __init__(self, spool: OverflowFile = SPOOL) -> None:
         self._spool = spool
         self._blocks: list[FileBlock] = []
         self._tail = 0, bytearray()  # the place of its first byte, and all that is in no block

@@ -19,34 +19,34 @@ from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.models import UNTURNED, Observed
+from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, Grip, Paths, ProgramSegment
+from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
 from caesura_service.robot import load_panda
 from caesura_service.segmentation.corrections import (
     Change,
-    Correction,
     EditContext,
-    Heeded,
+    FilterConstraints,
+    ResolvedEdit,
     VisibleChangepoint,
     VisibleSegment,
     resolved,
 )
-from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
-from caesura_service.segmentation.observation_store import History, force_scale, holding
-from caesura_service.segmentation.program_builder import GrowingProgram
-from caesura_service.segmentation.segmenter import Division
+from caesura_service.segmentation.observation_store import ObservationStore, force_scale, holding
+from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
+from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.segmentation.time_slices import give_way
-from caesura_service.segmentation.view import NO_GRIPPER, Pipeline, View
+from caesura_service.segmentation.view import NO_GRIPPER, Pipeline, PipelineView
 from caesura_service.signals import (
-    Conditioned,
     Conditioner,
-    Layout,
+    ConditioningOutput,
     Observation,
+    SampleLayout,
     WrenchCapabilities,
 )
 
@@ -87,10 +87,10 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
 
 
-def layout_of(opening: Open) -> Layout:
+def layout_of(opening: Open) -> SampleLayout:
     """How the samples of a session are read. Raises ValueError for columns that cannot be segmented."""
     robot = load_panda() if "q1" in opening.columns else None
-    return Layout(
+    return SampleLayout(
         columns=opening.columns,
         wrench_source=opening.wrench_source,
         hand_on_robot=opening.hand_on_robot,
@@ -101,12 +101,12 @@ def layout_of(opening: Open) -> Layout:
     )
 
 
-def observed(observation: Observation) -> Observed:
+def observed(observation: Observation) -> ModelInput:
     """What the segment models see of an observation."""
     force = observation.force_base / force_scale(observation)
     rotation = UNTURNED if observation.rotation is None else observation.rotation
     torsion = torsion_of(observation.force_base, observation.torque_base)
-    return Observed(observation.position_base, force, holding(observation), rotation, torsion)
+    return ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
 
 
 class _Looked(NamedTuple):
@@ -122,7 +122,7 @@ _NEVER = _Looked(-LOOK_EVERY, ())
 class SegmentationPipeline:
     """One demonstration, from samples to task program. See `Pipeline`."""
 
-    def __init__(self, layout: Layout, preset: Preset, opening: Open) -> None:
+    def __init__(self, layout: SampleLayout, preset: Preset, opening: Open) -> None:
         self._opening = opening
         self._preset = preset
         self._source = layout.source
@@ -131,11 +131,11 @@ class SegmentationPipeline:
         self._standing_notes = (layout.source.note, *([NO_GRIPPER] if without else []))
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
-        self._heeded = Heeded()
-        self._history = History()
+        self._heeded = FilterConstraints()
+        self._history = ObservationStore()
         self._begin(tared=True)
         self._gaps = Gaps()
-        self._grips: list[Grip] = []
+        self._grips: list[GripperAction] = []
         self._program, self._looked = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
         self._began = math.inf  # [s] first sample
@@ -143,7 +143,7 @@ class SegmentationPipeline:
         self._view = self._look(self._happened())
 
     @property
-    def view(self) -> View:
+    def view(self) -> PipelineView:
         """What is known now."""
         counts = self._conditioner
         if counts.samples != self._view.samples:
@@ -176,7 +176,7 @@ class SegmentationPipeline:
             self._gaps.add(Gap(t0=latest, tn=latest, reason="evicted"))
         self._take(self._conditioner.finish())
 
-    def resolve(self, change: Change) -> Correction:
+    def resolve(self, change: Change) -> ResolvedEdit:
         """What a correction comes to. Raises ProtocolError where it points at nothing."""
         self.refresh()
         return resolved(change, self._shown())
@@ -190,10 +190,10 @@ class SegmentationPipeline:
         """Names of the kinds that a segment may have."""
         return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
 
-    def corrected(self, corrections: Sequence[Correction]) -> Self:
+    def corrected(self, corrections: Sequence[ResolvedEdit]) -> Self:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
         other = copy(self)
-        other._heeded = Heeded(corrections)
+        other._heeded = FilterConstraints(corrections)
         other._program, other._looked = other._growing(), _NEVER
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
@@ -210,14 +210,14 @@ class SegmentationPipeline:
             self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
             self._lost = False
 
-    def _growing(self) -> GrowingProgram:
+    def _growing(self) -> IncrementalProgramBuilder:
         opening = self._opening
         paths = Paths(
             self._history.poses,
             opening.path_tolerance_m or TOLERANCE_M,
             opening.path_tolerance_rad or TOLERANCE_RAD,
         )
-        return GrowingProgram(
+        return IncrementalProgramBuilder(
             self._history.moment,
             self._preset.least_segment_s,
             paths,
@@ -227,7 +227,7 @@ class SegmentationPipeline:
 
     def _begin(self, *, tared: bool) -> None:
         layout = self._conditioner.layout
-        self._division = Division(
+        self._division = Segmenter(
             self._preset,
             self._source,
             self._history,
@@ -236,13 +236,13 @@ class SegmentationPipeline:
             orientation=layout.has_orientation,
             torque=layout.has_torque,
         )
-        self._phases, self._decided_phases = PhaseTracker(PHASES), Kept(Phase)
+        self._phases, self._decided_phases = PhaseTracker(PHASES), EncodedMessageLog(Phase)
 
-    def _take(self, conditioned: Conditioned) -> None:
+    def _take(self, conditioned: ConditioningOutput) -> None:
         for t0, tn in conditioned.gaps:
             self._gaps.add(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
             self._lost = False
-        grips = [Grip(event.t, event.kind, event.width) for event in conditioned.gripper_events]
+        grips = [GripperAction(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         self._grips += grips
         if any(grip.t <= self._program.since for grip in grips):
             self._program = self._growing()
@@ -293,7 +293,7 @@ class SegmentationPipeline:
             "capped": online.capped,
         }
 
-    def _look(self, happened: tuple[object, ...]) -> View:
+    def _look(self, happened: tuple[object, ...]) -> PipelineView:
         division = self._division
         self._looked = _Looked(division.online.count, happened)
         parts = self._settle()
@@ -301,7 +301,7 @@ class SegmentationPipeline:
         give_way()
         phases = self._phases_with(parts)
         give_way()
-        return View(
+        return PipelineView(
             **self._newest(),
             changepoints=division.settled.changepoints(parts),
             segments=division.settled.segments(parts),

@@ -17,7 +17,7 @@ import numpy as np
 from caesura_protocol.messages import App, Gap
 from caesura_service.program import (
     GRIP_SLACK_S,
-    Grip,
+    GripperAction,
     Moment,
     MomentAt,
     Paths,
@@ -25,7 +25,7 @@ from caesura_service.program import (
     holds,
     task_program,
 )
-from caesura_service.segmentation.encoded_log import Kept, MessageSequence
+from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.time_slices import give_way
 
 # Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
@@ -34,7 +34,7 @@ MOST_UNQUIET = 500
 
 
 @dataclass
-class GrowingProgram:
+class IncrementalProgramBuilder:
     """Builds apps from segments as `task_program` does, with the same result."""
 
     moment_at: MomentAt
@@ -44,12 +44,18 @@ class GrowingProgram:
     limited: Callable[[App], App] | None = None  # an app with the force limits of corrections
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
-    built: Kept[App] = field(default_factory=lambda: Kept(App))  # from what lies before
+    built: EncodedMessageLog[App] = field(
+        default_factory=lambda: EncodedMessageLog(App)
+    )  # from what lies before
     _seen: dict[float, Moment] = field(default_factory=dict)  # moments behind that, before the last segment
     _seen_until: float = -np.inf  # [s] what lies before is seen from both sides: no moment changes any more
 
     def apps(
-        self, steps: Sequence[ProgramSegment], settled: int, grips: Sequence[Grip], gaps: Sequence[Gap] = ()
+        self,
+        steps: Sequence[ProgramSegment],
+        settled: int,
+        grips: Sequence[GripperAction],
+        gaps: Sequence[Gap] = (),
     ) -> Sequence[App]:
         """The apps of a demonstration, in time order.
 
@@ -74,9 +80,9 @@ class GrowingProgram:
     def _program(
         self,
         steps: Sequence[ProgramSegment],
-        grips: Sequence[Grip],
+        grips: Sequence[GripperAction],
         gaps: Sequence[Gap],
-        known: Sequence[Grip],
+        known: Sequence[GripperAction],
     ) -> tuple[App, ...]:
         apps = task_program(
             steps,
@@ -105,8 +111,8 @@ class GrowingProgram:
         steps: Sequence[ProgramSegment],
         begin: int,
         settled: int,
-        grips: Sequence[Grip],
-        known: Sequence[Grip],
+        grips: Sequence[GripperAction],
+        known: Sequence[GripperAction],
     ) -> int:
         """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
 

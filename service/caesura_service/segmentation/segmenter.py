@@ -11,16 +11,16 @@ from itertools import islice
 from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, ScrewMotion, Segment, Vector
-from caesura_service.changepoint.filter import Filter
+from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.preset import STEP_S, Preset
-from caesura_service.changepoint.segment_model_set import Kind
-from caesura_service.changepoint.segments import Stretch, Verdict, outline, stretches
-from caesura_service.changepoint.threshold_segmenter import OnlineThreshold
+from caesura_service.changepoint.segment_model_set import SegmentKind
+from caesura_service.changepoint.segments import Classification, InferredSegment, outline, stretches
+from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.turn_in_place import centre_of
-from caesura_service.segmentation.corrections import Heeded
-from caesura_service.segmentation.finalized_segments import SegmentEntry, Settled
+from caesura_service.segmentation.corrections import FilterConstraints
+from caesura_service.segmentation.finalized_segments import FinalizedSegments, SegmentEntry
 from caesura_service.segmentation.load_estimation import Load, is_baseline, weigh
-from caesura_service.segmentation.observation_store import History
+from caesura_service.segmentation.observation_store import ObservationStore
 from caesura_service.segmentation.screwing import screw_of
 from caesura_service.segmentation.time_slices import give_way
 from caesura_service.signals import WrenchCapabilities
@@ -30,7 +30,7 @@ from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
 class _Seen(NamedTuple):
     """A segment and its start as they were shown, and what they were made of."""
 
-    stretch: Stretch
+    stretch: InferredSegment
     load: Load | None
     segment: Segment
     changepoint: Changepoint
@@ -38,7 +38,7 @@ class _Seen(NamedTuple):
 
 def filter_of(
     preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool, torque: bool = False
-) -> Filter:
+) -> ChangepointFilter:
     """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
 
     torque: whether there is one; it is looked at where it is tared and the wrench is no estimate. Raises
@@ -53,15 +53,15 @@ def filter_of(
     )
 
 
-class Division:
+class Segmenter:
     """Filters the observations of a history one by one, with the corrections of each."""
 
     def __init__(
         self,
         preset: Preset,
         source: WrenchCapabilities,
-        history: History,
-        heeded: Heeded,
+        history: ObservationStore,
+        heeded: FilterConstraints,
         *,
         tared: bool,
         orientation: bool,
@@ -70,12 +70,14 @@ class Division:
         """Raises ValueError where the preset looks at nothing that is reported."""
         self.tared, self._orientation = tared, orientation
         self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
-        self.settled = Settled()
+        self.settled = FinalizedSegments()
         self.places = array("d")  # [s] where a segment begins whose first own observation is this one
         self._preset, self._history, self._heeded = preset, history, heeded
         self._bias_n = _bias_n(source, tared=tared)
-        self._decided = None if preset.threshold is None else OnlineThreshold(self.online, preset.threshold)
-        self._baseline: list[Stretch] = []  # the last free space that has settled
+        self._decided = (
+            None if preset.threshold is None else ThresholdSegmenter(self.online, preset.threshold)
+        )
+        self._baseline: list[InferredSegment] = []  # the last free space that has settled
         self._seen: dict[int, _Seen] = {}  # of what has not settled, by its first observation
         self._finished = False
         self._final = 0  # segments that were final at the last look
@@ -130,7 +132,7 @@ class Division:
         self._baseline = [*islice(free, 1)] or self._baseline
         return parts[count:]
 
-    def _as_said(self, stretch: Stretch) -> Stretch:
+    def _as_said(self, stretch: InferredSegment) -> InferredSegment:
         """Return the segment as corrected: given its ends, the kind is the whole inference."""
         if self._heeded.is_certain(start := stretch.start):
             stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
@@ -139,9 +141,9 @@ class Division:
             return stretch
         named = [kind for kind in self.online.lattice.kinds if kind.name == label]
         kind = max(named, key=lambda kind: kind.contact == stretch.verdict.kind.contact)
-        return replace(stretch, verdict=Verdict(kind, 1.0, None, 0.0))
+        return replace(stretch, verdict=Classification(kind, 1.0, None, 0.0))
 
-    def _settling(self, fresh: list[Stretch]) -> int:
+    def _settling(self, fresh: list[InferredSegment]) -> int:
         """How many of these nothing can change any more, not even a later comparison of their load."""
         count, weighing = 0, False
         for i, stretch in enumerate(fresh):
@@ -153,7 +155,7 @@ class Division:
                 count, weighing = i + 1, False
         return count
 
-    def _look_at(self, all_stretches: list[Stretch], index: int) -> _Seen:
+    def _look_at(self, all_stretches: list[InferredSegment], index: int) -> _Seen:
         """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
         stretch = all_stretches[index]
         load = weigh(all_stretches, index, self._history, self._bias_n)
@@ -165,7 +167,7 @@ class Division:
         changepoint = seen.changepoint if start_stays else self._changepoint(stretch)
         return _Seen(stretch, load, segment, changepoint)
 
-    def _stays(self, seen: _Seen, stretch: Stretch, load: Load | None) -> bool:
+    def _stays(self, seen: _Seen, stretch: InferredSegment, load: Load | None) -> bool:
         """Does this make the same segment as what was seen?"""
         before = seen.stretch
         return (
@@ -175,7 +177,7 @@ class Division:
             and seen.load == load
         )
 
-    def _segment(self, stretch: Stretch, load: Load | None) -> Segment:
+    def _segment(self, stretch: InferredSegment, load: Load | None) -> Segment:
         found, history = stretch.verdict, self._history
         begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
         turn, centre = self._turn(begin, last, found.kind.name)
@@ -213,7 +215,7 @@ class Division:
         places = [self._history.position(index) for index in (begin, middle, last)]
         return turned, centre_of(places, [self._history.turned(begin, index) for index in (middle, last)])
 
-    def _screw(self, begin: int, last: int, kind: Kind) -> ScrewMotion | None:
+    def _screw(self, begin: int, last: int, kind: SegmentKind) -> ScrewMotion | None:
         if kind.name != "turning" or not self._orientation:
             return None
         return screw_of(self._history.course(begin, last), pressed=kind.contact == "contact")
@@ -227,7 +229,7 @@ class Division:
         missing = end == self.online.count or end in self.online.boundaries
         return self._history.t(end - 1) if missing else self.places[end]
 
-    def _changepoint(self, stretch: Stretch) -> Changepoint:
+    def _changepoint(self, stretch: InferredSegment) -> Changepoint:
         final = stretch.start_final or self._finished
         return Changepoint(
             t=self.places[stretch.start],
@@ -244,7 +246,7 @@ def _bias_n(source: WrenchCapabilities, *, tared: bool) -> float:
     return TARED_BIAS_N if tared or source.bias == "mixture" else UNTARED_BIAS_N
 
 
-def _starts_alike(one: Stretch, other: Stretch) -> bool:
+def _starts_alike(one: InferredSegment, other: InferredSegment) -> bool:
     """Is the same shown of where they begin?"""
     known = one.start_probability, one.start_interval, one.start_final
     return known == (other.start_probability, other.start_interval, other.start_final)

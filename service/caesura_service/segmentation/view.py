@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
-from caesura_service.segmentation.corrections import Change, Correction
+from caesura_service.segmentation.corrections import Change, ResolvedEdit
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
 NO_GRIPPER = (
@@ -22,7 +22,7 @@ NO_GRIPPER = (
 )
 
 
-class View(NamedTuple):
+class PipelineView(NamedTuple):
     """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
 
     samples: int
@@ -49,7 +49,7 @@ class Pipeline(Protocol):
     """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""
 
     @property
-    def view(self) -> View:
+    def view(self) -> PipelineView:
         """What is known now."""
 
     def push(self, samples: NDArray[np.float64]) -> bool:
@@ -71,10 +71,10 @@ class Pipeline(Protocol):
     def kinds(self) -> Sequence[str]:
         """Of segments, that a correction may name."""
 
-    def resolve(self, change: Change) -> Correction:
+    def resolve(self, change: Change) -> ResolvedEdit:
         """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
 
-    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+    def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
         """As if these had been known from the first sample on. It takes the place of this one, which is
         not to be used any more where it does.
         """

@@ -1,6 +1,6 @@
 """The network side of the service, and its only zenoh importer."""
 
 from caesura_service.server.network import NetworkError, NetworkSettings
-from caesura_service.server.zenoh_server import Edge
+from caesura_service.server.zenoh_server import ZenohServer
 
-__all__ = ["Edge", "NetworkError", "NetworkSettings"]
+__all__ = ["NetworkError", "NetworkSettings", "ZenohServer"]

@@ -11,7 +11,7 @@ from typing import Self
 JOIN_S = 2.0  # for what is under way when the service stops
 
 
-class Threaded(ABC):
+class BackgroundThread(ABC):
     """Runs `_run`, which looks at `_stopped`, and is made to look by `wake`."""
 
     def __init__(self, name: str, wake: Callable[[], None]) -> None:

@@ -13,7 +13,7 @@ from caesura_protocol.codec import decode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
-from caesura_service.publishing.events import AskReplay, ReplayEnded
+from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.server.rates import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
@@ -21,7 +21,7 @@ OCTETS = "application/octet-stream"
 MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are shorter
 
 
-class Content(NamedTuple):
+class RawPayload(NamedTuple):
     """A payload as it came; empty if it was over the size limit, which `size` shows. Its texts are cut."""
 
     key: str
@@ -45,29 +45,29 @@ class Content(NamedTuple):
             )
 
 
-class Samples(NamedTuple):
+class SamplesReceived(NamedTuple):
     """Something was put on a station's `samples` key, or came in answer to a question for such."""
 
-    content: Content
+    content: RawPayload
     station: str | None  # None: the key names none
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class CommandReceived:
     """A query on a station's `control` key. The worker answers it."""
 
-    content: Content
+    content: RawPayload
     query: zenoh.Query
 
 
 @dataclass(slots=True)
-class Asked:
+class PendingReplay:
     """A replay that was asked for, and what has come of it so far."""
 
-    ask: AskReplay
+    ask: RequestReplay
     replies: int = 0
     dropped: int = 0  # replies for which there was no room
-    refusal: Content | None = field(default=None)
+    refusal: RawPayload | None = field(default=None)
     _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
 
     def ends(self) -> bool:
@@ -100,11 +100,11 @@ class Asked:
 class ReplayFinished:
     """A replay is complete, or was not answered."""
 
-    asked: Asked
+    asked: PendingReplay
 
 
 @dataclass(frozen=True, slots=True)
-class Presence:
+class LivelinessChanged:
     """A token came, was there, or is gone."""
 
     kind: Literal["service", "station"]
@@ -113,7 +113,7 @@ class Presence:
 
 
 @dataclass(frozen=True, slots=True)
-class Linked:
+class RouterLinkChanged:
     """Our own link to the router was lost, or is back."""
 
     up: bool
@@ -131,7 +131,15 @@ class Unfinished:
     lane: str
 
 
-Arrival = Samples | Command | ReplayFinished | Presence | Linked | Watching | Unfinished
+Arrival = (
+    SamplesReceived
+    | CommandReceived
+    | ReplayFinished
+    | LivelinessChanged
+    | RouterLinkChanged
+    | Watching
+    | Unfinished
+)
 
 
 def sources_of(station: str) -> tuple[str, str]:
@@ -139,7 +147,7 @@ def sources_of(station: str) -> tuple[str, str]:
     return station_key(station, "samples"), station
 
 
-class Sender(NamedTuple):
+class SourceId(NamedTuple):
     """The source of a message on a station's key. All keys that name no station are one source."""
 
     source: str
@@ -147,7 +155,7 @@ class Sender(NamedTuple):
 
 
 @lru_cache(SENDERS)
-def sender_of(key: str) -> Sender:
+def sender_of(key: str) -> SourceId:
     """Who puts on a key.
 
     >>> sender_of("caesura/v1/station/cell-1/samples")
@@ -156,9 +164,9 @@ def sender_of(key: str) -> Sender:
     Sender(source='?', station=None)
     """
     try:
-        return Sender(key, parse_station_key(key)[0])
+        return SourceId(key, parse_station_key(key)[0])
     except ProtocolError:
-        return Sender(UNKNOWN, None)
+        return SourceId(UNKNOWN, None)
 
 
 def station_of(source: str) -> str:
@@ -170,16 +178,16 @@ def station_of(source: str) -> str:
     return source.split("/")[-2] if "/" in source else source  # of any key, valid or not: no parsing
 
 
-def content_of(message: zenoh.Sample) -> Content:
+def content_of(message: zenoh.Sample) -> RawPayload:
     """What was put or replied."""
-    return Content.of(str(message.key_expr), message.payload, str(message.encoding))
+    return RawPayload.of(str(message.key_expr), message.payload, str(message.encoding))
 
 
-def content_of_query(query: zenoh.Query) -> Content:
+def content_of_query(query: zenoh.Query) -> RawPayload:
     """What came with a query."""
-    return Content.of(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
+    return RawPayload.of(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
 
 
-def content_of_error(error: zenoh.ReplyError) -> Content:
+def content_of_error(error: zenoh.ReplyError) -> RawPayload:
     """What a query was refused with."""
-    return Content.of("", error.payload, str(error.encoding))
+    return RawPayload.of("", error.payload, str(error.encoding))

@@ -11,30 +11,30 @@ import zenoh
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
 from caesura_protocol.transport.zenoh_transport import direct
-from caesura_service.server.inbound import Linked, Presence
+from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged
 from caesura_service.server.network import QUERY_TIMEOUT_S
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
 
 
-class There(NamedTuple):
+class LiveTokens(NamedTuple):
     """Who holds a token."""
 
     services: frozenset[str]
     stations: frozenset[str]
 
 
-def who_is_there(network: zenoh.Session) -> There:
+def who_is_there(network: zenoh.Session) -> LiveTokens:
     """Asked once, before anything is watched: in a session that does, the answer may come back partial."""
     found = [_named(key, True) for wanted in (SERVICES, STATIONS) for key in _tokens(network, wanted)]
-    return There(
+    return LiveTokens(
         frozenset(one.name for one in found if one and one.kind == "service"),
         frozenset(one.name for one in found if one and one.kind == "station"),
     )
 
 
 def watching(
-    network: zenoh.Session, report: Callable[[Presence | Linked], object], *, client: bool
+    network: zenoh.Session, report: Callable[[LivelinessChanged | RouterLinkChanged], object], *, client: bool
 ) -> ExitStack:
     """Report live peers, arrivals and departures, and for a client the loss and return of its router.
 
@@ -48,7 +48,7 @@ def watching(
             report(presence)
 
     def take_link(event: zenoh.TransportEvent) -> None:
-        report(Linked(event.kind == zenoh.SampleKind.PUT))
+        report(RouterLinkChanged(event.kind == zenoh.SampleKind.PUT))
 
     if client:
         listener = network.info.declare_transport_events_listener(direct(take_link))
@@ -64,11 +64,11 @@ def _tokens(network: zenoh.Session, key: str) -> list[str]:
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
-def _named(key: str, alive: bool) -> Presence | None:
+def _named(key: str, alive: bool) -> LivelinessChanged | None:
     """None where a stranger's token is on a key of that form, but for its name."""
     try:
         if key.startswith(SERVICES.partition("*")[0]):
-            return Presence("service", parse_service_key(key)[0], alive)
-        return Presence("station", parse_station_key(key)[0], alive)
+            return LivelinessChanged("service", parse_service_key(key)[0], alive)
+        return LivelinessChanged("station", parse_station_key(key)[0], alive)
     except ProtocolError:
         return None

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Set
 from typing import Any
 
-from caesura_service.server.background_thread import Threaded
+from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.inbound import station_of
 from caesura_service.server.work_queue import WHOLE, WorkQueue
 
@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 REPEAT_S = 1.0
 
 
-class Announcer(Threaded):
+class OverloadMonitor(BackgroundThread):
     """Watches the inbox while the context lasts; `publish` puts the service's status."""
 
     def __init__(self, inbox: WorkQueue[Any], publish: Callable[[], None]) -> None:

@@ -21,14 +21,14 @@ from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.session_state import Standing, program_of, snapshot_of
-from caesura_service.server.background_thread import Threaded
+from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
+from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
-    Command,
-    Content,
+    CommandReceived,
+    RawPayload,
     content_of_query,
     sender_of,
     sources_of,
@@ -43,7 +43,7 @@ QUESTIONS = 256  # that may wait
 TICK_S = 0.1
 
 
-class Answers(Threaded):
+class QueryServer(BackgroundThread):
     """Answers queries in a thread of its own while the context lasts."""
 
     def __init__(
@@ -92,7 +92,7 @@ class Answers(Threaded):
         elif station is not None and self._work.is_pressed(*sources_of(station)):
             self._enqueue(self._admit, query)
         else:
-            self._pass_on(Command(content_of_query(query), query))
+            self._pass_on(CommandReceived(content_of_query(query), query))
 
     def _ask(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
         if self._questions.allows("every reader"):  # a query does not say who asks
@@ -117,7 +117,7 @@ class Answers(Threaded):
                 query.drop()  # type: ignore[no-untyped-call]
 
     def _admit(self, query: zenoh.Query) -> None:
-        command = Command(content_of_query(query), query)
+        command = CommandReceived(content_of_query(query), query)
         if not self._begins(command.content):
             self._pass_on(command)
             return
@@ -128,7 +128,7 @@ class Answers(Threaded):
             fill = round(self._work.fill(), 2)
             refuse(query, ProtocolError("overloaded", why, value=fill, limit=self._work.overloaded_at))
 
-    def _begins(self, content: Content) -> bool:
+    def _begins(self, content: RawPayload) -> bool:
         """Would the command open a session that is not known? One that cannot be read is the worker's."""
         try:
             content.check_size()
@@ -139,7 +139,7 @@ class Answers(Threaded):
         known = {session.name for session in self._registry.board.sessions.get(station, ())}
         return isinstance(command, Open) and command.session not in known
 
-    def _pass_on(self, command: Command) -> None:
+    def _pass_on(self, command: CommandReceived) -> None:
         station = sender_of(command.content.key).station
         if not self._work.command(command, station or UNKNOWN):
             most = self._work.settings.commands
@@ -161,7 +161,7 @@ class Answers(Threaded):
                 if asked.intersects(key):
                     answer(query, key, self._snapshot(standing))
 
-    def _snapshot(self, standing: Standing) -> Snapshot:
+    def _snapshot(self, standing: SessionState) -> Snapshot:
         snapshot = snapshot_of(standing)
         return snapshot.model_copy(update={"status": with_load(snapshot.status, self._work, self._budgets)})
 

@@ -27,13 +27,13 @@ from caesura_protocol.messages import (
     SessionStatus,
 )
 from caesura_protocol.transport.zenoh_transport import encoding_of
-from caesura_service.publishing.events import AskReplay, Publish
+from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     Arrival,
-    Asked,
+    PendingReplay,
     ReplayFinished,
-    Samples,
+    SamplesReceived,
     content_of,
     content_of_error,
     sources_of,
@@ -57,7 +57,7 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 }
 
 
-class Outgoing:
+class ResultPublisher:
     """Puts and questions over one zenoh session; used by the worker alone."""
 
     def __init__(
@@ -67,7 +67,7 @@ class Outgoing:
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
         self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
         self._under_way = 0
-        self._waiting: dict[tuple[str, str], AskReplay] = {}
+        self._waiting: dict[tuple[str, str], RequestReplay] = {}
 
     def publish(self, publish: Publish) -> None:
         """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
@@ -86,7 +86,7 @@ class Outgoing:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
         return publisher
 
-    def ask(self, ask: AskReplay) -> None:
+    def ask(self, ask: RequestReplay) -> None:
         """Ask a bridge for batches, now or in turn; they and the answer's end arrive in the inbox."""
         self._waiting[ask.station, ask.session] = ask
         self._ask_next()
@@ -101,26 +101,26 @@ class Outgoing:
             ask = self._waiting.pop(next(iter(self._waiting)))
             self._under_way += 1
             if not self._lanes.submit(ask.station, partial(self._ask, ask)):
-                self._end(Asked(ask))
+                self._end(PendingReplay(ask))
 
     def answer(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
         """Reply to a command of a station; where too many of its answers wait, its client asks again."""
         if not self._lanes.submit(station, partial(_answered, query, key, reply)):
             query.drop()  # type: ignore[no-untyped-call]
 
-    def _ask(self, ask: AskReplay) -> None:
+    def _ask(self, ask: RequestReplay) -> None:
         """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW).
 
         A question that fails ends: counted as under way for good, it would leave no room for others.
         """
-        asked = Asked(ask)
+        asked = PendingReplay(ask)
         try:
             self._get(asked, ask)
         except Exception:
             self._end(asked)
             raise
 
-    def _get(self, asked: Asked, ask: AskReplay) -> None:
+    def _get(self, asked: PendingReplay, ask: RequestReplay) -> None:
         wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1, ask.session)
         selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)}"
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
@@ -135,10 +135,10 @@ class Outgoing:
             timeout=QUERY_TIMEOUT_S,
         )
 
-    def _take(self, asked: Asked, reply: zenoh.Reply) -> None:
+    def _take(self, asked: PendingReplay, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             asked.replies += 1
-            arrival = Samples(content_of(reply.ok), asked.ask.station)
+            arrival = SamplesReceived(content_of(reply.ok), asked.ask.station)
             station = asked.ask.station
             size = len(arrival.content.payload)
             has_room = self._budgets.refuse_work(station) is None and self._inbox.offer(
@@ -148,7 +148,7 @@ class Outgoing:
         elif reply.err is not None:
             asked.refusal = content_of_error(reply.err)
 
-    def _end(self, asked: Asked) -> None:
+    def _end(self, asked: PendingReplay) -> None:
         """Once: of a question that fails Zenoh ends some, and others not."""
         if asked.ends():
             self._inbox.deliver(ReplayFinished(asked), asked.ask.station)

@@ -18,9 +18,9 @@ from contextlib import suppress
 from caesura_service.journal import JournalError
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.station_assignment import share_of
-from caesura_service.publishing.events import NotTaken, Output
-from caesura_service.server.inbound import Linked, Presence, Watching
-from caesura_service.server.live_tokens import There
+from caesura_service.publishing.events import Output, TakeoverFailed
+from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
+from caesura_service.server.live_tokens import LiveTokens
 from caesura_service.server.membership import Membership
 
 logger = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ LOOKS_S = (0.1, 0.5, 3.0)  # after a change: the last owner has let go by then, 
 STATIONS = 4096  # with a token
 
 
-class Steward:
+class StationManager:
     """One thread uses it."""
 
     def __init__(
@@ -52,7 +52,7 @@ class Steward:
 
     # --- the beginning, before the token is declared ----------------------------------------------------
 
-    def begin(self, there: There) -> list[NotTaken]:
+    def begin(self, there: LiveTokens) -> list[TakeoverFailed]:
         """Take the stations to own, then let it reach us; returns what could not be taken."""
         if self._me in there.services:
             logger.error("a service named %s is there already: give each its own --instance", self._me)
@@ -80,27 +80,27 @@ class Steward:
 
     # --- in the worker's thread -------------------------------------------------------------------------
 
-    def receive(self, arrival: Presence | Linked | Watching) -> None:
+    def receive(self, arrival: LivelinessChanged | RouterLinkChanged | Watching) -> None:
         """Process a change of instances, bridges or the own link."""
         now = self._clock()
         match arrival:
             case Watching():
                 self._membership.watching(now)
                 self._look_again(now)
-            case Linked(up):
+            case RouterLinkChanged(up):
                 logger.warning("the router is %s", "back" if up else "gone: trying until it is back")
                 self._membership.link_back(now) if up else self._membership.link_lost()
                 self._share_out(now, renew=up)
-            case Presence("service", name, alive):
+            case LivelinessChanged("service", name, alive):
                 fresh = alive and self._membership.came(name, now)
                 if not alive:
                     self._membership.went(name, now)
                 self._share_out(now, renew=fresh)
-            case Presence("station", name, True) if name not in self._bridges:
+            case LivelinessChanged("station", name, True) if name not in self._bridges:
                 if len(self._bridges) < STATIONS:
                     self._bridges.add(name)
                     self._share_out(now)
-            case Presence("station", name, False):
+            case LivelinessChanged("station", name, False):
                 self._bridges.discard(name)  # whose sessions may go on
         self._due = self._membership.due(now)
 

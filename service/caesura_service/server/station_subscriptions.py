@@ -10,19 +10,19 @@ import zenoh
 
 from caesura_protocol.keys import station_key
 from caesura_protocol.transport.zenoh_transport import direct
-from caesura_service.server.subscriber_poller import Gathering
+from caesura_service.server.subscriber_poller import SubscriberPoller
 
 ALL = "*"
 
 
-class Scope:
+class StationSubscriptions:
     """The subscriptions and queryables of stations. Any thread may close it, and nothing is declared then."""
 
     def __init__(
         self,
         network: zenoh.Session,
         *,
-        samples: Gathering,
+        samples: SubscriberPoller,
         control: Callable[[zenoh.Query], None],
         program: Callable[[zenoh.Query], None],
     ) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from caesura_service.server.background_thread import Threaded
+from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.rates import COMPLAINTS, RateLimit
 
 Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError where nothing will come any more
@@ -30,7 +30,7 @@ PATIENCE = 40
 CHANNEL = 256  # messages of one expression; in a full one the link waits, whose sender then waits too
 
 
-class Gathering(Threaded):
+class SubscriberPoller(BackgroundThread):
     """Hands over what was put, one after the other, while the context lasts."""
 
     def __init__(self, take: Callable[[zenoh.Sample], None]) -> None:

@@ -23,35 +23,35 @@ from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
 from caesura_protocol.messages import Command as Wanted
 from caesura_service.ownership.registry import REVIVING, Registry
 from caesura_service.publishing.events import (
-    Answer,
-    AskReplay,
-    Failed,
-    NotTaken,
+    BatchRejected,
     Output,
     Publish,
-    Refused,
+    Reply,
+    RequestReplay,
     SessionDeleted,
-    Taken,
+    SessionFailed,
+    StationTakenOver,
+    TakeoverFailed,
 )
-from caesura_service.server.background_thread import Threaded
+from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
-    Command,
-    Content,
-    Linked,
-    Presence,
+    CommandReceived,
+    LivelinessChanged,
+    RawPayload,
     ReplayFinished,
-    Samples,
+    RouterLinkChanged,
+    SamplesReceived,
     Unfinished,
     Watching,
     sender_of,
     station_of,
 )
 from caesura_service.server.rates import COMPLAINTS, SENDERS, RateLimit
-from caesura_service.server.result_publisher import Outgoing
-from caesura_service.server.station_manager import Steward
+from caesura_service.server.result_publisher import ResultPublisher
+from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
 
 logger = logging.getLogger(__name__)
@@ -62,15 +62,15 @@ AT_ONCE = 16  # arrivals before a look at everything else, unless there is somet
 TAKING = "/taking"  # the lane in which stations are taken over; no station's name
 
 
-class Worker(Threaded):
+class Worker(BackgroundThread):
     """Drains the inbox in a thread of its own while the context lasts."""
 
     def __init__(
         self,
         registry: Registry,
-        steward: Steward,
+        steward: StationManager,
         inbox: WorkQueue[Arrival],
-        outgoing: Outgoing,
+        outgoing: ResultPublisher,
         budgets: Budgets,
         clock: Callable[[], float],
     ) -> None:
@@ -125,7 +125,7 @@ class Worker(Threaded):
     def _charge(self, arrival: Arrival, took_s: float) -> None:
         """What was done for a station counts for its turn, and for its budget."""
         self._inbox.spent(took_s)
-        if isinstance(arrival, Samples | ReplayFinished | Command | Unfinished):
+        if isinstance(arrival, SamplesReceived | ReplayFinished | CommandReceived | Unfinished):
             lane = _lane_of(arrival)
             self._budgets.spend(lane, took_s)
             self._registry.spent(lane, took_s)
@@ -134,7 +134,7 @@ class Worker(Threaded):
         """Begin with an arrival, or go on; the lane of what is left to do."""
         slices = self._registry.slices
         match arrival:
-            case Presence() | Linked() | Watching():
+            case LivelinessChanged() | RouterLinkChanged() | Watching():
                 self._guarded(self._steward.receive, arrival)
                 return None
             case Unfinished(lane) if lane == TAKING:
@@ -180,18 +180,18 @@ class Worker(Threaded):
             if self._complaints.allows(_cause(*given)):
                 logger.exception("an arrival was lost to an error of the service")
 
-    def _take(self, arrival: Samples | ReplayFinished | Command) -> None:
+    def _take(self, arrival: SamplesReceived | ReplayFinished | CommandReceived) -> None:
         self.messages += 1
         match arrival:
-            case Samples(content, station):
+            case SamplesReceived(content, station):
                 self._take_samples(content, station)
             case ReplayFinished(asked):
                 self._outgoing.ended()
                 self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
-            case Command():
+            case CommandReceived():
                 self._take_command(arrival)
 
-    def _take_samples(self, content: Content, station: str | None) -> None:
+    def _take_samples(self, content: RawPayload, station: str | None) -> None:
         try:
             station = station or parse_station_key(content.key)[0]  # which says what is wrong with it
             message = _batch(content)
@@ -201,7 +201,7 @@ class Worker(Threaded):
             return
         self.say(self._registry.samples(station, message, self._clock()))
 
-    def _take_command(self, arrival: Command) -> None:
+    def _take_command(self, arrival: CommandReceived) -> None:
         try:
             outputs = self._carry_out(arrival.content)
         except Exception as error:
@@ -209,15 +209,15 @@ class Worker(Threaded):
             self._answer(arrival, ProtocolError("internal", why))
             raise
         for output in outputs:
-            if isinstance(output, Answer):
+            if isinstance(output, Reply):
                 self._answer(arrival, output.reply)
             else:
                 self.say([output])
 
-    def _answer(self, arrival: Command, reply: Ack | ProtocolError) -> None:
+    def _answer(self, arrival: CommandReceived, reply: Ack | ProtocolError) -> None:
         self._outgoing.answer(arrival.query, arrival.content.key, _lane_of(arrival), reply)
 
-    def _carry_out(self, content: Content) -> list[Output]:
+    def _carry_out(self, content: RawPayload) -> list[Output]:
         """What comes of a command, with one answer to it."""
         station: str | None = None
         try:
@@ -225,7 +225,7 @@ class Worker(Threaded):
             command = _command(content)
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)
-            return [Answer(error), *self._registry.refuse(station, error)]
+            return [Reply(error), *self._registry.refuse(station, error)]
         return self._registry.command(station, command, self._clock())
 
     def say(self, outputs: Iterable[Output]) -> None:
@@ -234,11 +234,11 @@ class Worker(Threaded):
             match output:
                 case Publish():
                     self._outgoing.publish(output)
-                case AskReplay():
+                case RequestReplay():
                     self._outgoing.ask(output)
-                case Refused(error):
+                case BatchRejected(error):
                     logger.debug("refused: %s", error)
-                case Failed(station, session, error):
+                case SessionFailed(station, session, error):
                     fields = {"station": station, "session": session}
                     logger.error(
                         "%s/%s was closed by an error", station, session, exc_info=error, extra=fields
@@ -246,41 +246,41 @@ class Worker(Threaded):
                 case SessionDeleted(station, session, why):
                     fields = {"station": station, "session": session}
                     logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
-                case NotTaken(station, session, error):
+                case TakeoverFailed(station, session, error):
                     fields = {"station": station, "session": session}
                     logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)
-                case Taken(station, epoch, sessions, opened):
+                case StationTakenOver(station, epoch, sessions, opened):
                     found = f"{sessions} sessions, {opened} of them open"
                     text = "%s is owned by this instance, epoch %d, %s"
                     logger.info(text, station, epoch, found, extra={"station": station})
-                case Answer():
+                case Reply():
                     raise TypeError("an answer without a question")
 
 
 def _cause(*given: object) -> str:
     """Whose message was given; empty for what is no message."""
-    return next((one.content.key for one in given if isinstance(one, Samples | Command)), "")
+    return next((one.content.key for one in given if isinstance(one, SamplesReceived | CommandReceived)), "")
 
 
-def _lane_of(arrival: Samples | ReplayFinished | Command | Unfinished) -> str:
+def _lane_of(arrival: SamplesReceived | ReplayFinished | CommandReceived | Unfinished) -> str:
     """The station whose turn it takes, as it was enqueued."""
     match arrival:
         case Unfinished(lane):
             return lane
-        case Samples(_, station):
+        case SamplesReceived(_, station):
             return station or UNKNOWN
         case ReplayFinished(asked):
             return asked.ask.station
-        case Command(content):
+        case CommandReceived(content):
             return sender_of(content.key).station or UNKNOWN
 
 
-def _batch(content: Content) -> SampleBatch | Heartbeat:
+def _batch(content: RawPayload) -> SampleBatch | Heartbeat:
     content.check_size()
     expected: tuple[type[SampleBatch | Heartbeat], ...] = (SampleBatch, Heartbeat)
     return decode(content.payload, content.encoding, *expected)
 
 
-def _command(content: Content) -> Wanted:
+def _command(content: RawPayload) -> Wanted:
     content.check_size()
     return decode(content.payload, content.encoding, Control).command

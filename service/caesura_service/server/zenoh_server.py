@@ -27,24 +27,24 @@ from caesura_protocol.transport.zenoh_transport import direct
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import UNKNOWN, Arrival, Content, Samples, Watching, sender_of
+from caesura_service.server.inbound import UNKNOWN, Arrival, RawPayload, SamplesReceived, Watching, sender_of
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import watching, who_is_there
 from caesura_service.server.network import DEFAULT_ENDPOINT, NetworkSettings, join
-from caesura_service.server.overload_monitor import Announcer
-from caesura_service.server.query_server import Answers
+from caesura_service.server.overload_monitor import OverloadMonitor
+from caesura_service.server.query_server import QueryServer
 from caesura_service.server.rates import COMPLAINTS, RateLimit, RateSettings
-from caesura_service.server.result_publisher import Outgoing, publisher_of, put
-from caesura_service.server.station_manager import Steward
-from caesura_service.server.station_subscriptions import Scope
-from caesura_service.server.subscriber_poller import Gathering
+from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
+from caesura_service.server.station_manager import StationManager
+from caesura_service.server.station_subscriptions import StationSubscriptions
+from caesura_service.server.subscriber_poller import SubscriberPoller
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 
 logger = logging.getLogger(__name__)
 
 
-class Edge:
+class ZenohServer:
     """One instance of the service on the network, while the context lasts. Raises NetworkError on entry."""
 
     def __init__(
@@ -73,8 +73,8 @@ class Edge:
         rates = rates or RateSettings()
         self.budgets = Budgets(rates)
         self._complaints = RateLimit(COMPLAINTS)
-        self._answers = Answers(registry, self._inbox, self.status, self.budgets, rates.questions)
-        self._gathering = Gathering(self._take_samples)
+        self._answers = QueryServer(registry, self._inbox, self.status, self.budgets, rates.questions)
+        self._gathering = SubscriberPoller(self._take_samples)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -82,15 +82,15 @@ class Edge:
         with ExitStack() as stack:
             stack.callback(network.close)
             stack.enter_context(self._answers)
-            scope = Scope(
+            scope = StationSubscriptions(
                 network,
                 samples=self._gathering,
                 control=self._take_command,
                 program=self._answers.program,
             )
-            steward = Steward(self._registry, self._owner.instance, scope.set, self._clock)
+            steward = StationManager(self._registry, self._owner.instance, scope.set, self._clock)
             lanes = stack.enter_context(Lanes())
-            outgoing = Outgoing(network, self._inbox, self.budgets, lanes)
+            outgoing = ResultPublisher(network, self._inbox, self.budgets, lanes)
             self._worker = Worker(self._registry, steward, self._inbox, outgoing, self.budgets, self._clock)
             self._worker.say(steward.begin(who_is_there(network)))
             self._declare(stack, network)
@@ -134,7 +134,7 @@ class Edge:
         """What belongs to no station."""
         key = service_key(self._owner.instance, "status")
         announced = publisher_of(network, key)
-        stack.enter_context(Announcer(self._inbox, lambda: put(announced, self.status())))
+        stack.enter_context(OverloadMonitor(self._inbox, lambda: put(announced, self.status())))
         for asked, callback in (
             (session_key("*", "*", "snapshot"), self._answers.snapshot),
             (key, self._answers.status),
@@ -160,8 +160,8 @@ class Edge:
         if (refusal := self.budgets.refuse_put(lane, len(payload))) is not None:
             self._turn_away(source, refusal.message)
             return
-        content = Content.of(key, payload, str(sample.encoding))
-        self._inbox.offer(Samples(content, station), source, len(content.payload), lane)
+        content = RawPayload.of(key, payload, str(sample.encoding))
+        self._inbox.offer(SamplesReceived(content, station), source, len(content.payload), lane)
 
     def _turn_away(self, source: str, why: str) -> None:
         """Dropped like what finds no room: counted, in the session's status, and asked for again."""

@@ -12,30 +12,35 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
-from caesura_service.publishing.events import AskReplay, Output, Refused, ReplayEnded
+from caesura_service.publishing.events import BatchRejected, Output, ReplayEnded, RequestReplay
 from caesura_service.sessions.batch_validation import samples_of
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost
-from caesura_service.sessions.reorder_buffer import Asking, Ordering
-from caesura_service.sessions.session_journal import Records
+from caesura_service.sessions.reorder_buffer import ReorderBuffer, ReplayBackoff
+from caesura_service.sessions.session_journal import SessionJournal
 
 Samples = NDArray[np.float64]
 
 _LOST = None  # stands in the order for a batch whose content was refused
 
 
-class Intake:
+class BatchReceiver:
     """Between a bridge and the demonstration."""
 
     def __init__(
-        self, station: str, opening: Open, demonstration: PipelineHost, records: Records, limits: Limits
+        self,
+        station: str,
+        opening: Open,
+        demonstration: PipelineHost,
+        records: SessionJournal,
+        limits: Limits,
     ) -> None:
         self._station, self._session, self._columns = station, opening.session, opening.columns
         self._demonstration = demonstration
         self._records = records
         self._limits = limits
-        self._ordering: Ordering[Samples | None] = Ordering(limits.held_batches, limits.held_bytes)
-        self._asking = Asking(limits)
+        self._ordering: ReorderBuffer[Samples | None] = ReorderBuffer(limits.held_batches, limits.held_bytes)
+        self._asking = ReplayBackoff(limits)
 
     @property
     def next_seq(self) -> int:
@@ -82,7 +87,7 @@ class Intake:
         """Request the missing batches, if there are any and no request is under way."""
         hole = self._ordering.hole() if self._is_open else None
         wanted = self._asking.question(hole, now)
-        return [AskReplay(self._station, self._session, *wanted)] if wanted else []
+        return [RequestReplay(self._station, self._session, *wanted)] if wanted else []
 
     def give_up(self, target: int) -> list[Output]:
         """Go on at the batch `target`: everything before it is lost."""
@@ -134,7 +139,7 @@ class Intake:
         try:
             return samples_of(batch, self._columns, self._limits), []
         except ProtocolError as error:
-            return _LOST, [Refused(error), *self._demonstration.refuse(error)]
+            return _LOST, [BatchRejected(error), *self._demonstration.refuse(error)]
 
     def _process(self, samples: Samples | None) -> list[Output]:
         """They have their turn."""

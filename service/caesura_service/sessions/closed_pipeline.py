@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Changepoint, Phase, Segment, Snapshot
 from caesura_service.publishing.events import Owner
-from caesura_service.publishing.session_state import Standing, Stream, Tally
-from caesura_service.segmentation.corrections import Change, Correction
+from caesura_service.publishing.session_state import SessionCounters, SessionState, Stream
+from caesura_service.segmentation.corrections import Change, ResolvedEdit
 from caesura_service.segmentation.encoded_log import packed
-from caesura_service.segmentation.view import Pipeline, View
+from caesura_service.segmentation.view import Pipeline, PipelineView
 
 
-class Concluded:
+class ClosedPipeline:
     """A pipeline that has finished; nothing reaches it any more."""
 
     def __init__(self, snapshot: Snapshot) -> None:
@@ -41,19 +41,19 @@ class Concluded:
         """Only what has been folded can be corrected."""
         return ()
 
-    def resolve(self, change: Change) -> Correction:
+    def resolve(self, change: Change) -> ResolvedEdit:
         """Only what has been folded can be corrected."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
-    def corrected(self, corrections: Sequence[Correction]) -> Pipeline:
+    def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
         """Only what has been folded can be corrected."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
 
-def view_of(snapshot: Snapshot) -> View:
+def view_of(snapshot: Snapshot) -> PipelineView:
     """What a snapshot was made of."""
     status, posterior = snapshot.status, snapshot.posterior
-    return View(
+    return PipelineView(
         t=status.t,
         samples=status.samples,
         repeats=status.repeats,
@@ -75,7 +75,7 @@ def view_of(snapshot: Snapshot) -> View:
     )
 
 
-def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
+def standing_of(snapshot: Snapshot, owner: Owner) -> SessionState:
     """Return the standing of a closed session under its present owner; counts of the process begin anew."""
     status = snapshot.status
     last_seq: dict[Stream, int] = {
@@ -86,14 +86,14 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> Standing:
     }
     said = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
     view = view_of(snapshot)
-    return Standing(
+    return SessionState(
         station=status.station,
         session=status.session,
         owner=owner,
         preset=status.preset,
         state="closed",
         view=view,
-        tally=Tally(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
+        tally=SessionCounters(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
         waiting_for=None,
         last_seq=last_seq,
         heading=snapshot.program.model_copy(update=said),

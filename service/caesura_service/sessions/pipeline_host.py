@@ -16,10 +16,10 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Action, Open, Redo, Undo
 from caesura_service.journal import Edit
 from caesura_service.publishing import messages
-from caesura_service.publishing.events import Failed, Output, Owner, Publish, Refused
+from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle import Move, State, after
-from caesura_service.publishing.session_state import Standing, Tally, program_of, time_of
-from caesura_service.segmentation.corrections import Correction, Corrections
+from caesura_service.publishing.session_state import SessionCounters, SessionState, program_of, time_of
+from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
 
@@ -35,9 +35,9 @@ class PipelineHost:
     def __init__(
         self, station: str, opening: Open, pipeline: Pipeline, *, owner: Owner, limits: Limits
     ) -> None:
-        self.corrections = Corrections()
+        self.corrections = EditHistory()
         self._pipeline = pipeline
-        self._filtered: tuple[Correction, ...] = ()  # corrections that the pipeline heeds
+        self._filtered: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline heeds
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
         self._program_t = 0.0  # [s] session time of the last program that was put
@@ -47,20 +47,20 @@ class PipelineHost:
         self._unsaid = False  # has something been left unsaid meanwhile?
         preset = opening.preset or ""
         first = messages.beginning(station, opening.session, owner, preset, pipeline.view)
-        self._latest: tuple[Standing, int, int] = (first, 0, 0)  # and the batches and samples since
+        self._latest: tuple[SessionState, int, int] = (first, 0, 0)  # and the batches and samples since
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> SessionState:
         """Where it stands; any thread may ask."""
         looked, batches, samples = self._latest
         return looked.after(batches, samples) if batches else looked
 
     @standing.setter
-    def standing(self, standing: Standing) -> None:
+    def standing(self, standing: SessionState) -> None:
         self._latest = (standing, 0, 0)
 
     @property
-    def looked(self) -> Standing:
+    def looked(self) -> SessionState:
         """The same without the batches since there was last something else to say."""
         return self._latest[0]
 
@@ -79,7 +79,7 @@ class PipelineHost:
         try:
             news = _push(self._pipeline, samples)  # may give way: what is said meanwhile is not taken back
         except ProtocolError as error:
-            return [Refused(error), *self.refuse(error), *self.gap(1)]
+            return [BatchRejected(error), *self.refuse(error), *self.gap(1)]
         except Exception as error:
             return self._fail(error)
         looked, batches, before = self._latest
@@ -109,7 +109,7 @@ class PipelineHost:
 
         return self._guarded(step)
 
-    def corrected(self, action: Action) -> tuple[Corrections, Pipeline]:
+    def corrected(self, action: Action) -> tuple[EditHistory, Pipeline]:
         """The corrections with one edit more, and what comes of them; nothing changes.
 
         Raises ProtocolError where the edit makes no sense.
@@ -117,7 +117,7 @@ class PipelineHost:
         corrections = self.corrections.after(action, self._pipeline.resolve)
         return corrections, self._pipeline.corrected(corrections.active)
 
-    def correct(self, edited: messages.Edited, pipeline: Pipeline) -> list[Output]:
+    def correct(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
         """Go on as corrected, and say so at once."""
         self.corrections, self._pipeline = edited.corrections, pipeline
         self._filtered = edited.corrections.active
@@ -161,7 +161,7 @@ class PipelineHost:
                     edit.revision,
                     edit.author,
                 )
-                return self.correct(messages.Edited(corrections, edit.author, at), pipeline)
+                return self.correct(messages.EditOutcome(corrections, edit.author, at), pipeline)
             corrections = self.corrections.again(edit, self._pipeline.kinds)
         except ProtocolError as error:
             self.corrections = self.corrections.passed_over()
@@ -169,7 +169,7 @@ class PipelineHost:
             return self.refuse(error)
         self.corrections = corrections
         self._pipeline.refresh()
-        edited = messages.Edited(corrections, edit.author, at)
+        edited = messages.EditOutcome(corrections, edit.author, at)
         self.standing = messages.with_repeated_edit(self.standing, self._pipeline.view, edited, edit.version)
         return []
 
@@ -178,7 +178,7 @@ class PipelineHost:
         if self._filter(self.corrections.active):
             self.standing = messages.settled(self.standing, self._pipeline.view)
 
-    def _filter(self, corrections: tuple[Correction, ...]) -> bool:
+    def _filter(self, corrections: tuple[ResolvedEdit, ...]) -> bool:
         """Does that change anything?"""
         if corrections == self._filtered or self.state == "failed":
             return False
@@ -239,7 +239,7 @@ class PipelineHost:
         self.is_hushed = True
         return [self.status()]
 
-    def _look(self, tally: Tally | None = None) -> list[Output]:
+    def _look(self, tally: SessionCounters | None = None) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""
         before = self.looked  # what has been counted since, the view and the tally have
         tally = tally or self.standing.tally
@@ -274,7 +274,7 @@ class PipelineHost:
         self._move("fail")
         reason = f"closed by an error in processing: {type(error).__name__}: {error}"
         self.standing = messages.with_program(self.standing, note=reason)
-        failed = Failed(self.standing.station, self.standing.session, error)
+        failed = SessionFailed(self.standing.station, self.standing.session, error)
         return [failed, Publish(program_of(self.standing)), *self.refuse(ProtocolError("conflict", reason))]
 
     def _move(self, move: Move) -> None:

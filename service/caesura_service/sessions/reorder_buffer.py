@@ -19,7 +19,7 @@ class _Held(NamedTuple, Generic[T]):
     size: int  # [bytes]
 
 
-class Ordering(Generic[T]):
+class ReorderBuffer(Generic[T]):
     """Hands out items by sequence number; holds a bounded number that came before their turn."""
 
     def __init__(self, capacity: int, capacity_bytes: int) -> None:
@@ -88,7 +88,7 @@ class Ordering(Generic[T]):
         self.newest = max(self.newest, seq - 1)
 
 
-class Asking:
+class ReplayBackoff:
     """When to ask for a hole, and when to give a batch up."""
 
     def __init__(self, limits: Limits) -> None:

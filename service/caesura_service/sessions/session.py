@@ -22,16 +22,16 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, Redo, SampleBatch, Undo
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
-from caesura_service.publishing.events import Answer, Incoming, Output, Owner, ReplayEnded
+from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle import after
-from caesura_service.publishing.messages import Edited
-from caesura_service.publishing.session_state import Standing, snapshot_of
-from caesura_service.segmentation.corrections import Corrections
+from caesura_service.publishing.messages import EditOutcome
+from caesura_service.publishing.session_state import SessionState, snapshot_of
+from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
-from caesura_service.sessions.batch_receiver import Intake
+from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost
-from caesura_service.sessions.session_journal import Records
+from caesura_service.sessions.session_journal import SessionJournal
 
 
 class Session:
@@ -50,8 +50,8 @@ class Session:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
         self._opening = opening
         self._demonstration = PipelineHost(station, opening, pipeline, owner=owner, limits=limits)
-        self._records = Records(station, opening.session, journal)
-        self._intake = Intake(station, opening, self._demonstration, self._records, limits)
+        self._records = SessionJournal(station, opening.session, journal)
+        self._intake = BatchReceiver(station, opening, self._demonstration, self._records, limits)
         self._collects = False  # edits, whose corrections are not filtered yet?
         self._folded = True  # is there more of it than its outcome?
 
@@ -61,12 +61,12 @@ class Session:
         return self._opening.session
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> SessionState:
         """Where it stands; immutable."""
         return self._demonstration.standing
 
     @property
-    def looked(self) -> Standing:
+    def looked(self) -> SessionState:
         """The same without the batches since there was last something else to say."""
         return self._demonstration.looked
 
@@ -147,7 +147,7 @@ class Session:
         """Speak as this owner from here on."""
         self._demonstration.hand_to(owner)
 
-    def take_up(self, outcome: Outcome, standing: Standing) -> None:
+    def take_up(self, outcome: Outcome, standing: SessionState) -> None:
         """Be the closed session of an outcome: as `restore`, without folding anything."""
         self._demonstration.standing = standing
         self._intake.skip_to(outcome.last_seq + 1)
@@ -236,7 +236,7 @@ class Session:
             if again != self._opening:
                 why = f"the session is {self.standing.state}: give the new one another name"
                 raise ProtocolError("conflict", why, value=again.session) from refusal
-            return [Answer(refusal)]  # a repeated opening behind the close: no error
+            return [Reply(refusal)]  # a repeated opening behind the close: no error
         if again.epoch == self._opening.epoch:
             self._check_bridge(again)
         mine = {"epoch": self._opening.epoch, "bridge": self._opening.bridge}
@@ -274,7 +274,7 @@ class Session:
         corrections, pipeline = self._demonstration.corrected(edit.action)
         self._check_kept()  # once more: that may have taken long
         self._records.append(self._applied(edit, corrections), now)
-        said = self._demonstration.correct(Edited(corrections, edit.author, now), pipeline)
+        said = self._demonstration.correct(EditOutcome(corrections, edit.author, now), pipeline)
         self._conclude()
         return [*said, self._ack()]
 
@@ -284,7 +284,7 @@ class Session:
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
-    def _applied(self, edit: Edit, corrections: Corrections) -> AppliedEdit:
+    def _applied(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
         """What is recorded of an edit: what it comes to, so that a replay need not find that out."""
         is_news = not isinstance(edit.action, Undo | Redo)
         return AppliedEdit(
@@ -345,7 +345,7 @@ class Session:
         asked = self._intake.hear_of(close.last_seq, now)
         missing = "batches are missing before the close"
         refusal = ProtocolError("conflict", missing, value=self.next_seq, limit=close.last_seq)
-        return [*asked, Answer(refusal)]
+        return [*asked, Reply(refusal)]
 
     def _finish(self) -> list[Output]:
         said = self._demonstration.finish()
@@ -354,18 +354,18 @@ class Session:
             return [*said, self._ack()]
         refusal = self.standing.tally.last_refusal
         why = refusal.message if refusal else "closed by an error in processing"
-        return [*said, Answer(ProtocolError("conflict", why))]
+        return [*said, Reply(ProtocolError("conflict", why))]
 
     def _conclude(self) -> None:
         """Let the journal keep how it ended; without that it is replayed."""
         if self.standing.state == "closed" and not self._collects:
             self._records.conclude(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing)))
 
-    def _ack(self) -> Answer:
+    def _ack(self) -> Reply:
         """What is acknowledged is safe. Raises JournalError."""
         self._records.commit()
         state = self.standing.state
-        return Answer(
+        return Reply(
             Ack(
                 session=self._opening.session,
                 next_seq=self.next_seq,

@@ -9,7 +9,7 @@ from caesura_protocol.messages import SampleBatch
 from caesura_service.journal import Journal, JournalError, Outcome, Record, Recordable
 
 
-class Records:
+class SessionJournal:
     """Those of one session."""
 
     def __init__(self, station: str, session: str, journal: Journal) -> None:

@@ -1,21 +1,21 @@
 """Signal conditioning: from a robot's samples to observations. Pure: NumPy and SciPy only."""
 
-from caesura_service.signals.conditioning import Conditioned, Conditioner, ConditioningParameters
+from caesura_service.signals.conditioning import Conditioner, ConditioningOutput, ConditioningParameters
 from caesura_service.signals.gripper import GripperEvent, GripperParameters
-from caesura_service.signals.layout import Layout
+from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.observation import Observation
 from caesura_service.signals.tare import Tare, baseline
 from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchCapabilities, wrench_capabilities
 
 __all__ = [
     "WRENCH_SOURCES",
-    "Conditioned",
     "Conditioner",
+    "ConditioningOutput",
     "ConditioningParameters",
     "GripperEvent",
     "GripperParameters",
-    "Layout",
     "Observation",
+    "SampleLayout",
     "Tare",
     "WrenchCapabilities",
     "baseline",

@@ -11,7 +11,7 @@ from caesura_service.numba_support import has_kernels
 from caesura_service.signals import numpy_operations
 
 
-class Arithmetic(NamedTuple):
+class Backend(NamedTuple):
     """What `reference` says, one way or another."""
 
     take: Callable[..., bool]
@@ -24,15 +24,15 @@ class Arithmetic(NamedTuple):
     finish: Callable[..., None]
 
 
-def _named_in(module: ModuleType) -> Arithmetic:
-    return Arithmetic(*(getattr(module, name) for name in Arithmetic._fields))
+def _named_in(module: ModuleType) -> Backend:
+    return Backend(*(getattr(module, name) for name in Backend._fields))
 
 
 REFERENCE = _named_in(numpy_operations)
 
 
 @cache
-def best() -> Arithmetic:
+def best() -> Backend:
     """The one that is used."""
     if not has_kernels():
         return REFERENCE

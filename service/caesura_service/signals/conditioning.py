@@ -18,16 +18,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import Arithmetic, best
+from caesura_service.signals.backend import Backend, best
 from caesura_service.signals.bias import ORIGIN, TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
-from caesura_service.signals.layout import Layout
+from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.observation import FilteredRow, Observation, observation_of
 from caesura_service.signals.rotation import rotation_between
-from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareState, Taring
+from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
@@ -68,13 +68,13 @@ class ConditioningParameters:
         """Grid rows per observation."""
         return round(self.grid_hz / self.segmentation_hz)
 
-    def taring(self, source: WrenchCapabilities) -> Taring:
+    def taring(self, source: WrenchCapabilities) -> TareEstimator:
         """The tare at the start."""
         criterion = RestCriterion(source.tare_speed_m_per_s, self.tare_scatter_limit_n)
-        return Taring(round(self.tare_window_s * self.grid_hz), criterion)
+        return TareEstimator(round(self.tare_window_s * self.grid_hz), criterion)
 
 
-class Conditioned(NamedTuple):
+class ConditioningOutput(NamedTuple):
     """What became clear with one push."""
 
     observations: tuple[Observation, ...] = ()
@@ -115,9 +115,9 @@ class Conditioner:
 
     def __init__(
         self,
-        layout: Layout,
+        layout: SampleLayout,
         parameters: ConditioningParameters | None = None,
-        arithmetic: Arithmetic | None = None,
+        arithmetic: Backend | None = None,
     ) -> None:
         self.layout = layout
         self._arithmetic = arithmetic or best()
@@ -176,7 +176,7 @@ class Conditioner:
         """Observations handed out so far."""
         return self._state.rows - len(self._state.waiting)
 
-    def push(self, samples: Array) -> Conditioned:
+    def push(self, samples: Array) -> ConditioningOutput:
         """Take the next samples, (n, columns) as the layout names them, time first.
 
         Raises ValueError for samples that cannot be right and RuntimeError after `finish`; either way nothing
@@ -189,7 +189,7 @@ class Conditioner:
         if resampled is NOTHING:
             self._grid = grid
             self._samples += len(samples)
-            return Conditioned(samples=len(samples))
+            return ConditioningOutput(samples=len(samples))
         state = self._state
         events: tuple[GripperEvent, ...] = ()
         for block in resampled.blocks:
@@ -201,7 +201,7 @@ class Conditioner:
         self._broken = self._broken and not resampled.blocks
         self._samples += len(samples)
         self._repeats += resampled.repeats
-        return Conditioned(ready, resampled.gaps, events, len(samples), resampled.repeats)
+        return ConditioningOutput(ready, resampled.gaps, events, len(samples), resampled.repeats)
 
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next are lost, however short the time between.
@@ -210,18 +210,18 @@ class Conditioner:
         """
         self._broken = self._grid is not None
 
-    def finish(self) -> Conditioned:
+    def finish(self) -> ConditioningOutput:
         """End the demonstration: hand out what waited. Calling it again changes nothing."""
         if self._finished or self._grid is None:
             self._finished = True
-            return Conditioned()
+            return ConditioningOutput()
         grid, rest = self._resampler.flush(self._grid)
         state, events = self._take(self._state, grid.anchor, rest)
         events += self._gripper.finish(state.gripper, grid.anchor)
         tare = self._taring.interrupted(state.tare, "the demonstration ended within the tare window")
         self._state, ready = self._released(state._replace(tare=tare))
         self._grid, self._finished = grid, True
-        return Conditioned(ready, gripper_events=events)
+        return ConditioningOutput(ready, gripper_events=events)
 
     def reset(self) -> None:
         """Forget every sample: the same pushes give the same results again."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import REFERENCE, Arithmetic
-from caesura_service.signals.layout import Layout
+from caesura_service.signals.backend import REFERENCE, Backend
+from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.numpy_operations import FILLED, FORCE, LEFT_OPEN, TURN
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class FlangeColumns(NamedTuple):
         return self.width + 2
 
 
-def columns_of(layout: Layout) -> FlangeColumns:
+def columns_of(layout: SampleLayout) -> FlangeColumns:
     """Lay out a session's flange rows; the last two columns are the gripper's width and closed flag."""
     orientation = ORIENTATION if layout.has_orientation else None
     end = TURN + 4 if orientation else TURN
@@ -63,15 +63,15 @@ def columns_of(layout: Layout) -> FlangeColumns:
 
 
 def flange_rows(
-    layout: Layout,
+    layout: SampleLayout,
     columns: FlangeColumns,
     rows: Array,
     before: Array | None = None,
-    arithmetic: Arithmetic = REFERENCE,
+    arithmetic: Backend = REFERENCE,
 ) -> Array:
     """Flange rows (m, columns) that came before, and after them those of n >= 1 grid rows: (m + n, columns).
 
-    rows: (n, c) as `Layout.slices` says. What the gripper does is left open.
+    rows: (n, c) as `SampleLayout.slices` says. What the gripper does is left open.
     """
     before = np.empty((0, columns.total)) if before is None else before
     flange = np.empty((len(before) + len(rows), columns.total))
@@ -81,7 +81,7 @@ def flange_rows(
     return flange
 
 
-def _fill(layout: Layout, rows: Array, fresh: Array) -> None:
+def _fill(layout: SampleLayout, rows: Array, fresh: Array) -> None:
     """Fill in what no column of the grid rows says: what follows from the joints, and no force as 0."""
     at = layout.slices
     if layout.pose_of_joints is not None and "q" in at and not ("pos" in at and "quat" in at):

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Backend
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class Resampler:
     quaternion: slice | None = None
     every: int = 1
     phase: int = 0
-    arithmetic: Arithmetic = REFERENCE
+    arithmetic: Backend = REFERENCE
 
     def time_of(self, anchor: float, row: int) -> float:
         """Session time of a grid row [s]."""

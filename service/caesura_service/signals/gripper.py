@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Backend
 
 Array = NDArray[np.float64]
 EventKind = Literal["grasp", "release", "close", "open"]
@@ -105,7 +105,7 @@ class GripperTracker:
 
     grid_hz: float
     parameters: GripperParameters = GripperParameters()
-    arithmetic: Arithmetic = REFERENCE
+    arithmetic: Backend = REFERENCE
 
     @cached_property
     def window(self) -> int:

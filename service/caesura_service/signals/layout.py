@@ -15,7 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import REFERENCE, Arithmetic
+from caesura_service.signals.backend import REFERENCE, Backend
 from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import (
     FORCE_FRAMES,
@@ -50,7 +50,7 @@ QUATERNION_NORM_TOLERANCE = 0.1  # a quaternion further from unit length is not 
 
 
 @dataclass(frozen=True)
-class Layout:
+class SampleLayout:
     """The columns of a session's samples and how to read them.
 
     columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: one of `WRENCH_SOURCES`; None: not
@@ -122,7 +122,7 @@ class Layout:
         taken = self.take(samples)
         return taken[:, 0], taken[:, 1:]
 
-    def take(self, samples: Array, arithmetic: Arithmetic = REFERENCE) -> Array:
+    def take(self, samples: Array, arithmetic: Backend = REFERENCE) -> Array:
         """Copy the columns in use: (n, 1 + c), time [s] first, then values, positions in metres.
 
         samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.

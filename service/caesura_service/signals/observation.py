@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.backend import Arithmetic
+from caesura_service.signals.backend import Backend
 from caesura_service.signals.flange import FlangeColumns
 from caesura_service.signals.tare import Tare
 from caesura_service.signals.torque import tared_torque
@@ -49,7 +49,7 @@ class FilteredRow(NamedTuple):
 
 
 def observation_of(
-    filtered: FilteredRow, columns: FlangeColumns, tare: Tare, arithmetic: Arithmetic
+    filtered: FilteredRow, columns: FlangeColumns, tare: Tare, arithmetic: Backend
 ) -> Observation:
     """Tare a filtered flange row and put its parts under their names."""
     row = filtered.row.copy()

@@ -92,7 +92,7 @@ class TareState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Taring:
+class TareEstimator:
     """Collects the filtered grid rows up to last_row, then decides once and for all."""
 
     last_row: int

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from caesura_service.signals.conditioning import Conditioner
-from caesura_service.signals.layout import SIGNALS, Layout
+from caesura_service.signals.layout import SIGNALS, SampleLayout
 
 
 def prepare() -> None:
     """Condition something small: what is not compiled by then is not needed."""
-    conditioner = Conditioner(Layout(("t", *SIGNALS["pos"], *SIGNALS["quat"], "gripper"), "none"))
+    conditioner = Conditioner(SampleLayout(("t", *SIGNALS["pos"], *SIGNALS["quat"], "gripper"), "none"))
     samples = np.zeros((60, 9))
     samples[:, 0], samples[:, 7] = np.arange(60) / 100.0, 1.0
     for batch in np.split(samples, 3):

@@ -12,7 +12,7 @@ from caesura_clients import connect
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from clients.conftest import free_port
 from faults.suite.outcome import Row
 from harness.processes import RECORDING, SAMPLES, SESSION, Service, running, snapshot, teaching
@@ -32,7 +32,7 @@ def silent_connections(directory: Path) -> Row:
     """150 at the router, 24 at the metrics; a dashboard and a bridge come, and probes are made."""
     certificates = directory / "certs"
     holders = [*identities("dashboard", ["wall"]), *identities("bridge", ["cell-1"])]
-    Directory(certificates).issue(Wanted(holders, hosts=["127.0.0.1"]))
+    CredentialStore(certificates).issue(IssueRequest(holders, hosts=["127.0.0.1"]))
     metrics = free_port()
     options = ("--zenoh-config", str(certificates / "router.json5"), "--metrics", f"127.0.0.1:{metrics}")
     with ExitStack() as stack:

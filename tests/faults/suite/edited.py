@@ -18,7 +18,7 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Edit, Insert, Open, Snapshot
 from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.events import Answer, Owner
+from caesura_service.publishing.events import Owner, Reply
 from caesura_service.publishing.session_state import snapshot_of
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.sessions.limits import Limits
@@ -119,7 +119,7 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
             if made < edits and t > 0.9 * seconds * (made + 1) / edits:
                 edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=0.7 * t))
                 (reply,) = [
-                    one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Answer)
+                    one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Reply)
                 ]
                 assert isinstance(reply, Ack), reply
                 made += 1

@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from caesura_clients.bridge.control_client import ControlLine
+from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.query import snapshot
 from caesura_protocol.codec import encode, pack_samples, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -89,7 +89,7 @@ class History:
 
 def write(transport: ZenohTransport, station: str, number: int, history: History) -> None:
     """The sessions of a station, each from its opening to its end."""
-    line = ControlLine(transport, station)
+    line = ControlClient(transport, station)
     for session in range(SESSIONS):
         recording = taught(10 * number + session, SECONDS)
         rows, columns = recording.matrix(), recording.columns
@@ -107,7 +107,7 @@ def write(transport: ZenohTransport, station: str, number: int, history: History
         history.closed.append(key)
 
 
-def insisted(line: ControlLine, command: Open | Close, history: History, key: Key) -> Ack:
+def insisted(line: ControlClient, command: Open | Close, history: History, key: Key) -> Ack:
     """Ask until there is an answer. Raises ProtocolError for a refusal, TimeoutError."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
@@ -148,7 +148,7 @@ def carried_out(transport: ZenohTransport, key: Key, made: Edit, over: threading
     revision = -1
     while not over.is_set() and time.monotonic() < began + PATIENCE_S:
         try:
-            ack = ControlLine(transport, key[0]).ask(made, timeout_s=ANSWER_S)  # type: ignore[arg-type]
+            ack = ControlClient(transport, key[0]).ask(made, timeout_s=ANSWER_S)  # type: ignore[arg-type]
         except ProtocolError:
             fate = "refused" if is_certain else "unknown"
             break

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgpack
 import zenoh
 
-from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_protocol.codec import encode, encoding_of
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Open, SampleBatch
@@ -75,7 +75,7 @@ def attack(endpoint: str, what: str, per_s: float, over: threading.Event) -> dic
     return done
 
 
-class Told(Gateway):
+class Told(NetworkFollower):
     """A gateway that counts how often one of its threads met something that it did not expect."""
 
     restarts = 0

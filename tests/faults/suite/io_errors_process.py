@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from caesura_protocol.messages import Ack, Edit, Insert
 from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.events import AskReplay, NotTaken, Output
+from caesura_service.publishing.events import Output, RequestReplay, TakeoverFailed
 from caesura_service.publishing.session_state import snapshot_of
 from harness.sessions import NAME, STATION, Ring, answer, batches, closing, new_registry, opening, unowned
 
@@ -149,11 +149,11 @@ class Instance:
 
     def replay(self, outputs: list[Output]) -> None:
         """Answer what is asked, like a bridge."""
-        waiting = [output for output in outputs if isinstance(output, AskReplay)]
+        waiting = [output for output in outputs if isinstance(output, RequestReplay)]
         while waiting:
             for reply in self.ring.answer(waiting.pop(0)):
                 said = self.registry.samples(STATION, reply, self.tick())
-                waiting += [output for output in said if isinstance(output, AskReplay)]
+                waiting += [output for output in said if isinstance(output, RequestReplay)]
                 if len(self.said) < ATTEMPTS and (trouble := self.registry.journal_report().trouble):
                     self.refused(trouble)
 
@@ -164,7 +164,7 @@ class Instance:
         self.registry.tick(self.tick())
         while self.registry.is_busy:
             for output in self.registry.step():
-                if isinstance(output, NotTaken):
+                if isinstance(output, TakeoverFailed):
                     self.refused(str(output.error))
 
     def tick(self) -> float:

@@ -11,7 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from caesura_clients.bridge.control_client import ControlLine
+from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.editing import send
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.keys import station_key
@@ -44,7 +44,7 @@ class Ledger:
         acks: list[Ack] = []
 
         def told() -> bool:
-            ack = ControlLine(transport, LEDGER).ask(self._opening)
+            ack = ControlClient(transport, LEDGER).ask(self._opening)
             acks[:] = [ack] if ack else []
             return bool(acks)
 

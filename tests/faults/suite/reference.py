@@ -15,11 +15,11 @@ import numpy as np
 
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.presets import preset_named
-from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segments import stretches
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.pipeline import layout_of, observed
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals import Conditioner
 from caesura_service.signals.backend import REFERENCE
 from caesura_service.signals.tare import TARED_BIAS_N
@@ -51,7 +51,7 @@ def by_reference(recording: Recording) -> list[Part]:
         orientation=layout.has_orientation,
         bias_n=TARED_BIAS_N,
     )
-    online = OnlineFilter(lattice, preset.hazard, preset.filter)
+    online = RunLengthFilter(lattice, preset.hazard, preset.filter)
     for observation in observations:
         online.step(observed(observation), boundary=observation.after_gap)
     t = [observation.t for observation in observations]
@@ -67,7 +67,7 @@ def by_reference(recording: Recording) -> list[Part]:
     ]
 
 
-def by_pipeline(view: View) -> list[Part]:
+def by_pipeline(view: PipelineView) -> list[Part]:
     """The segments of the undisturbed run, with which every disturbed one is compared."""
     return [
         part(

@@ -26,11 +26,11 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Ack, Posterior, SampleBatch, Snapshot
 from caesura_protocol.recording import Recording
-from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.journal import SqliteJournal
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.view import PipelineView
 from harness.demonstrations import taught
 from harness.processes import SESSION, eventually
 
@@ -55,7 +55,7 @@ def demonstration(number: int, seconds: float = SECONDS) -> Recording:
 
 
 @cache
-def undisturbed(number: int, seconds: float = SECONDS) -> View:
+def undisturbed(number: int, seconds: float = SECONDS) -> PipelineView:
     """What comes of it without a network, a service or a journal."""
     return segment_recording(demonstration(number, seconds))
 
@@ -88,7 +88,7 @@ class Station:
         return demonstration(self.number, self.seconds)
 
     @property
-    def expected(self) -> View:
+    def expected(self) -> PipelineView:
         return undisturbed(self.number, self.seconds)
 
 
@@ -120,7 +120,7 @@ def watching(endpoint: str) -> Iterator[Watched]:
     def listen() -> None:
         while not over.is_set():
             item = inbox.get(0.05)
-            if isinstance(item, Delivery):
+            if isinstance(item, ReceivedSample):
                 message = decode(item.payload, item.encoding, Posterior)
                 watched.came.setdefault(message.station, []).append((time.monotonic(), message.t))
 

@@ -12,7 +12,7 @@ import pytest
 from caesura_lab.annotation.editing import Editor
 from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation
 from caesura_lab.annotations import TruthError, read_annotation
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 
@@ -67,7 +67,7 @@ def test_an_annotation_that_cannot_be_read_is_not_replaced_by_a_new_one(file: Pa
 
 def test_a_file_that_cannot_be_written_is_named(file: Path):
     document = new_annotation(load_recording(file), file, "A")
-    with pytest.raises(BadSource, match="nowhere"):
+    with pytest.raises(SourceError, match="nowhere"):
         save_annotation(document, file.parent / "nowhere" / "x.ann.json")
 
 

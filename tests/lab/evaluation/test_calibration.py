@@ -13,14 +13,14 @@ import typer
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from caesura_lab.annotations import Point, TrueSegment, Truth
+from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.commands import register
 from caesura_lab.evaluation.calibration import EDGES, calibrate, curve, share
 from caesura_lab.evaluation.calibration import as_json as plain
 from caesura_lab.evaluation.diagram import draw
-from caesura_lab.evaluation.methods import Ours
-from caesura_lab.evaluation.runner import Unfit
-from caesura_lab.evaluation.score import FoundSegmentation, Part, Stated, score
+from caesura_lab.evaluation.methods import PresetMethod
+from caesura_lab.evaluation.runner import NotApplicable
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, Stated, score
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording
 
@@ -125,15 +125,15 @@ def test_without_statements_there_is_no_number():
 TRUTH = Truth(
     name="one",
     window=(0.0, 10.0),
-    points=(Point(2.0, 0.1), Point(5.0, 0.1, optional=True), Point(8.0, 0.1)),
+    points=(TrueChangepoint(2.0, 0.1), TrueChangepoint(5.0, 0.1, optional=True), TrueChangepoint(8.0, 0.1)),
     spans=(TrueSegment(0, 2, "steady"), TrueSegment(2, 8, "motion")),
 )
 TIMES = (0.1, 2.0, 5.0, 6.0)
 PARTS = (
-    Part(0, 2, "steady", probability=0.9),
-    Part(2, 6, "motion", probability=0.8),
-    Part(6, 9, "steady", probability=0.6),
-    Part(9, 10, "motion", probability=0.7),
+    FoundSegment(0, 2, "steady", probability=0.9),
+    FoundSegment(2, 6, "motion", probability=0.8),
+    FoundSegment(6, 9, "steady", probability=0.6),
+    FoundSegment(9, 10, "motion", probability=0.7),
 )
 
 
@@ -151,7 +151,7 @@ def test_a_segment_is_a_case_as_long_as_its_class_is_known():
 
 def test_ours_states_what_the_view_says():
     recording = load_recording(BUTTON)
-    found, view = Ours("default").segment(recording), segment_recording(recording, "default")
+    found, view = PresetMethod("default").segment(recording), segment_recording(recording, "default")
     assert found.probabilities == {one.t: one.probability for one in view.changepoints}
     assert [part.probability for part in found.parts] == [one.probability for one in view.segments]
     assert len(found.probabilities) > 5
@@ -162,7 +162,9 @@ def calibrated(slacks: tuple[float, ...] = (0.0, 0.2)):
     found = FoundSegmentation((2.0, 6.0), PARTS, intervals={2.0: (1.9, 2.2)}, probabilities=stated)
     scores = [score("mine", TRUTH, found)] * 3
     verdicts = [replace(one, slack_s=slack) for one in scores for slack in slacks]
-    return calibrate("title", ["mine", "absent"], [*verdicts, Unfit("other", "one", "reason")], ["gone"])
+    return calibrate(
+        "title", ["mine", "absent"], [*verdicts, NotApplicable("other", "one", "reason")], ["gone"]
+    )
 
 
 def test_every_slack_has_its_own_curve_and_notes_are_kept():

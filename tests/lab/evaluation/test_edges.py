@@ -6,19 +6,19 @@ import math
 
 import pytest
 
-from caesura_lab.annotations import Leniency, Point, TrueSegment, Truth
-from caesura_lab.evaluation.metrics import Look, match
-from caesura_lab.evaluation.score import FoundSegmentation, Part, Score, score
+from caesura_lab.annotations import ToleranceOptions, TrueChangepoint, TrueSegment, Truth
+from caesura_lab.evaluation.metrics import TimedEstimate, match
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, Score, score
 
 WINDOW = (0.0, 10.0)
-RELEASE = Point(6.0, 0.1, kind="contact_off", t_alt=5.5)
+RELEASE = TrueChangepoint(6.0, 0.1, kind="contact_off", t_alt=5.5)
 
 
-def judged(points: list[Point], times: list[float], **also: object) -> Score:
+def judged(points: list[TrueChangepoint], times: list[float], **also: object) -> Score:
     return score("mine", Truth("one", WINDOW, tuple(points)), FoundSegmentation(tuple(times), **also))  # type: ignore[arg-type]
 
 
-def counts(points: list[Point], times: list[float]) -> tuple[int, int, int]:
+def counts(points: list[TrueChangepoint], times: list[float]) -> tuple[int, int, int]:
     one = judged(points, times)
     return one.hits, one.false_alarms, one.misses
 
@@ -30,26 +30,26 @@ def test_a_changepoint_at_the_windows_edge_is_excused_within_the_margin_only(t: 
 
 @pytest.mark.parametrize("t", [0.1, 9.9])
 def test_a_true_point_at_the_windows_edge_is_neither_missed_nor_found(t: float):
-    assert counts([Point(t, 0.15)], []) == (0, 0, 0)
-    assert counts([Point(t, 0.15)], [t]) == (0, 0, 0)
+    assert counts([TrueChangepoint(t, 0.15)], []) == (0, 0, 0)
+    assert counts([TrueChangepoint(t, 0.15)], [t]) == (0, 0, 0)
 
 
 def test_a_true_point_at_the_margin_must_be_found():
-    assert counts([Point(0.3, 0.15)], []) == (0, 0, 1)
-    assert counts([Point(0.3, 0.15)], [0.4]) == (1, 0, 0)
+    assert counts([TrueChangepoint(0.3, 0.15)], []) == (0, 0, 1)
+    assert counts([TrueChangepoint(0.3, 0.15)], [0.4]) == (1, 0, 0)
 
 
 def test_a_changepoint_in_the_margin_still_finds_a_point_that_counts():
-    assert counts([Point(0.35, 0.15)], [0.25]) == (1, 0, 0)
+    assert counts([TrueChangepoint(0.35, 0.15)], [0.25]) == (1, 0, 0)
 
 
 def test_a_true_point_in_the_margin_excuses_a_changepoint_within_its_tolerance_outside_of_it():
-    assert counts([Point(0.25, 0.15)], [0.38]) == (0, 0, 0)
-    assert counts([Point(0.25, 0.15)], [0.45]) == (0, 1, 0)
+    assert counts([TrueChangepoint(0.25, 0.15)], [0.38]) == (0, 0, 0)
+    assert counts([TrueChangepoint(0.25, 0.15)], [0.45]) == (0, 1, 0)
 
 
 def test_slack_lets_a_changepoint_outside_of_the_window_find_a_point_inside_of_it():
-    truth = Leniency(slack_s=0.2).of(Truth("one", WINDOW, (Point(0.31, 0.15),)))
+    truth = ToleranceOptions(slack_s=0.2).of(Truth("one", WINDOW, (TrueChangepoint(0.31, 0.15),)))
     assert score("mine", truth, FoundSegmentation((-0.02,))).hits == 1
     assert score("mine", truth, FoundSegmentation((-0.1,))).false_alarms == 0
 
@@ -77,7 +77,7 @@ def test_pairing_takes_the_nearer_end_of_every_point():
 
 
 def test_delays_and_intervals_are_from_the_nearer_end():
-    looks = (Look(5.9, (5.52,), (False,)), Look(7.0, (5.52,), (True,)))
+    looks = (TimedEstimate(5.9, (5.52,), (False,)), TimedEstimate(7.0, (5.52,), (True,)))
     one = judged([RELEASE], [5.52], looks=looks, intervals={5.52: (5.4, 5.6)})
     assert one.provisional_s == pytest.approx([0.4])
     assert one.final_s == pytest.approx([1.5])
@@ -85,13 +85,13 @@ def test_delays_and_intervals_are_from_the_nearer_end():
 
 
 def test_a_changepoint_that_moves_from_one_end_to_the_other_stands_all_the_while():
-    looks = (Look(6.0, (5.5,), (False,)), Look(6.4, (6.0,), (False,)))
+    looks = (TimedEstimate(6.0, (5.5,), (False,)), TimedEstimate(6.4, (6.0,), (False,)))
     assert judged([RELEASE], [6.0], looks=looks).provisional_s == pytest.approx([0.0])
 
 
 def test_no_class_is_scored_between_the_ends_of_an_edge():
     spans = (TrueSegment(0, 6, "contact"), TrueSegment(6, 10, "motion"))
-    parts = (Part(0, 5.5, "contact"), Part(5.5, 10, "motion"))
+    parts = (FoundSegment(0, 5.5, "contact"), FoundSegment(5.5, 10, "motion"))
     one = score("mine", Truth("one", WINDOW, (RELEASE,), spans), FoundSegmentation((5.5,), parts))
     assert dict(one.confusion) == {("contact", "contact"): 5.5, ("motion", "motion"): 4.0}
     assert sum(one.confusion_inside.values()) == pytest.approx(5.4 + 3.9)

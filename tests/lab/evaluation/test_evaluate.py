@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from caesura_lab.annotations import TruthError, read_truth, truth_file, truth_of
 from caesura_lab.commands import register
 from caesura_lab.evaluation.baselines import Baseline, thresholds
-from caesura_lab.evaluation.methods import Ours
+from caesura_lab.evaluation.methods import PresetMethod
 from caesura_lab.evaluation.report import report
-from caesura_lab.evaluation.runner import Unfit, judge, judge_all
+from caesura_lab.evaluation.runner import NotApplicable, judge, judge_all
 from caesura_lab.evaluation.suites import REAL, Extent, FileCase, TaughtCase, suite
 from caesura_lab.teacher.scenarios import BASIC, SKILLS, Scenario
 from caesura_protocol.formats.read import load_recording
@@ -76,10 +76,10 @@ def test_a_preset_that_cannot_be_applied_says_so_and_stops_nobody():
     case = FileCase(REAL / "modena_panda_0.npz")
     if not case.path.is_file():
         pytest.skip(f"the real recordings are not in {REAL}")
-    refused, judged = judge(case, [Ours("force"), Ours("default")])
-    assert isinstance(refused, Unfit)
+    refused, judged = judge(case, [PresetMethod("force"), PresetMethod("default")])
+    assert isinstance(refused, NotApplicable)
     assert "force only" in refused.reason
-    assert not isinstance(judged, Unfit)
+    assert not isinstance(judged, NotApplicable)
 
 
 def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
@@ -155,7 +155,7 @@ def test_processes_judge_as_one_does():
 
 def test_results_are_shown_by_kind_of_recording():
     case = TaughtCase("button", 1, "lognormal")
-    result = report("one", ["default"], judge(case, [Ours("default")]))
+    result = report("one", ["default"], judge(case, [PresetMethod("default")]))
     judged = result.methods[0]
     assert [group.tag for group in judged.faults.groups][:2] == ["button", "lognormal"]
     assert [score.recording for score in judged.scores] == ["button-1-lognormal"]

@@ -12,12 +12,12 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.library_comparison import LIBRARIES, Told, grid, tell, with_moves
+from caesura_lab.evaluation.library_comparison import LIBRARIES, LibraryEvidence, grid, tell, with_moves
 from caesura_lab.evaluation.suites import FileCase
 from caesura_protocol.recording import RecordingError
 from caesura_service.changepoint.default import DEFAULT, STROKES, human_motion_library
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
@@ -30,7 +30,7 @@ def run(*arguments: object):
 
 
 @pytest.fixture(scope="module")
-def button() -> Told:
+def button() -> LibraryEvidence:
     return tell(FileCase(BUTTON))
 
 
@@ -48,7 +48,7 @@ def test_only_the_library_of_movements_is_exchanged():
 def test_the_presets_own_library_gives_the_presets_own_evidence():
     rng = np.random.default_rng(0)
     data = [
-        Observed(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
+        ModelInput(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
     ]
     same = with_moves(STROKES, human_motion_library().profiles)
     told = [
@@ -62,13 +62,13 @@ def test_movements_without_a_library_are_refused():
         with_moves(DEFAULT, LIBRARIES["lognormal"]())
 
 
-def test_a_movement_of_the_teacher_is_no_overdamped_response(button: Told):
+def test_a_movement_of_the_teacher_is_no_overdamped_response(button: LibraryEvidence):
     assert button.observations == pytest.approx(117, abs=2)
     assert set(button.log_evidence) == set(LIBRARIES)
     assert button.log_evidence["minimum jerk"] > button.log_evidence["overdamped"] + 30.0
 
 
-def test_more_profiles_are_not_more_evidence(button: Told):
+def test_more_profiles_are_not_more_evidence(button: LibraryEvidence):
     """Each of a mixture's profiles is less likely: what it adds is bounded, and may be negative."""
     one, all_three = button.log_evidence["minimum jerk"], button.log_evidence["all three"]
     assert abs(all_three - one) < 20.0
@@ -77,8 +77,8 @@ def test_more_profiles_are_not_more_evidence(button: Told):
 def test_the_table_counts_what_each_library_is_behind():
     names = list(LIBRARIES)
     told = [
-        Told("a", 100, dict.fromkeys(names, 90.0) | {names[0]: 100.0}),
-        Told("b", 50, dict.fromkeys(names, 80.0) | {names[1]: 85.0}),
+        LibraryEvidence("a", 100, dict.fromkeys(names, 90.0) | {names[0]: 100.0}),
+        LibraryEvidence("b", 50, dict.fromkeys(names, 80.0) | {names[1]: 85.0}),
     ]
     rows = {row[0]: row[1:] for row in grid(told).rows}
     assert rows["a"][:3] == ("100", "0.0", "-10.0")
@@ -88,7 +88,7 @@ def test_the_table_counts_what_each_library_is_behind():
     assert rows["best in"] == ("2", "1", "1", "0", "0", "0")
 
 
-def test_a_recording_needs_no_annotation_and_text_fits_a_terminal(tmp_path: Path, button: Told):
+def test_a_recording_needs_no_annotation_and_text_fits_a_terminal(tmp_path: Path, button: LibraryEvidence):
     shutil.copy(BUTTON, tmp_path / "mine.npz")
     result = run(tmp_path / "mine.npz", "--format", "json")
     assert result.exit_code == 0, result.output

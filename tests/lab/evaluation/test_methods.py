@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from caesura_lab.evaluation.baselines import switched
-from caesura_lab.evaluation.methods import Ours, baselines
+from caesura_lab.evaluation.methods import PresetMethod, baselines
 from caesura_lab.evaluation.observations import Signals, condition
 from caesura_lab.evaluation.third_party_baselines import gaussian_online
 from caesura_protocol.recording import Recording
 
 RATE_HZ = 200.0
-ALL = [Ours("default"), *baselines()]
+ALL = [PresetMethod("default"), *baselines()]
 WITHOUT_FORCE = ("zero velocity", "BOCPD speed")
 FINDING = [method for method in ALL if method.name != "one segment"]
 
@@ -64,7 +64,7 @@ def test_parts_join_and_the_same_recording_gives_the_same(method):
 
 
 def test_ours_says_what_it_knew_when():
-    looks = Ours("default").segment(recording(moves=True)).looks
+    looks = PresetMethod("default").segment(recording(moves=True)).looks
     assert [look.t for look in looks] == sorted(look.t for look in looks)
     assert looks[-1].t <= 10.0
     assert all(looks[-1].final)

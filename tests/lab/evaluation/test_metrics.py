@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from caesura_lab.evaluation.metrics import (
     Labelled,
-    Look,
+    TimedEstimate,
     confusion,
     covering,
     disturbed,
@@ -148,11 +148,11 @@ def test_classes_are_compared_second_by_second():
 
 def test_a_changepoint_stands_since_it_was_last_absent():
     looks = [
-        Look(1.0, (), ()),
-        Look(1.1, (0.9,), (False,)),
-        Look(1.2, (), ()),
-        Look(1.3, (0.5, 1.1), (True, False)),
-        Look(1.8, (0.5, 0.95), (True, True)),
+        TimedEstimate(1.0, (), ()),
+        TimedEstimate(1.1, (0.9,), (False,)),
+        TimedEstimate(1.2, (), ()),
+        TimedEstimate(1.3, (0.5, 1.1), (True, False)),
+        TimedEstimate(1.8, (0.5, 0.95), (True, True)),
     ]
     assert standing_since(looks, (1.0,), 0.15, final=False) == 1.3
     assert standing_since(looks, (1.0,), 0.15, final=True) == 1.8

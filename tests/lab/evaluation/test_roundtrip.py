@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from caesura_lab.evaluation import mutations, roundtrip
-from caesura_lab.evaluation.roundtrip import RoundTripCase, Trip, compared, summarise, travel
+from caesura_lab.evaluation.roundtrip import RoundTripCase, RoundTripResult, compared, summarise, travel
 from caesura_protocol.messages import App
 from harness.programs import press
 
@@ -49,8 +49,8 @@ def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], wh
 
 
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
-    good = Trip(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
-    bad = Trip(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
+    good = RoundTripResult(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
+    bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
     console = Console(width=90, record=True, file=StringIO())
     console.print(roundtrip.as_text(summarise([bad, good]), "title"))
     text = console.export_text()

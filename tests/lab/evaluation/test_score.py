@@ -7,20 +7,20 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_lab.annotations import Leniency, Point, Quantity, Screwing, TrueSegment, Truth
+from caesura_lab.annotations import Quantity, Screwing, ToleranceOptions, TrueChangepoint, TrueSegment, Truth
 from caesura_lab.evaluation.error_analysis import faults
-from caesura_lab.evaluation.metrics import Look
-from caesura_lab.evaluation.score import FoundSegmentation, Part, score
+from caesura_lab.evaluation.metrics import TimedEstimate
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
 from caesura_lab.evaluation.summary import margins, summarise
 
 TRUTH = Truth(
     name="one",
     window=(0.0, 10.0),
     points=(
-        Point(2.0, 0.1, kind="start"),
-        Point(4.0, 0.1, kind="contact_on"),
-        Point(5.0, 0.1, optional=True, kind="dip"),
-        Point(8.0, 0.1, kind="stop"),
+        TrueChangepoint(2.0, 0.1, kind="start"),
+        TrueChangepoint(4.0, 0.1, kind="contact_on"),
+        TrueChangepoint(5.0, 0.1, optional=True, kind="dip"),
+        TrueChangepoint(8.0, 0.1, kind="stop"),
     ),
     spans=(
         TrueSegment(0, 2, "steady"),
@@ -32,10 +32,10 @@ TRUTH = Truth(
     forces=(Quantity(2.0, 4.0, 12.0),),
 )
 PARTS = (
-    Part(0.05, 2.0, "steady", force_n=0.1),
-    Part(2.0, 4.0, "contact", force_n=10.0),
-    Part(4.0, 8.0, "transport", load_kg=0.2, force_n=2.0),
-    Part(8.0, 9.9, "hold", load_kg=0.5, force_n=5.0),
+    FoundSegment(0.05, 2.0, "steady", force_n=0.1),
+    FoundSegment(2.0, 4.0, "contact", force_n=10.0),
+    FoundSegment(4.0, 8.0, "transport", load_kg=0.2, force_n=2.0),
+    FoundSegment(8.0, 9.9, "hold", load_kg=0.5, force_n=5.0),
 )
 
 
@@ -75,9 +75,9 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
     found = FoundSegmentation(
         (),
         (
-            Part(0.0, 4.5, "turning", force_n=1.0, screw=((1.0, 0.0, 0.0), 0.1)),
-            Part(4.5, 8.0, "turning", force_n=1.0, screw=((0.0, 0.6, -0.8), 0.0012)),
-            Part(8.0, 10.0, "contact", force_n=1.0),
+            FoundSegment(0.0, 4.5, "turning", force_n=1.0, screw=((1.0, 0.0, 0.0), 0.1)),
+            FoundSegment(4.5, 8.0, "turning", force_n=1.0, screw=((0.0, 0.6, -0.8), 0.0012)),
+            FoundSegment(8.0, 10.0, "contact", force_n=1.0),
         ),
     )
     one = score("mine", replace(TRUTH, screws=(stroke, Screwing(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found)
@@ -94,7 +94,7 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
 def test_a_floor_widens_what_is_narrower():
     found = FoundSegmentation((2.05, 4.0, 8.15), PARTS)
     assert score("mine", TRUTH, found).hits == 2
-    assert score("mine", Leniency(least_s=0.2).of(TRUTH), found).hits == 3
+    assert score("mine", ToleranceOptions(least_s=0.2).of(TRUTH), found).hits == 3
 
 
 def test_what_a_filter_needs_at_the_beginning_is_not_held_against_it():
@@ -112,13 +112,13 @@ def test_loads_are_weighed_by_time_and_forces_by_the_largest():
 
 
 def test_a_method_that_measures_nothing_is_not_asked_for_it():
-    parts = tuple(Part(part.t0, part.t1, part.kind) for part in PARTS)
+    parts = tuple(FoundSegment(part.t0, part.t1, part.kind) for part in PARTS)
     one = score("mine", TRUTH, FoundSegmentation((2.0,), parts))
     assert (one.loads, one.forces) == (0, 0)
 
 
 def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
-    looks = (Look(2.3, (2.05,), (False,)), Look(3.0, (2.05,), (True,)))
+    looks = (TimedEstimate(2.3, (2.05,), (False,)), TimedEstimate(3.0, (2.05,), (True,)))
     one = score("mine", TRUTH, FoundSegmentation((2.05,), None, looks))
     assert one.provisional_s == pytest.approx([0.3])
     assert one.final_s == pytest.approx([1.0])

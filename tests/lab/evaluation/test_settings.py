@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import Point, Truth
+from caesura_lab.annotations import TrueChangepoint, Truth
 from caesura_lab.evaluation import chosen_settings, settings
 from caesura_lab.evaluation.bocpd import student_speed
 from caesura_lab.evaluation.chosen_settings import KernelSettings, StudentSettings
@@ -42,7 +42,11 @@ def signals(seed: int = 0, *, force_tells: bool = True) -> Signals:
     )
 
 
-TRUTH = Truth("one", (0.0, 9.0), (Point(2.95, 0.05), Point(5.95, 0.05), Point(6.95, 0.05, optional=True)))
+TRUTH = Truth(
+    "one",
+    (0.0, 9.0),
+    (TrueChangepoint(2.95, 0.05), TrueChangepoint(5.95, 0.05), TrueChangepoint(6.95, 0.05, optional=True)),
+)
 DEMONSTRATIONS = [(signals(seed), TRUTH) for seed in range(3)]
 
 

@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_lab.annotations import Leniency, TrueSegment, Truth, TruthError, truth_of
+from caesura_lab.annotations import ToleranceOptions, TrueSegment, Truth, TruthError, truth_of
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
 from caesura_lab.evaluation.baselines import Baseline, thresholds
@@ -244,7 +244,7 @@ def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: Exte
 
 def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: Extent):
     methods = [QUICK, Baseline("nothing", lambda signals: thresholds(signals)[:0])]
-    leniencies = [Leniency(), Leniency(slack_s=0.2)]
+    leniencies = [ToleranceOptions(), ToleranceOptions(slack_s=0.2)]
     cases = suite("real", extent)
     verdicts = [one for some in judge_all(cases, methods, leniencies) for one in some]
     result = report("one", ["quick", "nothing"], verdicts)
@@ -278,7 +278,7 @@ def test_slack_finds_what_lies_just_outside_of_the_tolerance():
             return BASE, truth_of(truth, "late")
 
     found = Baseline("late", lambda signals: (signals.t < 5.25).sum(keepdims=True))
-    verdicts = judge(Late(), [found], [Leniency(), Leniency(slack_s=0.2)])
+    verdicts = judge(Late(), [found], [ToleranceOptions(), ToleranceOptions(slack_s=0.2)])
     assert [(one.slack_s, one.hits) for one in verdicts] == [(0.0, 0), (0.2, 1)]
 
 

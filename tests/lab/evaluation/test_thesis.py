@@ -12,9 +12,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_lab.annotations import Point, Truth
+from caesura_lab.annotations import TrueChangepoint, Truth
 from caesura_lab.commands import register
-from caesura_lab.evaluation.metrics import Look
+from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.thesis import measure, suite
 from caesura_lab.evaluation.thesis.demonstrations import (
     DRAWN,
@@ -43,7 +43,7 @@ from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
 from caesura_lab.teacher.person import THESIS
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.hazard import Geometric, Uniform
-from caesura_service.changepoint.models import ChannelModel, Noise, Observed
+from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import views
@@ -64,11 +64,11 @@ def found(*inner: float, states: str = "1221") -> Found:
 def evidence(model: ChannelModel, forces: np.ndarray) -> float:
     rows = model.empty()
     for force in forces:
-        rows = model.extend(rows, Observed(np.zeros(3), force))
+        rows = model.extend(rows, ModelInput(np.zeros(3), force))
     return float(model.log_evidence(rows)[0])
 
 
-def seen(*points: Point, path: np.ndarray | None = None) -> Seen:
+def seen(*points: TrueChangepoint, path: np.ndarray | None = None) -> Seen:
     t = np.arange(0.0, 6.0, 0.01)
     pos = np.zeros((t.size, 3)) if path is None else path
     return Seen(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points), (), tared=True)
@@ -198,7 +198,7 @@ def test_one_changepoint_stands_for_one_boundary():
 
 def test_an_event_counts_beside_the_thesis_time_unless_it_is_another_one():
     row = Row("R", "Fig.", "s", "force", (Boundary(2.0, "contact_on"),))
-    near, far = (Point(2.0 + by, 0.15, kind="contact_on") for by in (0.4, SAME_EVENT_S + 0.1))
+    near, far = (TrueChangepoint(2.0 + by, 0.15, kind="contact_on") for by in (0.4, SAME_EVENT_S + 0.1))
     assert references(row, seen(near, far)) == [(2.0, 2.4)]
     assert references(row, seen(far)) == [(2.0,)]
     assert references(row, seen(replace(near, kind="decay"))) == [(2.0,)]
@@ -213,7 +213,11 @@ def test_a_place_is_where_the_hand_comes_nearest():
 
 
 def test_a_delay_is_until_a_boundary_is_there_for_good():
-    looks = [Look(2.1, (2.0,), (False,)), Look(2.2, (), ()), Look(2.5, (2.1,), (False,))]
+    looks = [
+        TimedEstimate(2.1, (2.0,), (False,)),
+        TimedEstimate(2.2, (), ()),
+        TimedEstimate(2.5, (2.1,), (False,)),
+    ]
     assert standing_since(looks, [(2.0,)]) == [2.5]
     assert standing_since(looks[:2], [(2.0,)]) == [None]
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.cell_simulation import World
+from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import Taught, check
 from caesura_lab.execution.findings import CheckReport
 from caesura_lab.teacher.scenarios import SCENARIOS
@@ -31,7 +31,7 @@ def robot() -> Robot:
 
 
 def cell(scenario: str) -> Cell:
-    return World(SCENARIOS[scenario], 0.25).cell()
+    return CellSimulation(SCENARIOS[scenario], 0.25).cell()
 
 
 def changed(apps: Apps, index: int, **fields: Any) -> Apps:
@@ -159,7 +159,7 @@ def test_the_fingertips_of_a_tilted_tool_decide_what_is_free(
         app("cartesian_motion", 2.0 * k, 2.0 * k + 2.0, tuple(place.tolist()), orientation=(x, y, z, w))
         for k, place in enumerate((high, flange))
     ]
-    report = check(apps, World(SCENARIOS["contour"], 0.25).cell(), robot=robot)
+    report = check(apps, CellSimulation(SCENARIOS["contour"], 0.25).cell(), robot=robot)
     assert report.passed == passes, [*map(str, report.errors)]
 
 

@@ -11,12 +11,12 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from caesura_lab.evaluation.mutations import violations
-from caesura_lab.execution.cell_simulation import World
-from caesura_lab.execution.executor import Done, Place, execute, run
+from caesura_lab.execution.cell_simulation import CellSimulation
+from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
 from caesura_lab.execution.findings import RefusedError
-from caesura_lab.execution.safety_monitor import Guard, Stopped
-from caesura_lab.execution.simulated_arm import Arm
-from caesura_lab.execution.skills import Acting
+from caesura_lab.execution.safety_monitor import SafetyMonitor, Stopped
+from caesura_lab.execution.simulated_arm import SimulatedArm
+from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
@@ -28,7 +28,7 @@ from caesura_service.robot import Robot, load_panda
 from harness.programs import DOWN, app, pick_and_place, press
 
 FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
-PRESSING, PICKING = (Place(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
+PRESSING, PICKING = (SimulatedCell(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
 
 
 @pytest.fixture(scope="module")
@@ -37,28 +37,28 @@ def robot() -> Robot:
 
 
 @pytest.fixture(scope="module")
-def pressed(robot: Robot) -> Done:
+def pressed(robot: Robot) -> RunResult:
     return execute(press(), PRESSING, robot=robot)
 
 
 @pytest.fixture(scope="module")
-def picked(robot: Robot) -> Done:
+def picked(robot: Robot) -> RunResult:
     return execute(pick_and_place(), PICKING, robot=robot)
 
 
-def reached(done: Done, target: tuple[float, ...], robot: Robot) -> float:
+def reached(done: RunResult, target: tuple[float, ...], robot: Robot) -> float:
     positions, _ = robot.flange_poses(done.trace.q[::10])
     return float(np.linalg.norm(positions - target, axis=1).min())
 
 
-def test_every_target_is_passed_within_millimetres(picked: Done, robot: Robot) -> None:
+def test_every_target_is_passed_within_millimetres(picked: RunResult, robot: Robot) -> None:
     assert picked.stopped is None
     for one in pick_and_place():
         assert one.target is not None
         assert reached(picked, one.target, robot) < 3e-3
 
 
-def test_what_is_grasped_is_carried_and_let_go(picked: Done) -> None:
+def test_what_is_grasped_is_carried_and_let_go(picked: RunResult) -> None:
     held = picked.trace.load_kg > 0.0
     first, last = np.flatnonzero(held)[[0, -1]]
     assert held[first : last + 1].all()
@@ -67,20 +67,20 @@ def test_what_is_grasped_is_carried_and_let_go(picked: Done) -> None:
     assert picked.trace.width[-1] == pytest.approx(0.08, abs=1e-3)
 
 
-def test_a_press_has_the_force_that_is_asked_for(pressed: Done) -> None:
+def test_a_press_has_the_force_that_is_asked_for(pressed: RunResult) -> None:
     normal = pressed.trace.contact[:, 2]
     end = np.flatnonzero(normal > 5.0)[-1]
     assert np.median(normal[end - 600 : end - 200]) == pytest.approx(10.0, rel=0.05)
 
 
-def test_runs_keep_to_their_limits(pressed: Done, picked: Done) -> None:
+def test_runs_keep_to_their_limits(pressed: RunResult, picked: RunResult) -> None:
     assert violations(pressed.trace, DEFAULT) == []
     assert violations(picked.trace, DEFAULT) == []
     tight = violations(picked.trace, Safety(speed_m_per_s=0.1, felt_force_n=5.0))
     assert [one.split()[0] for one in tight] == ["speed", "force"]
 
 
-def test_what_was_recorded_gives_the_same_program(pressed: Done) -> None:
+def test_what_was_recorded_gives_the_same_program(pressed: RunResult) -> None:
     assert pressed.recording.columns[:8] == ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
     again = segment_recording(pressed.recording).apps
     assert [one.kind for one in again] == [one.kind for one in press()]
@@ -90,7 +90,7 @@ def test_the_same_arguments_give_the_same_bytes(robot: Robot) -> None:
     short = (app("cartesian_motion", 0.0, 0.6, (-0.02, -0.58, 0.32)),)
     one, same = (execute(short, PRESSING, robot=robot) for _ in range(2))
     assert_array_equal(one.recording.matrix(), same.recording.matrix())
-    other = execute(short, Place(PRESSING.scenario, THESIS, 2), robot=robot)
+    other = execute(short, SimulatedCell(PRESSING.scenario, THESIS, 2), robot=robot)
     assert_array_equal(one.trace.q, other.trace.q)
     assert not np.array_equal(one.recording.matrix(), other.recording.matrix())
 
@@ -100,7 +100,7 @@ def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
         execute(press()[1:], PRESSING, robot=robot)
 
 
-def stopped(apps: tuple[App, ...], place: Place, robot: Robot, safety: Safety = DEFAULT) -> str:
+def stopped(apps: tuple[App, ...], place: SimulatedCell, robot: Robot, safety: Safety = DEFAULT) -> str:
     """Past the check, so that the guard is what stops it."""
     done = run(apps, place, safety, robot)
     assert done.stopped is not None
@@ -153,7 +153,7 @@ def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
 
 def test_a_movement_is_slowed_to_the_limits_of_the_joints(robot: Robot) -> None:
     """Joint 7 turns the tool about its axis, by 60° in 1 s: a peak of 1.96 rad/s."""
-    acting = Acting(Arm(robot, World(PRESSING.scenario, 0.25)), DEFAULT)
+    acting = SkillController(SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25)), DEFAULT)
     here = acting.felt
     turned = Rotation.from_matrix(here.rotation) * Rotation.from_euler("z", 60.0, degrees=True)
     moving = app("cartesian_motion", 0.0, 1.0, tuple(here.position.tolist()))
@@ -168,11 +168,11 @@ def test_a_movement_is_slowed_to_the_limits_of_the_joints(robot: Robot) -> None:
 
 @pytest.mark.parametrize(("row", "said"), [(0, "speed 0.6"), (4, "turn 2.4")])
 def test_the_guard_stops_what_is_too_fast_all_the_same(row: int, said: str, robot: Robot) -> None:
-    acting = Arm(robot, World(PRESSING.scenario, 0.25))
+    acting = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
     twist = np.zeros(6)
     twist[row] = 0.6 if row < 3 else 2.4
     with pytest.raises(Stopped, match=said):
-        Guard(acting, DEFAULT).look(replace(acting.felt, twist=twist))
+        SafetyMonitor(acting, DEFAULT).look(replace(acting.felt, twist=twist))
 
 
 def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
@@ -205,8 +205,8 @@ def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> 
 
 
 def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
-    arm = Arm(robot, World(PRESSING.scenario, 0.25))
-    acting = Acting(arm, DEFAULT)
+    arm = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
+    acting = SkillController(arm, DEFAULT)
     crept = tuple(np.add(arm.felt.position, (0.004, 0.0, 0.0)).tolist())
     path = AppPath(
         start=ViaPoint(t=2.0, position=crept, orientation=DOWN), tn=3.0, length_m=0.04, deviation_m=0.0,
@@ -233,7 +233,7 @@ def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught
         app("apply_force", 2.5, 3.5, stroke, force=(0.0, 0.0, -6.0), path=path, **down),
         app("cartesian_motion", 3.9, 4.9, (0.47, 0.04, 0.25), **down),
     )
-    done = execute(apps, Place(SCENARIOS["wiping"], THESIS, 1), robot=robot)
+    done = execute(apps, SimulatedCell(SCENARIOS["wiping"], THESIS, 1), robot=robot)
     assert done.stopped is None
     normal, (begun, ended) = done.trace.contact[:, 2], done.spans[2]
     sliding = normal[round(1000 * begun) + 200 : round(1000 * ended)]
@@ -277,7 +277,7 @@ def driven(torque_nm: float) -> tuple[App, ...]:
 
 
 def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
-    place = Place(SCENARIOS["screwing"], THESIS, 1)
+    place = SimulatedCell(SCENARIOS["screwing"], THESIS, 1)
     done, tight = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
     assert done.stopped is None
     assert tight.stopped is None

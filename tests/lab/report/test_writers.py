@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
-from caesura_lab.annotations import Point, TrueSegment, Truth
+from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.figures.path import informative_planes
 from caesura_lab.report.figures.style import LONGEST_S, windows
 from caesura_lab.report.figures.tables import table_pages
@@ -27,7 +27,7 @@ from harness.demonstrations import guided
 TRUTH = Truth(
     "taught",
     (0.0, 3.0),
-    (Point(0.8, 0.1), Point(2.0, 0.1, optional=True)),
+    (TrueChangepoint(0.8, 0.1), TrueChangepoint(2.0, 0.1, optional=True)),
     (TrueSegment(0.0, 0.8, "steady"),),
 )
 VOID = {"meta", "img", "br"}

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_lab.teacher.fingertip_contact import Surface, Touch
+from caesura_lab.teacher.fingertip_contact import FingertipContact, Surface
 
 TABLE = Surface(0.1, friction=0.3)
 PUMP = Surface(0.1, radius_m=0.03, travel_m=0.025, preload_n=3.0, spring_n_per_m=160.0)
@@ -28,16 +28,16 @@ def test_a_dispenser_yields_over_its_travel_and_then_stops() -> None:
 
 
 def test_beside_a_surface_there_is_nothing() -> None:
-    assert Touch([PUMP]).force((0.05, 0.0, 0.09), (0.0, 0.0, 0.0), 0.001) == (0.0, 0.0, 0.0)
+    assert FingertipContact([PUMP]).force((0.05, 0.0, 0.09), (0.0, 0.0, 0.0), 0.001) == (0.0, 0.0, 0.0)
 
 
 def test_the_highest_surface_is_touched() -> None:
-    force = Touch([Surface(0.05), TABLE]).force((0.0, 0.0, 0.0995), (0.0, 0.0, 0.0), 0.001)
+    force = FingertipContact([Surface(0.05), TABLE]).force((0.0, 0.0, 0.0995), (0.0, 0.0, 0.0), 0.001)
     assert force[2] == pytest.approx(TABLE.static_force(0.0005))
 
 
 def test_friction_holds_then_slips_at_coulombs_limit() -> None:
-    touch, position, normal = Touch([TABLE]), (0.0, 0.0, 0.0995), TABLE.static_force(0.0005)
+    touch, position, normal = FingertipContact([TABLE]), (0.0, 0.0, 0.0995), TABLE.static_force(0.0005)
     creeping = [touch.force(position, (0.001, 0.0, 0.0), 0.001)[0] for _ in range(50)]
     assert -0.3 * normal < creeping[-1] < 0.0
     sliding = [touch.force(position, (0.2, 0.1, 0.0), 0.001) for _ in range(50)][-1]
@@ -46,7 +46,7 @@ def test_friction_holds_then_slips_at_coulombs_limit() -> None:
 
 
 def test_contact_takes_energy_and_gives_none() -> None:
-    touch, height, speed, dt, mass = Touch([TABLE]), 0.101, -0.2, 1e-4, 5.0
+    touch, height, speed, dt, mass = FingertipContact([TABLE]), 0.101, -0.2, 1e-4, 5.0
     for _ in range(10000):
         speed += dt * (touch.force((0.0, 0.0, height), (0.0, 0.0, speed), dt)[2] / mass)
         height += dt * speed
@@ -55,5 +55,8 @@ def test_contact_takes_energy_and_gives_none() -> None:
 
 def test_a_load_that_is_gripped_already_rests_on_the_table() -> None:
     still = ((0.0, 0.0, TABLE.touch_height_m - 0.001), (0.0, 0.0, 0.0), 0.001)
-    empty, gripped = Touch((TABLE,)).force(*still), Touch((TABLE,)).force(*still, load_n=2.5)
+    empty, gripped = (
+        FingertipContact((TABLE,)).force(*still),
+        FingertipContact((TABLE,)).force(*still, load_n=2.5),
+    )
     assert gripped[2] == pytest.approx(empty[2] + 2.5)

@@ -13,8 +13,8 @@ from caesura_lab.teacher.guided_arm import (
     FRICTION_NM,
     JOINT_DAMPING,
     STICK_RAD_PER_S,
-    Guiding,
-    Trace,
+    GuidedArmSimulation,
+    SimulationTrace,
     start_posture,
 )
 from caesura_lab.teacher.person import THESIS
@@ -34,29 +34,29 @@ def pushed(force_n: float, seconds: float) -> Plan:
     return replace(plan, force=force, torque=np.zeros_like(plan.torque))
 
 
-def kinetic_energy(robot: Robot, trace: Trace) -> list[float]:
+def kinetic_energy(robot: Robot, trace: SimulationTrace) -> list[float]:
     return [0.5 * v @ robot.mass_matrix(q) @ v for q, v in zip(trace.q, trace.v, strict=True)]
 
 
 def test_an_arm_left_alone_stays(robot: Robot) -> None:
-    trace = Guiding(robot, pushed(0.0, 0.0)).run(1000)
+    trace = GuidedArmSimulation(robot, pushed(0.0, 0.0)).run(1000)
     assert np.abs(trace.q - trace.q[0]).max() < 1e-9
 
 
 def test_a_push_below_friction_moves_nothing_visible(robot: Robot) -> None:
-    trace = Guiding(robot, pushed(0.5, 1.0)).run(1000)
+    trace = GuidedArmSimulation(robot, pushed(0.5, 1.0)).run(1000)
     assert np.abs(robot.flange_poses(trace.q)[0][-1] - STILL.start).max() < 2e-4
 
 
 def test_without_joint_friction_the_least_push_moves_the_arm(robot: Robot) -> None:
     plan = pushed(0.5, 1.0)
     plan = replace(plan, person=replace(plan.person, joint_friction=0.0))
-    trace = Guiding(robot, plan).run(1000)
+    trace = GuidedArmSimulation(robot, plan).run(1000)
     assert np.abs(robot.flange_poses(trace.q)[0][-1] - STILL.start).max() > 5e-3
 
 
 def test_an_arm_let_go_loses_its_energy_and_comes_to_rest(robot: Robot) -> None:
-    trace = Guiding(robot, pushed(15.0, 0.3)).run(1200)
+    trace = GuidedArmSimulation(robot, pushed(15.0, 0.3)).run(1200)
     energy = kinetic_energy(robot, trace)[310:]
     assert energy[0] > 0.05
     assert np.all(np.diff(energy) < 1e-9)
@@ -64,7 +64,9 @@ def test_an_arm_let_go_loses_its_energy_and_comes_to_rest(robot: Robot) -> None:
 
 
 def test_each_step_obeys_the_robots_forward_dynamics(robot: Robot) -> None:
-    trace = Guiding(robot, make_plan(SCENARIOS["dispenser"], THESIS, np.random.default_rng(0))).run(3200)
+    trace = GuidedArmSimulation(
+        robot, make_plan(SCENARIOS["dispenser"], THESIS, np.random.default_rng(0))
+    ).run(3200)
     for k in range(0, 3100, 97):
         q, v, ahead = trace.q[k], trace.v[k], trace.v[k + 1]
         wrench = trace.hand[k] + trace.environment[k] - DAMPING * trace.twist[k]
@@ -74,7 +76,9 @@ def test_each_step_obeys_the_robots_forward_dynamics(robot: Robot) -> None:
 
 
 def test_contact_in_a_demonstration_never_pulls_and_stays_in_its_friction_cone(robot: Robot) -> None:
-    trace = Guiding(robot, make_plan(SCENARIOS["wiping"], THESIS, np.random.default_rng(1))).run(6000)
+    trace = GuidedArmSimulation(robot, make_plan(SCENARIOS["wiping"], THESIS, np.random.default_rng(1))).run(
+        6000
+    )
     normal, sideways = trace.contact[:, 2], np.hypot(trace.contact[:, 0], trace.contact[:, 1])
     assert normal.min() >= 0.0
     assert np.any(normal > 5.0)
@@ -96,7 +100,7 @@ def test_the_hand_loads_up_before_the_arm_moves(robot: Robot) -> None:
     scenario = replace(
         SCENARIOS["three_point"], steps=(Step("dwell", 0.6), Step("move", 2.0, (0.035, -0.335, 0.03)))
     )
-    trace = Guiding(robot, make_plan(scenario, calm, np.random.default_rng(0))).run(2000)
+    trace = GuidedArmSimulation(robot, make_plan(scenario, calm, np.random.default_rng(0))).run(2000)
     force = np.linalg.norm(trace.hand[:, :3], axis=1)
     moves = int(np.argmax(np.linalg.norm(trace.twist[:, :3], axis=1) > 0.005))
     assert 1.0 < force[moves - 20] < 4.0

@@ -10,7 +10,7 @@ import pytest
 
 from caesura_lab.teacher.habits import IDEAL
 from caesura_lab.teacher.person import THESIS, draw_person, habits_stream, with_habits
-from caesura_lab.teacher.simulated_teaching import Demonstration, Teaching, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_lab.teacher.truth import TrueState, annotate
 from lab.teacher.nominal import nominal_once
 
@@ -98,7 +98,7 @@ def test_a_second_peak_and_a_curve_are_no_boundary() -> None:
 
 
 def test_habits_leave_the_person_of_a_seed_alone() -> None:
-    ideal, person = (Teaching("curves", seed=9, natural=n).person for n in (False, True))
+    ideal, person = (SimulatedTeaching("curves", seed=9, natural=n).person for n in (False, True))
     assert ideal.habits == IDEAL
     assert person.habits != IDEAL
     assert (person.name, person.speed_factor, person.load_kg) == (
@@ -109,8 +109,8 @@ def test_habits_leave_the_person_of_a_seed_alone() -> None:
 
 
 def test_the_thesis_person_gets_habits_only_where_asked() -> None:
-    assert Teaching("curves").person == THESIS
-    assert Teaching("curves", natural=True).person.habits != IDEAL
+    assert SimulatedTeaching("curves").person == THESIS
+    assert SimulatedTeaching("curves", natural=True).person.habits != IDEAL
 
 
 def test_a_scenario_of_curves_is_three_movements() -> None:

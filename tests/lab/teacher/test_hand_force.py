@@ -8,7 +8,13 @@ from math import exp
 import numpy as np
 import pytest
 
-from caesura_lab.teacher.hand_force import SWITCH_S, Aim, Effort, aims_at, goal_to_reach
+from caesura_lab.teacher.hand_force import (
+    SWITCH_S,
+    ForceSetpoint,
+    HandForceController,
+    aims_at,
+    goal_to_reach,
+)
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import DISPENSER, PICK_AND_PLACE, Step
@@ -20,16 +26,16 @@ DT = 0.001
 PERSON = replace(THESIS, profile="overdamped", force_rate_per_s=RATE_PER_S, joint_friction=0.0, preload_n=0.0)
 PRESS = replace(PICK_AND_PLACE, steps=PICK_AND_PLACE.steps[:4])  # touch and press until 3.5 s
 AIMS = (
-    Aim(0.5, 10.0, yields=True, waits=True),
-    Aim(1.0, 10.0, (0.1, 0.0), yields=True),
-    Aim(3.0),
+    ForceSetpoint(0.5, 10.0, yields=True, waits=True),
+    ForceSetpoint(1.0, 10.0, (0.1, 0.0), yields=True),
+    ForceSetpoint(3.0),
 )
 TICKS = np.arange(4000) * DT
 
 
 def followed(touch_s: float) -> tuple[list[float], list[float]]:
     """Force and control of the place at every tick, with a surface that is met at a time."""
-    effort = Effort(aims_at(AIMS, TICKS), RATE_PER_S, DT)
+    effort = HandForceController(aims_at(AIMS, TICKS), RATE_PER_S, DT)
     forces, places = [], []
     for tick, t in enumerate(TICKS):
         effort.feel(tick, float(touch_s <= t < 3.2))

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from caesura_lab.teacher.guided_arm import GRAVITY
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import PICK_AND_PLACE, SCENARIOS, Scenario, Step
-from caesura_lab.teacher.simulated_teaching import Demonstration, Teaching, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
 from caesura_service.robot import Robot
@@ -35,7 +35,7 @@ CLASSES = {"motion", "steady", "contact", "transport", "hold", "sliding", "turni
 
 def test_the_same_seed_gives_the_same_bytes_however_it_is_cut(robot: Robot) -> None:
     whole = teach(SHORT, seed=5, robot=robot)
-    pieces = list(Teaching(SHORT, seed=5, robot=robot).chunks(0.0137))
+    pieces = list(SimulatedTeaching(SHORT, seed=5, robot=robot).chunks(0.0137))
     assert_array_equal(np.concatenate(pieces), whole.recording.matrix())
     assert teach(SHORT, seed=5).truth == whole.truth
 
@@ -184,11 +184,11 @@ def test_the_truth_says_whether_the_hand_is_in_the_wrench(robot: Robot, source: 
 
 def test_misuse_is_named() -> None:
     with pytest.raises(ValueError, match=r"unknown scenario 'juggling', known: .*pick_and_place"):
-        Teaching("juggling")
+        SimulatedTeaching("juggling")
     with pytest.raises(ValueError, match="rate is 5000"):
-        Teaching("button", rate_hz=5000.0)
+        SimulatedTeaching("button", rate_hz=5000.0)
     with pytest.raises(RuntimeError, match="read all chunks first"):
-        Teaching("button").truth()
+        SimulatedTeaching("button").truth()
 
 
 def test_the_recordings_in_the_repository_are_what_the_teacher_makes(stored: Demonstration) -> None:

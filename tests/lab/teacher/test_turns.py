@@ -16,7 +16,7 @@ from caesura_lab.annotations import truth_of
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.phases import Beginning, phases_of
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, SKILLS, Scenario, Step
-from caesura_lab.teacher.simulated_teaching import Demonstration, Teaching, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_service.robot import Robot
 from lab.teacher.nominal import nominal_once
 
@@ -166,7 +166,7 @@ def test_peeling_is_five_strokes_in_contact() -> None:
 
 def test_a_turn_is_the_same_by_seed_however_it_is_cut(robot: Robot) -> None:
     whole = teach(TILT, seed=5, robot=robot, natural=True)
-    pieces = list(Teaching(TILT, seed=5, robot=robot, natural=True).chunks(0.0137))
+    pieces = list(SimulatedTeaching(TILT, seed=5, robot=robot, natural=True).chunks(0.0137))
     assert_array_equal(np.concatenate(pieces), whole.recording.matrix())
     assert [s["cls"] for s in whole.truth["segments"]].count("turning") == 1
     other = teach(TILT, seed=6, robot=robot, natural=True)

@@ -9,11 +9,11 @@ import numpy as np
 
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 
-def demonstration(seed: int, n: int = 12) -> list[Observed]:
+def demonstration(seed: int, n: int = 12) -> list[ModelInput]:
     """A rest, a move and a press, noisy and short."""
     rng = np.random.default_rng(seed)
     moving = np.clip(np.arange(n) - n // 3, 0, n // 3) / (n // 3)
@@ -21,13 +21,13 @@ def demonstration(seed: int, n: int = 12) -> list[Observed]:
     position = moving[:, None] * [0.05, -0.1, 0.02] + rng.normal(0, 1e-3, (n, 3))
     force = pressing[:, None] * [0.5, 0.0, 9.0] + rng.normal(0, 0.3, (n, 3))
     holding = rng.choice([0.0, 1.0, np.nan], n)
-    return [Observed(*row) for row in zip(position, force, holding, strict=True)]
+    return [ModelInput(*row) for row in zip(position, force, holding, strict=True)]
 
 
 Kinds = dict[tuple[int, int], np.ndarray]
 
 
-def kind_log_evidence(lattice: Lattice, data: list[Observed]) -> Kinds:
+def kind_log_evidence(lattice: SegmentModelSet, data: list[ModelInput]) -> Kinds:
     """(kinds,) of every data[start:end] as one segment, built alone; it may look at the samples before."""
     found: Kinds = {}
     for start in range(len(data)):
@@ -52,8 +52,8 @@ class BruteForce:
 
     def __init__(
         self,
-        lattice: Lattice,
-        data: list[Observed],
+        lattice: SegmentModelSet,
+        data: list[ModelInput],
         hazard: Hazard,
         boundaries: Collection[int] = (),
         without: Collection[int] = (),
@@ -74,7 +74,7 @@ class BruteForce:
         self.joint, self.best_joint = self.log_joints(lattice)
         self.total = float(log_sum_exp(self.joint))
 
-    def log_joints(self, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    def log_joints(self, lattice: SegmentModelSet) -> tuple[np.ndarray, np.ndarray]:
         """(paths,) the sum, and (paths,) the largest, over all sequences of groups along each path."""
         tempered, plain = np.full((2, self.n, self.n + 1, len(self.transition)), -np.inf)
         for span, kinds in self.kinds.items():

@@ -15,24 +15,30 @@ from typing import Any, get_args
 
 import numpy as np
 
-from caesura_service.changepoint.constant_models import Biased, Carried, Constant, Held, Laden
+from caesura_service.changepoint.constant_models import (
+    ConstantLevel,
+    FreeSpaceForce,
+    GripperHoldingChain,
+    LoadForce,
+    ThesisLoadForce,
+)
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactShare
-from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
+from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import NOWHERE, rows_after
 from caesura_service.changepoint.corner_start import CornerStart
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.held_torque import Resistance
-from caesura_service.changepoint.models import Channel, ChannelModel, Noise, Observed, Origin, Rows
+from caesura_service.changepoint.held_torque import HeldTorque
+from caesura_service.changepoint.models import Channel, ChannelModel, ModelInput, Noise, Origin, Rows
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profile_model import Profiled, Target
+from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
-from caesura_service.changepoint.random_walk import Walk
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
-from caesura_service.changepoint.turn_in_place import Pivot
-from caesura_service.changepoint.turn_rate import Pace
+from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.turn_in_place import TurnInPlace
+from caesura_service.changepoint.turn_rate import TurnRate
 
 DENSITY = "a density"
 APART = "a density of all samples together; of the next alone only where the noise is known for certain"
@@ -61,7 +67,7 @@ class Entry:
     explains_first: bool = False
     unweighed: int = 0
 
-    def observe(self, values: np.ndarray) -> list[Observed]:
+    def observe(self, values: np.ndarray) -> list[ModelInput]:
         """Observations of values (n, 3) [unit] in the model's channel."""
         return [NOWHERE._replace(**{self.channel: value}) for value in self.unit * values]
 
@@ -70,7 +76,7 @@ class Entry:
 class Whole:
     """A lattice as if it were one model; its rows are those of all channels in a row."""
 
-    lattice: Lattice
+    lattice: SegmentModelSet
 
     def _divided(self, rows: Rows) -> tuple[Rows, ...]:
         rest = iter(rows)
@@ -79,7 +85,7 @@ class Whole:
     def empty(self) -> Rows:
         return sum(self.lattice.empty(), ())
 
-    def extend(self, rows: Rows, observed: Observed) -> Rows:
+    def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         return sum(self.lattice.extend(self._divided(rows), observed), ())
 
     def log_evidence(self, rows: Rows) -> np.ndarray:
@@ -106,7 +112,7 @@ def _constants() -> Iterator[tuple[str, Entry]]:
         for correlation, joint in ((0.0, False), (0.0, True), (0.6, True)):
             channel, noise = next(channels), Noise(4.0, 0.5, joint=joint, correlation=correlation)
             name = f"constant {channel}, {origin}, ρ = {correlation}{', joint' * joint}"
-            model = Constant(channel, noise, origin)
+            model = ConstantLevel(channel, noise, origin)
             yield name, Entry(model, DENSITY, channel, explains_first=origin == "first")
 
 
@@ -114,27 +120,27 @@ def _free_space() -> Iterator[tuple[str, Entry]]:
     for correlation, joint in ((0.0, False), (0.6, True)):
         noise = Noise(4.0, 0.5, joint=joint, correlation=correlation)
         name = f"ρ = {correlation}{', joint' * joint}"
-        yield f"biased, {name}", Entry(Biased(noise, 1.5), APART, "force")
+        yield f"biased, {name}", Entry(FreeSpaceForce(noise, 1.5), APART, "force")
         yield (
             f"biased, {name}, noise known",
-            Entry(Biased(replace(noise, nu0=CERTAIN), 1.5), DENSITY, "force"),
+            Entry(FreeSpaceForce(replace(noise, nu0=CERTAIN), 1.5), DENSITY, "force"),
         )
-        yield f"biased, {name}, absence", Entry(Biased(noise, 1.5, absence=3.0), WEIGHTED, "force")
-        light = Biased(noise, 1.5, absence=3.0, most_kg=0.1)
+        yield f"biased, {name}, absence", Entry(FreeSpaceForce(noise, 1.5, absence=3.0), WEIGHTED, "force")
+        light = FreeSpaceForce(noise, 1.5, absence=3.0, most_kg=0.1)
         yield f"biased, {name}, absence but for a weight", Entry(light, WEIGHTED, "force")
-        yield f"laden, {name}", Entry(Laden(noise, 1.5), APART, "force")
-        yield f"laden, {name}, absence", Entry(Laden(noise, 1.5, absence=3.0), WEIGHTED, "force")
+        yield f"laden, {name}", Entry(LoadForce(noise, 1.5), APART, "force")
+        yield f"laden, {name}, absence", Entry(LoadForce(noise, 1.5, absence=3.0), WEIGHTED, "force")
 
 
 def _profiled() -> Iterator[tuple[str, Entry]]:
     noise = Noise(4.0, 0.5)
     human = replace(noise, shares=SHARES, joint=True, correlation=0.6)
-    target = Target(reach=4.0, least=0.5)
+    target = DisplacementPrior(reach=4.0, least=0.5)
 
     def entry(moves: str, noise: Noise, holds: str = GIVEN_TARGET, **options: Any) -> Entry:
         channel: Channel = options.pop("channel", "force" if moves == "rise" else "position")
         calm = options.pop("calm", 1.0)
-        model = Profiled(channel, library(moves, noise.correlation, calm), noise, **options)
+        model = ProfileModel(channel, library(moves, noise.correlation, calm), noise, **options)
         return Entry(model, holds, channel, explains_first=model.origin == "first")
 
     for moves, origin in zip(LIBRARIES, ORIGINS, strict=True):
@@ -159,7 +165,7 @@ def _profiled() -> Iterator[tuple[str, Entry]]:
 
 
 def _walks() -> Iterator[tuple[str, Entry]]:
-    walk = Walk("force", 0.5, nu=3.0)
+    walk = StudentRandomWalk("force", 0.5, nu=3.0)
     yield "walk", Entry(walk, DENSITY, "force")
     yield "walk, still", Entry(replace(walk, channel="position", still=1.0), WEIGHTED)
     yield "walk, presence", Entry(replace(walk, presence=2.0), WEIGHTED, "force")
@@ -180,12 +186,15 @@ def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
             yield f"{preset.name}: {name}", model
 
 
-_TWO_LEVELS = Lattice(
+_TWO_LEVELS = SegmentModelSet(
     {
-        "low": Constant("force", Noise(4.0, 0.5, joint=True), "zero"),
-        "high": Constant("force", Noise(4.0, 2.0, joint=True), "zero"),
+        "low": ConstantLevel("force", Noise(4.0, 0.5, joint=True), "zero"),
+        "high": ConstantLevel("force", Noise(4.0, 2.0, joint=True), "zero"),
     },
-    (Kind("motion", "motion", "free", ("low",), 3.0), Kind("steady", "steady", "free", ("high",), 1.0)),
+    (
+        SegmentKind("motion", "motion", "free", ("low",), 3.0),
+        SegmentKind("steady", "steady", "free", ("high",), 1.0),
+    ),
 )
 
 MODELS: dict[str, Entry] = {
@@ -201,27 +210,27 @@ MODELS: dict[str, Entry] = {
     **dict(_walks()),
     **dict(_guided()),
     **{
-        f"contact, state {state}": Entry(ContactShare(state, contact2=1.5), DENSITY, "force")
+        f"contact, state {state}": Entry(ContactMixture(state, contact2=1.5), DENSITY, "force")
         for state in (FREE, CONTACT, TRANSPORT)
     },
-    "carried": Entry(Carried(Noise(4.0, 0.5), least_kg=0.2), PLUGGED_IN, "force"),
+    "carried": Entry(ThesisLoadForce(Noise(4.0, 0.5), least_kg=0.2), PLUGGED_IN, "force"),
     "a mixture of two kinds": Entry(Whole(_TWO_LEVELS), DENSITY, "force"),
 }
 
 # What has no value in space, or is a preset's: the properties that need no density.
 EVERYTHING: dict[str, ChannelModel] = {
     **{name: entry.model for name, entry in MODELS.items()},
-    "held": Held(0.2, change=0.1),
-    "friction": Friction(least=2.0, pace=0.002),
+    "held": GripperHoldingChain(0.2, change=0.1),
+    "friction": FrictionConeWeight(least=2.0, pace=0.002),
     "corner": CornerStart(gamma=30.0, pace=0.0005),
     "corner, standing": CornerStart(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
     "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
-    "no rise": NoRise(scale=1.0),
-    "no rise but a weight's": NoRise(scale=1.0, most_kg=0.1),
-    "pace": Pace("rotation", least=0.02, most=0.1),
-    "resistance": Resistance(least=0.2, aligned=0.5),
-    "no resistance": Resistance(most=0.2),
-    "pivot": Pivot(floor=0.001, share=0.02, reach=0.1),
+    "no rise": NoContactRise(scale=1.0),
+    "no rise but a weight's": NoContactRise(scale=1.0, most_kg=0.1),
+    "pace": TurnRate("rotation", least=0.02, most=0.1),
+    "resistance": HeldTorque(least=0.2, aligned=0.5),
+    "no resistance": HeldTorque(most=0.2),
+    "pivot": TurnInPlace(floor=0.001, share=0.02, reach=0.1),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
     "default's lattice with an orientation": Whole(PRESETS["default"].lattice(orientation=True)),
@@ -229,7 +238,7 @@ EVERYTHING: dict[str, ChannelModel] = {
 }
 
 
-def observations(count: int, seed: int = 0) -> list[Observed]:
+def observations(count: int, seed: int = 0) -> list[ModelInput]:
     """Something of everything: a movement, a force, a gripper that is known now and then."""
     rng = np.random.default_rng(seed)
     position = np.array([0.4, -0.3, 0.2]) + np.cumsum(rng.normal(0, 0.01, (count, 3)), axis=0)
@@ -237,7 +246,9 @@ def observations(count: int, seed: int = 0) -> list[Observed]:
     holding = np.resize([np.nan, 0.0, 0.0, 1.0, np.nan], count)
     rotation = np.cumsum(rng.normal(0, 0.05, (count, 3)), axis=0)
     torsion = 0.1 * rng.normal(size=(count, 1)) * force
-    return [Observed(*one) for one in zip(position, force, holding.tolist(), rotation, torsion, strict=True)]
+    return [
+        ModelInput(*one) for one in zip(position, force, holding.tolist(), rotation, torsion, strict=True)
+    ]
 
 
 def digest() -> str:

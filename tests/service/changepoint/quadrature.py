@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from caesura_service.changepoint.constant_models import Biased, Carried, Constant
+from caesura_service.changepoint.constant_models import ConstantLevel, FreeSpaceForce, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
 from caesura_service.changepoint.models import Noise
-from caesura_service.changepoint.profile_model import Profiled
+from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary
-from caesura_service.changepoint.random_walk import Walk
+from caesura_service.changepoint.random_walk import StudentRandomWalk
 
 Array = np.ndarray
 GRAVITY = 9.81
@@ -81,14 +81,14 @@ def origin(model, before: Array, z: Array) -> Array:
     return {"previous": before, "first": z[0], "zero": np.zeros(3)}[model.origin]
 
 
-def constant(model: Constant, before: Array, z: Array) -> float:
+def constant(model: ConstantLevel, before: Array, z: Array) -> float:
     y = z - origin(model, before, z)
     pinned = model.origin == "previous"
     scale2 = model.noise.floor**2
     return float(log_known_mean(model.noise, y, scale2, pinned=pinned, weigh_last=False).sum())
 
 
-def profiled(model: Profiled, before: Array, z: Array) -> float:
+def profiled(model: ProfileModel, before: Array, z: Array) -> float:
     start = origin(model, before, z)
     y, noise = z - start, model.noise
     pinned = model.origin == "previous"
@@ -125,7 +125,7 @@ def sizes_of(library: ProfileLibrary, profile, last: int) -> Array:
     return np.concatenate([[1.0], share[1:]])[: last + 1] if library.calm < 1.0 else np.ones(last + 1)
 
 
-def walk(model: Walk, before: Array, z: Array) -> float:
+def walk(model: StudentRandomWalk, before: Array, z: Array) -> float:
     """Step by step."""
     steps = np.diff(np.vstack([before, z]), axis=0)
     density = stats.multivariate_t(np.zeros(3), model.scale**2 * np.eye(3), model.nu)
@@ -136,7 +136,7 @@ def walk(model: Walk, before: Array, z: Array) -> float:
     return total
 
 
-def biased(model: Biased, before: Array, z: Array) -> float:
+def biased(model: FreeSpaceForce, before: Array, z: Array) -> float:
     """Deviations from the mean with their variance summed over, and the mean with the bias summed over."""
     n, noise = len(z), model.noise
     matrix = correlation_matrix(n, noise.correlation, pinned=False)
@@ -153,7 +153,7 @@ def biased(model: Biased, before: Array, z: Array) -> float:
 
     groups = [z - mean] if noise.joint else np.split(z - mean, 3, axis=1)
     variance = noise.floor**2 / weight
-    if type(model) is Biased:
+    if type(model) is FreeSpaceForce:
         grid = np.linspace(-12 * model.bias, 12 * model.bias, 20_001)
         prior = stats.norm.logpdf(grid, 0.0, model.bias) + np.log(grid[1] - grid[0])
         given = sum(log_sum_exp(prior + stats.norm.logpdf(m, grid, np.sqrt(variance))) for m in mean)
@@ -165,7 +165,7 @@ def biased(model: Biased, before: Array, z: Array) -> float:
     return sum(map(deviations, groups)) + float(given) + absent
 
 
-def carried(model: Carried, before: Array, z: Array) -> float:
+def carried(model: ThesisLoadForce, before: Array, z: Array) -> float:
     """The best of all loads."""
     lightest = -model.least_kg * GRAVITY
     load = np.array([0.0, 0.0, min(lightest, z[:, 2].mean())])

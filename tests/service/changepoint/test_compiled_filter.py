@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from caesura_service.changepoint import evidence
-from caesura_service.changepoint.compiled_filter import CompiledFilter, can_compile
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
@@ -25,25 +25,25 @@ from caesura_service.changepoint.kernels.elementary import (
     shares_of,
 )
 from caesura_service.changepoint.kernels.layout import BLOCK
-from caesura_service.changepoint.models import ChannelModel, Choice, Noise, Observed
+from caesura_service.changepoint.models import ChannelModel, Choice, ModelInput, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profile_model import Profiled, Target
+from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk
-from caesura_service.changepoint.random_walk import Walk
-from caesura_service.changepoint.run_length_filter import OnlineFilter
-from caesura_service.changepoint.segment_model_set import Kind, Lattice
+from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.segments import stretches
 from service.changepoint.catalogue import EVERYTHING, Whole, observations
 from service.streams import pieces
 
 HAZARD = Geometric(8.0)
 MODELS = [pytest.param(model, id=name) for name, model in EVERYTHING.items() if not isinstance(model, Whole)]
-Stream = Iterable[tuple[Observed, bool]]
+Stream = Iterable[tuple[ModelInput, bool]]
 
 
-def alone(model: ChannelModel) -> Lattice:
-    return Lattice({"it": model}, (Kind("motion", "motion", "free", ("it",)),))
+def alone(model: ChannelModel) -> SegmentModelSet:
+    return SegmentModelSet({"it": model}, (SegmentKind("motion", "motion", "free", ("it",)),))
 
 
 def assert_close(ours: np.ndarray, theirs: np.ndarray, rtol: float = 0.0, what: str = "") -> None:
@@ -54,7 +54,7 @@ def assert_close(ours: np.ndarray, theirs: np.ndarray, rtol: float = 0.0, what: 
         np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-9, err_msg=what)
 
 
-def assert_agree(compiled: CompiledFilter, reference: OnlineFilter) -> None:
+def assert_agree(compiled: CompiledRunLengthFilter, reference: RunLengthFilter) -> None:
     assert compiled.starts.tolist() == reference.starts.tolist()
     assert (compiled.count, compiled.root, compiled.capped) == (
         reference.count,
@@ -72,11 +72,11 @@ def assert_agree(compiled: CompiledFilter, reference: OnlineFilter) -> None:
 
 
 def follow(
-    lattice: Lattice, stream: Stream, parameters: FilterParameters, hazard: Hazard = HAZARD
-) -> CompiledFilter:
+    lattice: SegmentModelSet, stream: Stream, parameters: FilterParameters, hazard: Hazard = HAZARD
+) -> CompiledRunLengthFilter:
     """Both filters over a stream, compared after every observation."""
-    compiled = CompiledFilter(lattice, hazard, parameters)
-    reference = OnlineFilter(lattice, hazard, parameters)
+    compiled = CompiledRunLengthFilter(lattice, hazard, parameters)
+    reference = RunLengthFilter(lattice, hazard, parameters)
     for observed, boundary in stream:
         compiled.step(observed, boundary=boundary)
         reference.step(observed, boundary=boundary)
@@ -121,7 +121,7 @@ def test_every_hazard(hazard: Hazard) -> None:
 
 
 def test_a_segment_longer_than_the_tables_and_no_node_too_many() -> None:
-    still = [(Observed(np.zeros(3), np.zeros(3)), False)] * 700
+    still = [(ModelInput(np.zeros(3), np.zeros(3)), False)] * 700
     compiled = follow(PRESETS["default"].lattice(), still, FilterParameters(window=10))
     assert compiled.root == 0
     groups = len(compiled.lattice.log_transition)
@@ -132,10 +132,12 @@ SHORT = ProfileLibrary([minimum_jerk(0.3), minimum_jerk(0.6)], 0.1, 0.6, 0.3)
 
 
 @pytest.mark.parametrize("joint", [True, False])
-@pytest.mark.parametrize("target", [None, Target(4.0, 0.5)])
-def test_a_segment_that_goes_on_long_after_every_profile_rests(joint: bool, target: Target | None) -> None:
+@pytest.mark.parametrize("target", [None, DisplacementPrior(4.0, 0.5)])
+def test_a_segment_that_goes_on_long_after_every_profile_rests(
+    joint: bool, target: DisplacementPrior | None
+) -> None:
     noise = Noise(4.0, 0.01, shares=(0.05, 0.3), joint=joint, correlation=0.6)
-    model = Profiled("position", SHORT, noise, origin="previous", target=target)
+    model = ProfileModel("position", SHORT, noise, origin="previous", target=target)
     stream = [(observed, False) for observed in observations(150)]
     unpruned = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=200, window=10, certain=1.0)
     lasting = follow(alone(model), stream, unpruned)
@@ -151,13 +153,13 @@ def test_more_profiles_than_are_worked_on_at_once(
     many = ProfileLibrary([minimum_jerk(0.3 + 0.02 * i) for i in range(BLOCK + 3)], 0.1, 0.6)
     noise = Noise(4.0, 0.01, shares=shares, joint=joint, correlation=0.6)
     stream = [(observed, False) for observed in observations(40)]
-    follow(alone(Profiled("position", many, noise, choice)), stream, FilterParameters(window=10))
+    follow(alone(ProfileModel("position", many, noise, choice)), stream, FilterParameters(window=10))
 
 
 def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
     lattice, parameters = PRESETS["default"].lattice(), FilterParameters(certain=1.0)
-    compiled = CompiledFilter(lattice, HAZARD, parameters)
-    reference = OnlineFilter(lattice, HAZARD, parameters)
+    compiled = CompiledRunLengthFilter(lattice, HAZARD, parameters)
+    reference = RunLengthFilter(lattice, HAZARD, parameters)
     for i, (observed, _) in enumerate(pieces(np.random.default_rng(5), 120)):
         for one in (compiled, reference):
             one.step(observed)
@@ -175,8 +177,8 @@ def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
 def test_what_is_known_of_starts(name: str) -> None:
     rng = np.random.default_rng(6)
     lattice, parameters = PRESETS[name].lattice(), FilterParameters(window=20)
-    compiled = CompiledFilter(lattice, HAZARD, parameters)
-    reference = OnlineFilter(lattice, HAZARD, parameters)
+    compiled = CompiledRunLengthFilter(lattice, HAZARD, parameters)
+    reference = RunLengthFilter(lattice, HAZARD, parameters)
     for observed, boundary in pieces(rng, 200):
         known = rng.choice([None, None, None, True, False, False])
         for one in (compiled, reference):
@@ -188,7 +190,7 @@ def test_the_same_observations_give_the_same_bits_whatever_else_is_going_on() ->
     stream = list(pieces(np.random.default_rng(7), 80))
     other = list(pieces(np.random.default_rng(8), 80))
     lattice = PRESETS["default"].lattice()
-    first, second, between = (CompiledFilter(lattice, HAZARD) for _ in range(3))
+    first, second, between = (CompiledRunLengthFilter(lattice, HAZARD) for _ in range(3))
     for observed, boundary in stream:
         first.step(observed, boundary=boundary)
     for (observed, boundary), (disturbing, _) in zip(stream, other, strict=True):
@@ -201,8 +203,8 @@ def test_the_same_observations_give_the_same_bits_whatever_else_is_going_on() ->
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("channel", ["position", "force"])
 def test_what_is_not_finite_is_refused_and_changes_nothing(value: float, channel: str) -> None:
-    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
-    good = Observed(np.zeros(3), np.zeros(3))
+    compiled = CompiledRunLengthFilter(PRESETS["default"].lattice(), HAZARD)
+    good = ModelInput(np.zeros(3), np.zeros(3))
     compiled.step(good)
     with pytest.raises(ValueError, match=f"observation 1: {channel} is"):
         compiled.step(good._replace(**{channel: np.array([0.0, value, 0.0])}))
@@ -210,35 +212,35 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(value: float, channel
 
 
 def test_values_so_large_that_their_sum_overflows_are_finite_all_the_same() -> None:
-    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
-    compiled.step(Observed(np.full(3, 1e308), np.zeros(3)))
+    compiled = CompiledRunLengthFilter(PRESETS["default"].lattice(), HAZARD)
+    compiled.step(ModelInput(np.full(3, 1e308), np.zeros(3)))
     assert compiled.count == 1
 
 
 @pytest.mark.parametrize("start", [0, 9, 10])
 def test_a_start_that_cannot_be_taken_for_certain(start: int) -> None:
-    compiled = CompiledFilter(PRESETS["default"].lattice(), HAZARD)
+    compiled = CompiledRunLengthFilter(PRESETS["default"].lattice(), HAZARD)
     for observed, _ in pieces(np.random.default_rng(0), 9):
         compiled.step(observed)
     with pytest.raises(ValueError, match=f"start is {start}, expected 1 to 8"):
         compiled.condition(start)
 
 
-class Own(Walk):
+class Own(StudentRandomWalk):
     """A third party's model, though it looks like one of ours."""
 
 
 def test_what_has_no_compiled_twin_gets_the_reference() -> None:
     lattice = alone(Own("position", 1.0))
     assert not can_compile(lattice)
-    assert isinstance(filter_for(lattice, HAZARD, FilterParameters()), OnlineFilter)
+    assert isinstance(filter_for(lattice, HAZARD, FilterParameters()), RunLengthFilter)
     with pytest.raises(ValueError, match="no compiled twin for one of"):
-        CompiledFilter(lattice, HAZARD)
+        CompiledRunLengthFilter(lattice, HAZARD)
 
 
 def test_more_shares_than_there_is_room_for_have_no_compiled_twin() -> None:
     moving = PRESETS["strokes"].lattice().channels["moving"]
-    assert isinstance(moving, Profiled)
+    assert isinstance(moving, ProfileModel)
     crowded: Noise = replace(moving.noise, shares=(0.1, 0.2, 0.3, 0.4, 0.5))
     assert not can_compile(alone(replace(moving, noise=crowded)))
     guided = PRESETS["default"].lattice().channels["moving"]
@@ -247,7 +249,7 @@ def test_more_shares_than_there_is_room_for_have_no_compiled_twin() -> None:
 
 
 def test_presets_are_compiled() -> None:
-    assert all(isinstance(preset.online(), CompiledFilter) for preset in PRESETS.values())
+    assert all(isinstance(preset.online(), CompiledRunLengthFilter) for preset in PRESETS.values())
 
 
 def test_logarithm_and_exponential() -> None:

@@ -13,18 +13,18 @@ import pytest
 from scipy import integrate
 
 from caesura_service.changepoint import contract
-from caesura_service.changepoint.constant_models import Held
-from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.constant_models import GripperHoldingChain
+from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
 from caesura_service.changepoint.corner_start import CornerStart
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
-from caesura_service.changepoint.friction_cone import Friction
-from caesura_service.changepoint.held_torque import Resistance
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.friction_cone import FrictionConeWeight
+from caesura_service.changepoint.held_torque import HeldTorque
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.profile_model import Profiled
-from caesura_service.changepoint.turn_in_place import Pivot
-from caesura_service.changepoint.turn_rate import Pace
+from caesura_service.changepoint.profile_model import ProfileModel
+from caesura_service.changepoint.turn_in_place import TurnInPlace
+from caesura_service.changepoint.turn_rate import TurnRate
 from service.changepoint.catalogue import (
     APART,
     DENSITY,
@@ -119,7 +119,7 @@ def test_free_space_is_all_but_a_product_of_predictives_with_the_presets_noise(n
     """To 2 %, where the noise is as large as the preset says; where it is eight times that, no longer."""
     model = replace(PRESETS["default"].channels(1.5)[name], absence=0.0)  # type: ignore[type-var]
     down = 4.0 * (name == "laden")
-    past = [Observed(np.zeros(3), force) for force in data(4, down=down)]
+    past = [ModelInput(np.zeros(3), force) for force in data(4, down=down)]
     assert mass(model, past, everywhere("force", past[-1].force, 0.35)) == pytest.approx(1.0, abs=0.02)
 
 
@@ -146,7 +146,7 @@ def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_wor
     without a target the sum is the density of e, and with one √((1 − ρ²)/v) exp(−e²/2vσ²), σ averaged.
     """
     model = entry.model
-    assert isinstance(model, Profiled)
+    assert isinstance(model, ProfileModel)
     n = 3 if entry.explains_first else 2
     values = np.array([[0.0, 0.1, -0.2], [0.3, -0.1, 0.4], [1.1, 0.6, -0.9]])[3 - n :]
     past, last = values[:-1], values[-1]
@@ -188,7 +188,7 @@ def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_wor
 @that(LARGEST)
 def test_the_maximum_is_that_of_each_profile_alone(entry: Entry) -> None:
     model = entry.model
-    assert isinstance(model, Profiled)
+    assert isinstance(model, ProfileModel)
     rows = entry.observe(data(6))
     told = model.log_evidence(rows_after(model, rows))
     mixture = replace(model, choice="mixture")
@@ -213,8 +213,8 @@ def test_the_load_that_is_plugged_in_is_the_best_of_all(entry: Entry) -> None:
 
 
 def test_what_the_gripper_holds_next_is_a_probability() -> None:
-    model = Held(0.2, change=0.1)
-    nowhere = Observed(np.zeros(3), np.zeros(3))
+    model = GripperHoldingChain(0.2, change=0.1)
+    nowhere = ModelInput(np.zeros(3), np.zeros(3))
     places = [nowhere._replace(holding=holding) for holding in (0.0, 1.0)], np.ones(2)
     for past in ([], [0.0], [1.0, 0.0], [np.nan, 1.0, np.nan]):
         known = [nowhere, *(nowhere._replace(holding=holding) for holding in past)]
@@ -288,12 +288,12 @@ def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:
 def test_the_catalogue_has_every_model_of_every_preset() -> None:
     used = {type(model) for preset in PRESETS.values() for model in preset.channels(1.5).values()}
     listed = {type(entry.model) for entry in MODELS.values()} | {
-        Held,
-        Friction,
+        GripperHoldingChain,
+        FrictionConeWeight,
         CornerStart,
-        NoRise,
-        Pace,
-        Pivot,
-        Resistance,
+        NoContactRise,
+        TurnRate,
+        TurnInPlace,
+        HeldTorque,
     }
     assert used <= listed

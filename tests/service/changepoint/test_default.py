@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.formats.read import load_recording
 from caesura_service.changepoint.default import DEFAULT, WITHOUT, default_channels
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches
@@ -83,7 +83,7 @@ def test_a_load_is_told_from_free_space_by_its_weight_and_the_gripper(
         share = min(max((i - 10) / 4, 0.0), 1.0)  # sets in within 0.4 s
         position = np.array([0.2 * bell[max(i - 10, 0)], 0.0, 0.0])
         online.step(
-            Observed(position, share * np.asarray(force_n, np.float64), gripper if i > 10 else np.nan)
+            ModelInput(position, share * np.asarray(force_n, np.float64), gripper if i > 10 else np.nan)
         )
     longest = max(stretches(online), key=lambda one: one.end - one.start)
     assert longest.verdict.kind.name == expected

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from caesura_service.changepoint.constant_models import Carried, Held, Laden
+from caesura_service.changepoint.constant_models import GripperHoldingChain, LoadForce, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.contact_mixture import ContactShare
+from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.models import ChannelModel, Noise, Observed, Rows, select
-from caesura_service.changepoint.profile_model import Profiled, Target
+from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise, Rows, select
+from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import (
     ProfileLibrary,
     first_order,
@@ -28,7 +28,7 @@ def rows_after(model: ChannelModel, data: np.ndarray, channel: str = "position")
     rows = model.empty()
     for value in data:
         position, force = (value, np.zeros(3)) if channel == "position" else (np.zeros(3), value)
-        rows = model.extend(rows, Observed(position, force))
+        rows = model.extend(rows, ModelInput(position, force))
     return rows
 
 
@@ -70,7 +70,7 @@ def test_recursive_sums_of_a_profiled_channel_equal_the_direct_ones(origin: str,
     rng = np.random.default_rng(1)
     data = np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0) + np.array([0.4, -0.3, 0.2])
     profiles = [overdamped(8.0, 32.5), minimum_jerk(1.3), minimum_jerk(0.4)]
-    model = Profiled(
+    model = ProfileModel(
         "position",
         ProfileLibrary(profiles, 0.1, correlation),
         Noise(1.0, 0.01, correlation=correlation),
@@ -94,10 +94,10 @@ def test_recursive_sums_of_a_profiled_channel_equal_the_direct_ones(origin: str,
 def test_sums_stay_good_far_from_the_origin_and_after_a_long_time() -> None:
     rng = np.random.default_rng(2)
     data = 1000.0 + rng.normal(0, 1e-3, (3000, 3))
-    model = Profiled("position", thesis_motion_library(), Noise(1.0, 0.025))
+    model = ProfileModel("position", thesis_motion_library(), Noise(1.0, 0.025))
     rows = model.empty()
     for value in data:
-        rows = select(model.extend(rows, Observed(value, np.zeros(3))), np.array([0]))
+        rows = select(model.extend(rows, ModelInput(value, np.zeros(3))), np.array([0]))
     y = data - data[0]
     phi = np.column_stack([p(0.1 * np.arange(len(y))) for p in model.library.profiles])
     direct = ((y[:, :, None] - y[-1][None, :, None] * phi[:, None, :]) ** 2).sum(axis=0)
@@ -105,7 +105,7 @@ def test_sums_stay_good_far_from_the_origin_and_after_a_long_time() -> None:
 
 
 def test_a_load_has_a_density_that_integrates_to_one() -> None:
-    model = Laden(Noise(2.0, 0.3, joint=True), bias=1.5)
+    model = LoadForce(Noise(2.0, 0.3, joint=True), bias=1.5)
     down = np.linspace(-60, 60, 120_001)
     mean = np.column_stack([np.zeros_like(down), np.zeros_like(down), down])
     variance = np.full((down.size, 1), 0.01)
@@ -115,7 +115,7 @@ def test_a_load_has_a_density_that_integrates_to_one() -> None:
 
 
 def test_the_target_of_a_movement_has_a_density_that_integrates_to_one() -> None:
-    target = Target(reach=2.0, least=1.0)
+    target = DisplacementPrior(reach=2.0, least=1.0)
     axis = np.linspace(-14, 14, 113)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
     density = np.exp(target.log_density(grid))
@@ -123,12 +123,14 @@ def test_the_target_of_a_movement_has_a_density_that_integrates_to_one() -> None
 
 
 def test_an_unknown_gripper_says_nothing() -> None:
-    rows = Held(0.2).extend(Held(0.2).empty(), Observed(np.zeros(3), np.zeros(3)))
-    assert Held(0.2).log_evidence(rows).tolist() == [0.0]
+    rows = GripperHoldingChain(0.2).extend(
+        GripperHoldingChain(0.2).empty(), ModelInput(np.zeros(3), np.zeros(3))
+    )
+    assert GripperHoldingChain(0.2).log_evidence(rows).tolist() == [0.0]
 
 
 def test_a_load_is_told_from_the_weight_and_has_a_least() -> None:
-    model = Carried(Noise(1.0, 0.5), least_kg=0.2)
+    model = ThesisLoadForce(Noise(1.0, 0.5), least_kg=0.2)
     heavy = rows_after(model, np.tile([0.0, 0.0, -0.5 * 9.81], (10, 1)), "force")
     none = rows_after(model, np.zeros((10, 3)), "force")
     assert model.log_evidence(heavy)[0] > model.log_evidence(none)[0]
@@ -141,7 +143,7 @@ def test_pooled_axes_turn_with_the_base_frame(share: float) -> None:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     noise = Noise(2.0, 0.001, shares=(share,), joint=True, correlation=0.8)
     library = ProfileLibrary([minimum_jerk(0.7), minimum_jerk(1.5)], 0.1, 0.8)
-    model = Profiled("position", library, noise, origin="previous", target=Target(0.2, 0.005))
+    model = ProfileModel("position", library, noise, origin="previous", target=DisplacementPrior(0.2, 0.005))
     straight = model.log_evidence(rows_after(model, data))
     turned = model.log_evidence(rows_after(model, data @ turn.T))
     np.testing.assert_allclose(turned, straight, atol=1e-8)
@@ -168,7 +170,9 @@ def test_a_profile_that_is_not_overdamped_is_refused() -> None:
 
 def test_a_library_whitened_for_another_correlation_is_refused() -> None:
     with pytest.raises(ValueError, match=r"correlation 0\.5"):
-        Profiled("position", ProfileLibrary([minimum_jerk(1.0)], 0.1, 0.5), Noise(1.0, 0.1, correlation=0.8))
+        ProfileModel(
+            "position", ProfileLibrary([minimum_jerk(1.0)], 0.1, 0.5), Noise(1.0, 0.1, correlation=0.8)
+        )
 
 
 def test_constant_velocity_is_a_multivariate_student_t() -> None:
@@ -190,7 +194,7 @@ def test_the_shares_of_the_contact_model_add_up_to_the_product_of_its_predictive
     data = np.random.default_rng(9).normal([0.0, 0.0, -2.0], 1.5, (8, 3))
     parts = [
         model.log_evidence(rows_after(model, data, "force"))[0]
-        for model in (ContactShare(0), ContactShare(1), ContactShare(2))
+        for model in (ContactMixture(0), ContactMixture(1), ContactMixture(2))
     ]
     counts, total = np.full(3, 10.0), 0.0
     for i, force in enumerate(data):

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from caesura_service.changepoint.friction_cone import Friction
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.friction_cone import FrictionConeWeight
+from caesura_service.changepoint.models import ModelInput
 
 LEAST_N, PACE_M = 3.0, 0.0005
-FRICTION = Friction(LEAST_N, PACE_M)
+FRICTION = FrictionConeWeight(LEAST_N, PACE_M)
 STEP = np.array([0.01, 0.0, 0.0])  # [m] along x, on a surface whose normal is z
 PRESS_N = 12.0
 
@@ -65,6 +65,6 @@ def test_a_segment_is_weighed_by_each_of_its_samples() -> None:
     forces = [np.array([-1.0, 0.5, 4.0]), np.array([2.0, 0.0, 3.0]), np.array([-3.0, 0.0, 1.0])]
     rows = FRICTION.empty()
     for i, one in enumerate(forces):
-        rows = FRICTION.extend(rows, Observed(i * STEP, one))
+        rows = FRICTION.extend(rows, ModelInput(i * STEP, one))
     each = [FRICTION.log_weight(forces[0], np.zeros(3)), *(FRICTION.log_weight(f, STEP) for f in forces[1:])]
     np.testing.assert_allclose(FRICTION.log_evidence(rows), np.cumsum(each[::-1])[::-1])

@@ -13,14 +13,14 @@ from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.corner_start import CornerStart
 from caesura_service.changepoint.default import SLOW, guided_motion
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 
 CORNER = CornerStart(gamma=30.0, pace=SLOW)
 STEP_M = 0.01
 
 
-def observed(path: np.ndarray) -> list[Observed]:
-    return [Observed(position, np.zeros(3)) for position in path]
+def observed(path: np.ndarray) -> list[ModelInput]:
+    return [ModelInput(position, np.zeros(3)) for position in path]
 
 
 def bent(turn_deg: float, dip: float, *, reach: int = 6) -> np.ndarray:

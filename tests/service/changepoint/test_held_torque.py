@@ -9,23 +9,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_service.changepoint.contract import rows_after
-from caesura_service.changepoint.held_torque import Resistance, torsion_of
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.held_torque import HeldTorque, torsion_of
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 
 PRESS = np.array([0.0, 0.0, 12.0])
-DRIVEN, IDLE = Resistance(least=0.2), Resistance(most=0.2)
+DRIVEN, IDLE = HeldTorque(least=0.2), HeldTorque(most=0.2)
 
 
-def turn(torque_nm: float, *, about: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> list[Observed]:
+def turn(torque_nm: float, *, about: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> list[ModelInput]:
     """Four steps of 0.1 rad under 12 N, with a torque about the force."""
     torsion = np.array([0.0, 0.0, torque_nm])
     rotations = np.outer(0.1 * np.arange(5), about)
-    return [Observed(np.zeros(3), PRESS, np.nan, rotation, torsion) for rotation in rotations]
+    return [ModelInput(np.zeros(3), PRESS, np.nan, rotation, torsion) for rotation in rotations]
 
 
-def weight(model: Resistance, observed: list[Observed]) -> float:
+def weight(model: HeldTorque, observed: list[ModelInput]) -> float:
     return float(model.log_evidence(rows_after(model, observed))[0])
 
 

@@ -10,7 +10,7 @@ from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomi
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.run_length_filter import OnlineFilter
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from service.changepoint.brute_force import BruteForce, demonstration
 
 HAZARDS = [Geometric(8.0), Uniform(12), Uniform(5), NegativeBinomial(6.0, 3.0), Refractory(8.0, 2, 0.1)]
@@ -33,7 +33,7 @@ def test_offline_agrees_with_the_sum_over_all_segmentations(name: str, hazard: H
 def test_online_at_the_last_sample_equals_offline(name: str, hazard: Hazard) -> None:
     lattice, data = PRESETS[name].lattice(), demonstration(9, 40)
     offline = segment_offline(lattice, hazard, data)
-    online = OnlineFilter(lattice, hazard, EXACT)
+    online = RunLengthFilter(lattice, hazard, EXACT)
     for observed in data:
         online.step(observed)
     assert float(log_sum_exp(online.log_joint)) == pytest.approx(offline.log_evidence, abs=1e-8)

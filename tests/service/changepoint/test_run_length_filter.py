@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_service.changepoint.compiled_filter import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.run_length_filter import OnlineFilter
-from caesura_service.changepoint.segment_model_set import Lattice
+from caesura_service.changepoint.run_length_filter import RunLengthFilter
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.changepoint.segments import stretches
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 from service.changepoint.brute_force import BruteForce, demonstration, kind_log_evidence, segmentations
@@ -29,7 +29,7 @@ HAZARD = Geometric(8.0)
 LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
 
 
-def check_against(brute: BruteForce, online: OnlineFilter | CompiledFilter) -> None:
+def check_against(brute: BruteForce, online: RunLengthFilter | CompiledRunLengthFilter) -> None:
     """Posterior, smoothed probabilities and best segmentation are those of the segmentations written out."""
     assert float(log_sum_exp(online.log_joint)) == pytest.approx(brute.total, abs=1e-9)
     expected = [brute.probability([path[-1] == start for path in brute.paths]) for start in online.starts]
@@ -45,10 +45,10 @@ def check_against(brute: BruteForce, online: OnlineFilter | CompiledFilter) -> N
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
-@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
+@pytest.mark.parametrize("made", [RunLengthFilter, CompiledRunLengthFilter])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_filter_agrees_with_the_sum_over_all_segmentations(
-    lattice: Lattice, made: type[OnlineFilter | CompiledFilter], seed: int
+    lattice: SegmentModelSet, made: type[RunLengthFilter | CompiledRunLengthFilter], seed: int
 ) -> None:
     data = demonstration(seed)
     online = made(lattice, HAZARD, EXACT)
@@ -61,11 +61,11 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(
 @pytest.mark.parametrize("lattice", LATTICES)
 @pytest.mark.parametrize(("taken", "at"), [((3,), 4), ((4,), 8), ((2, 6), 9), ((11,), 12)], ids=str)
 def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_the_boundary(
-    lattice: Lattice, taken: tuple[int, ...], at: int
+    lattice: SegmentModelSet, taken: tuple[int, ...], at: int
 ) -> None:
     data = demonstration(2)
     then, in_the_end = (BruteForce(lattice, some, HAZARD, taken) for some in (data[:at], data))
-    for made in (OnlineFilter, CompiledFilter):
+    for made in (RunLengthFilter, CompiledRunLengthFilter):
         online = made(lattice, HAZARD, EXACT)
         for observed in data:
             online.step(observed)
@@ -82,11 +82,11 @@ def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_th
     ("starts", "without"), [((4,), ()), ((), (3, 4, 5)), ((2, 9), (3, 8, 11)), ((1,), ()), ((), (1, 11))]
 )
 def test_what_is_known_of_a_start_is_heeded(
-    lattice: Lattice, starts: tuple[int, ...], without: tuple[int, ...]
+    lattice: SegmentModelSet, starts: tuple[int, ...], without: tuple[int, ...]
 ) -> None:
     data = demonstration(2)
     kinds = kind_log_evidence(lattice, data)
-    filters = [made(lattice, HAZARD, EXACT) for made in (OnlineFilter, CompiledFilter)]
+    filters = [made(lattice, HAZARD, EXACT) for made in (RunLengthFilter, CompiledRunLengthFilter)]
     for i, observed in enumerate(data):
         known = [start for start in starts if start <= i]
         brute = BruteForce(lattice, data[: i + 1], HAZARD, known, without, free=known, kinds=kinds)
@@ -96,9 +96,9 @@ def test_what_is_known_of_a_start_is_heeded(
     assert all(online.root >= max(starts, default=0) for online in filters)
 
 
-@pytest.mark.parametrize("made", [OnlineFilter, CompiledFilter])
+@pytest.mark.parametrize("made", [RunLengthFilter, CompiledRunLengthFilter])
 def test_what_is_known_holds_when_something_else_is_taken_for_certain(
-    made: type[OnlineFilter | CompiledFilter],
+    made: type[RunLengthFilter | CompiledRunLengthFilter],
 ) -> None:
     lattice, data = PRESETS["default"].lattice(), demonstration(2)
     online = made(lattice, HAZARD, EXACT)
@@ -113,7 +113,7 @@ def test_what_is_known_holds_when_something_else_is_taken_for_certain(
     check_against(BruteForce(lattice, data, HAZARD, [7, 11], [9, 10], free=[7]), online)
 
 
-class Recorded(OnlineFilter):
+class Recorded(RunLengthFilter):
     """A filter that remembers what it was conditioned on, and at which observation."""
 
     def condition(self, start: int) -> None:
@@ -136,7 +136,7 @@ def test_what_is_certain_conditions_the_filter_and_is_final_at_once(name: str) -
 
 
 def test_how_probable_a_certain_changepoint_was_is_not_forgotten() -> None:
-    online = OnlineFilter(PRESETS["default"].lattice(), HAZARD, EXACT)
+    online = RunLengthFilter(PRESETS["default"].lattice(), HAZARD, EXACT)
     for observed in demonstration(2):
         online.step(observed)
     before = [online.changepoint_probability(s) for s in range(online.count)]
@@ -165,7 +165,7 @@ def test_conditioning_off_leaves_everything_to_coalescence() -> None:
 
 @pytest.mark.parametrize("start", [-1, 0, 3, 7, 30])
 def test_only_what_is_open_and_in_the_window_can_be_conditioned_on(start: int) -> None:
-    online = OnlineFilter(PRESETS["default"].lattice(), HAZARD, replace(EXACT, window=4))
+    online = RunLengthFilter(PRESETS["default"].lattice(), HAZARD, replace(EXACT, window=4))
     for observed in demonstration(2, 8):
         online.step(observed)
     online.condition(7)
@@ -174,10 +174,10 @@ def test_only_what_is_open_and_in_the_window_can_be_conditioned_on(start: int) -
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
-def test_smoothing_is_exact_inside_a_short_window(lattice: Lattice) -> None:
+def test_smoothing_is_exact_inside_a_short_window(lattice: SegmentModelSet) -> None:
     data = demonstration(3)
-    wide = OnlineFilter(lattice, HAZARD, EXACT)
-    narrow = OnlineFilter(lattice, HAZARD, replace(EXACT, window=4))
+    wide = RunLengthFilter(lattice, HAZARD, EXACT)
+    narrow = RunLengthFilter(lattice, HAZARD, replace(EXACT, window=4))
     for observed in data:
         wide.step(observed)
         narrow.step(observed)
@@ -189,13 +189,13 @@ def test_smoothing_is_exact_inside_a_short_window(lattice: Lattice) -> None:
 
 def test_a_boundary_is_certain_and_cuts_every_hypothesis() -> None:
     data = demonstration(4)
-    online = OnlineFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
+    online = RunLengthFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
     for i, observed in enumerate(data):
         online.step(observed, boundary=i == 7)
     assert online.changepoint_probability(7) == pytest.approx(1.0, abs=1e-12)
     assert online.starts.min() == 7
     assert any(segment.start == 7 for segment in online.map_path())
-    alone = OnlineFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
+    alone = RunLengthFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
     for observed in data[7:]:
         alone.step(observed)
     np.testing.assert_allclose(online.posterior, alone.posterior, atol=1e-12)
@@ -215,7 +215,7 @@ SMALL = st.builds(
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(PRESETS)), SMALL)
 def test_what_is_final_is_never_revised(seed: int, name: str, parameters: FilterParameters) -> None:
-    online = OnlineFilter(PRESETS[name].lattice(), Geometric(20.0), parameters)
+    online = RunLengthFilter(PRESETS[name].lattice(), Geometric(20.0), parameters)
     before: list[tuple[int, int, bytes]] = []
     for observed, boundary in pieces(np.random.default_rng(seed), 70):
         online.step(observed, boundary=boundary)
@@ -238,7 +238,7 @@ def test_what_is_final_is_never_revised(seed: int, name: str, parameters: Filter
 def test_pruning_drops_almost_nothing_of_the_posterior() -> None:
     data = demonstration(6, 60)
     lattice = PRESETS["integrated"].lattice()
-    exact, pruned = OnlineFilter(lattice, HAZARD, EXACT), OnlineFilter(lattice, HAZARD)
+    exact, pruned = RunLengthFilter(lattice, HAZARD, EXACT), RunLengthFilter(lattice, HAZARD)
     for observed in data:
         exact.step(observed)
         pruned.step(observed)
@@ -250,21 +250,21 @@ def test_pruning_drops_almost_nothing_of_the_posterior() -> None:
 
 def test_standing_still_costs_no_more_as_time_passes() -> None:
     rng = np.random.default_rng(7)
-    online = OnlineFilter(PRESETS["default"].lattice(), Geometric(30.0))
+    online = RunLengthFilter(PRESETS["default"].lattice(), Geometric(30.0))
     living, hand = [], np.zeros(3)
     for _ in range(600):
         hand = 0.9 * hand + rng.normal(0, 2e-4, 3)  # within half a millimetre
-        online.step(Observed(hand, rng.normal(0, 0.2, 3)))
+        online.step(ModelInput(hand, rng.normal(0, 0.2, 3)))
         living.append(online.starts.size)
     assert max(living[300:]) <= max(living[:300]) + 5
     assert max(living) <= online.parameters.cap
 
 
 def test_a_value_that_is_not_finite_is_refused_and_changes_nothing() -> None:
-    online = OnlineFilter(PRESETS["integrated"].lattice(), HAZARD)
-    online.step(Observed(np.zeros(3), np.zeros(3)))
+    online = RunLengthFilter(PRESETS["integrated"].lattice(), HAZARD)
+    online.step(ModelInput(np.zeros(3), np.zeros(3)))
     with pytest.raises(ValueError, match="observation 1: force"):
-        online.step(Observed(np.zeros(3), np.array([0.0, np.nan, 0.0])))
+        online.step(ModelInput(np.zeros(3), np.array([0.0, np.nan, 0.0])))
     assert online.count == 1
     assert online.starts.tolist() == [0]
 
@@ -299,7 +299,7 @@ def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds
         float(np.exp(log_sum_exp(values[[s in path for _, path, _ in joints]]) - expected)) for s in range(5)
     ]
     assert segment_offline(lattice, HAZARD, data).log_evidence == pytest.approx(expected, abs=1e-9)
-    for made in (OnlineFilter, CompiledFilter):
+    for made in (RunLengthFilter, CompiledRunLengthFilter):
         online = made(lattice, HAZARD, EXACT)
         for observed in data:
             online.step(observed)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from caesura_service.changepoint.compiled_filter import CompiledFilter
+from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.presets import PRESETS
 from service.streams import pieces
 
@@ -17,9 +17,9 @@ OBSERVATIONS, NEIGHBOURS = 150, 12
 NAMES = ("default", "integrated", "contact", "constant_velocity")
 
 
-def made(name: str) -> CompiledFilter:
+def made(name: str) -> CompiledRunLengthFilter:
     preset = PRESETS[name]
-    return CompiledFilter(preset.lattice(), preset.hazard, preset.filter)
+    return CompiledRunLengthFilter(preset.lattice(), preset.hazard, preset.filter)
 
 
 def coming_and_going() -> Iterator[None]:

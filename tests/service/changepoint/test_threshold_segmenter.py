@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.models import Observed
+from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.changepoint.run_length_filter import Ended, OnlineFilter
-from caesura_service.changepoint.threshold_segmenter import OnlineThreshold, runs_above, threshold_path
+from caesura_service.changepoint.run_length_filter import PathSegment, RunLengthFilter
+from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter, runs_above, threshold_path
 from service.changepoint.brute_force import BruteForce, demonstration
 from service.streams import pieces
 
@@ -24,7 +24,9 @@ EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, 
 NAMES = ["default", "integrated", "contact", "force"]
 
 
-def check_same(path: list[Ended] | tuple[Ended, ...], expected: list[Ended] | tuple[Ended, ...]) -> None:
+def check_same(
+    path: list[PathSegment] | tuple[PathSegment, ...], expected: list[PathSegment] | tuple[PathSegment, ...]
+) -> None:
     assert [one.start for one in path] == [one.start for one in expected]
     for one, other in zip(path, expected, strict=True):
         np.testing.assert_allclose(one.kind_log_evidence, other.kind_log_evidence, atol=1e-9)
@@ -50,7 +52,7 @@ def test_a_threshold_that_is_no_probability_is_refused(level: float):
     with pytest.raises(ValueError, match="expected a probability between 0 and 1"):
         runs_above([1.0], level)
     with pytest.raises(ValueError, match="expected a probability between 0 and 1"):
-        OnlineThreshold(PRESETS["force"].online(), level)
+        ThresholdSegmenter(PRESETS["force"].online(), level)
 
 
 def test_there_is_one_probability_an_observation():
@@ -66,10 +68,10 @@ def test_offline_and_online_decide_as_the_marginals_of_all_segmentations(name: s
     data = [one for one, _ in pieces(np.random.default_rng(seed), 11)]
     brute = BruteForce(lattice, data, HAZARD)
     starts = [run.start for run in runs_above(brute.changepoint_probability(), level)]
-    expected = [Ended(s, brute.kinds[s, e]) for s, e in pairwise([*starts, len(data)])]
+    expected = [PathSegment(s, brute.kinds[s, e]) for s, e in pairwise([*starts, len(data)])]
 
     check_same(segment_offline(lattice, HAZARD, data).threshold_path(level), expected)
-    online = OnlineThreshold(OnlineFilter(lattice, HAZARD, EXACT), level)
+    online = ThresholdSegmenter(RunLengthFilter(lattice, HAZARD, EXACT), level)
     for observed in data:
         online.step(observed)
     check_same(online.path(), expected)
@@ -81,9 +83,9 @@ def test_what_is_kept_on_the_way_is_what_the_whole_would_give_and_final_stays(
     seed: int, name: str, window: int
 ):
     lattice, parameters = PRESETS[name].lattice(), FilterParameters(window=window, certain=1.0)
-    online = OnlineThreshold(OnlineFilter(lattice, Geometric(20.0), parameters))
-    data: list[Observed] = []
-    before: list[tuple[Ended, int]] = []
+    online = ThresholdSegmenter(RunLengthFilter(lattice, Geometric(20.0), parameters))
+    data: list[ModelInput] = []
+    before: list[tuple[PathSegment, int]] = []
     for observed, boundary in pieces(np.random.default_rng(seed), 60):
         online.step(observed, boundary=boundary)
         data.append(observed)
@@ -98,10 +100,10 @@ def test_what_is_kept_on_the_way_is_what_the_whole_would_give_and_final_stays(
 
 def test_a_long_segment_costs_no_more_as_it_grows():
     rng = np.random.default_rng(1)
-    online = OnlineThreshold(PRESETS["integrated"].online())
+    online = ThresholdSegmenter(PRESETS["integrated"].online())
     tapes, undecided = [], []
     for _ in range(300):
-        online.step(Observed(rng.normal(0, 5e-4, 3), rng.normal(0, 0.2, 3)))
+        online.step(ModelInput(rng.normal(0, 5e-4, 3), rng.normal(0, 0.2, 3)))
         tapes.append(len(online._tapes))
         undecided.append(online.online.count - online._undecided)
     assert max(tapes) <= 3

@@ -7,27 +7,27 @@ import pytest
 from scipy import integrate, stats
 
 from caesura_service.changepoint.contract import rows_after
-from caesura_service.changepoint.models import Observed
-from caesura_service.changepoint.turn_in_place import Pivot, centre_of, rotation_matrix
+from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.turn_in_place import TurnInPlace, centre_of, rotation_matrix
 
-MODEL = Pivot(floor=0.002, share=0.01, reach=0.05, nu0=6.0)
+MODEL = TurnInPlace(floor=0.002, share=0.01, reach=0.05, nu0=6.0)
 CENTRE = np.array([0.42, -0.1, 0.33])
 
 
-def turn(count: int = 5, seed: int = 0, noise: float = 0.001) -> list[Observed]:
+def turn(count: int = 5, seed: int = 0, noise: float = 0.001) -> list[ModelInput]:
     """A turn about `CENTRE`, from 3 cm beside it."""
     rng, rotation = np.random.default_rng(seed), np.zeros(3)
     position = CENTRE + np.array([0.03, 0.0, 0.01])
-    observed = [Observed(position, np.zeros(3), np.nan, rotation)]
+    observed = [ModelInput(position, np.zeros(3), np.nan, rotation)]
     for _ in range(count):
         step = rng.normal([0.0, 0.1, 0.05], 0.03)
         position = CENTRE + rotation_matrix(step) @ (position - CENTRE) + rng.normal(0, noise, 3)
         rotation = rotation + step
-        observed.append(Observed(position, np.zeros(3), np.nan, rotation))
+        observed.append(ModelInput(position, np.zeros(3), np.nan, rotation))
     return observed
 
 
-def evidence(model: Pivot, observed: list[Observed]) -> float:
+def evidence(model: TurnInPlace, observed: list[ModelInput]) -> float:
     """Log evidence of all but the first observation as one segment."""
     return float(model.log_evidence(rows_after(model, observed))[1])
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from caesura_service.journal import JournalSettings, MemoryJournal, SqliteJournal
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.session_state import Standing, snapshot_of
+from caesura_service.publishing.session_state import SessionState, snapshot_of
 from harness.sessions import NAME, STATION, Ring, batches, closing, new_registry, opening, unowned
 
 COUNT = 16
@@ -56,7 +56,7 @@ def of(registry: Registry) -> tuple[object, ...]:
     return told(standing), registry.board.sessions[STATION][0].next_seq
 
 
-def told(standing: Standing) -> tuple[object, ...]:
+def told(standing: SessionState) -> tuple[object, ...]:
     snapshot = snapshot_of(unowned(standing))
     return snapshot.segments, snapshot.changepoints, snapshot.posterior, snapshot.program, standing.view
 

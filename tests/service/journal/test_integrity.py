@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
-from caesura_service.journal import JournalError, JournalSettings, Siblings, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.journal.schema import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
@@ -221,7 +221,7 @@ def test_a_journal_of_version_3_is_read_by_itself_and_beside_and_goes_on(written
     path = Path(shutil.copy(written, tmp_path))
     expected, _ = after_restart(Path(shutil.copy(written, tmp_path / "whole.db")), caplog)
     without_checksums(path)
-    beside = Siblings(tmp_path / "caesura-2.sqlite")
+    beside = PeerJournals(tmp_path / "caesura-2.sqlite")
     assert [found.copy.edits for found in beside.copies(OTHER)] == [3]
     (found,) = beside.copies(OTHER)
     assert len(list(beside.records(found))) == 1 + COUNT + 3 + 1

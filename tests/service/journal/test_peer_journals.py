@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_service.journal import JournalSettings, Record, Siblings, SqliteJournal
+from caesura_service.journal import JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.schema import SCHEMA_VERSION
 from harness.sessions import NAME, STATION, batch, batches, closing, new_registry, opening
 
@@ -16,8 +16,8 @@ NEVER = JournalSettings(commit_s=3600.0)  # but when told to
 
 
 @pytest.fixture
-def siblings(tmp_path: Path) -> Siblings:
-    return Siblings(tmp_path / "mine.sqlite")
+def siblings(tmp_path: Path) -> PeerJournals:
+    return PeerJournals(tmp_path / "mine.sqlite")
 
 
 def taught(journal: SqliteJournal, count: int, *, close: bool = False, session: str = NAME) -> None:
@@ -31,8 +31,8 @@ def taught(journal: SqliteJournal, count: int, *, close: bool = False, session: 
 
 
 def test_nobodys_siblings_are_none():
-    assert Siblings(None).copies() == []
-    assert Siblings(None).epoch_of(STATION) == -1
+    assert PeerJournals(None).copies() == []
+    assert PeerJournals(None).epoch_of(STATION) == -1
 
 
 def test_ones_own_journal_is_no_sibling_and_looking_makes_no_file(tmp_path, siblings):

@@ -26,8 +26,8 @@ from caesura_service.monitoring.http_server import (
     CONNECTIONS,
     SCRAPES,
     Health,
+    HttpServer,
     Places,
-    Web,
     WebError,
     parse_address,
 )
@@ -153,7 +153,7 @@ def test_an_address_that_is_taken_or_none_is_said():
 
 
 def test_it_answers_over_ipv6_where_there_is_any():
-    web = Web("[::1]:0", CollectorRegistry(), alive=lambda: Health(True), ready=lambda: Health(True))
+    web = HttpServer("[::1]:0", CollectorRegistry(), alive=lambda: Health(True), ready=lambda: Health(True))
     try:
         web.__enter__()
     except WebError:
@@ -206,7 +206,7 @@ def test_a_probe_does_not_wait_for_scrapes_and_those_are_limited():
     registry = CollectorRegistry()
     registry.register(Slow())
     with (
-        Web("127.0.0.1:0", registry, alive=lambda: Health(True), ready=lambda: Health(True)) as web,
+        HttpServer("127.0.0.1:0", registry, alive=lambda: Health(True), ready=lambda: Health(True)) as web,
         ThreadPoolExecutor(SCRAPES + 1) as pool,
     ):
         scrapes = [pool.submit(get, f"{web.url}/metrics") for _ in range(SCRAPES + 1)]

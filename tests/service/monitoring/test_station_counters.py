@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Heartbeat, Open, SessionStatus
 from caesura_service.journal import MemoryJournal
-from caesura_service.monitoring.instrumented_registry import WatchedRegistry
-from caesura_service.monitoring.log_throttle import MAX_KEYS, Quiet
+from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
+from caesura_service.monitoring.log_throttle import MAX_KEYS, LogThrottle
 from caesura_service.monitoring.registry_calls import Change
-from caesura_service.monitoring.station_counters import BUCKETS_S, Counted, Durations
+from caesura_service.monitoring.station_counters import BUCKETS_S, Durations, StationCounters
 from caesura_service.publishing.events import PipelineFactory, ReplayEnded
 from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
@@ -40,8 +40,8 @@ def watched(
     journal: MemoryJournal | None = None,
     factory: PipelineFactory = make_fake_pipeline,
     **limits: Any,
-) -> WatchedRegistry:
-    return WatchedRegistry(
+) -> InstrumentedRegistry:
+    return InstrumentedRegistry(
         watch=watch or Clock(),
         owner=OWNER,
         pipeline_factory=factory,
@@ -62,7 +62,7 @@ class Seldom(FakePipeline):
         return self.pushes % 5 == 0
 
 
-def taught(registry: WatchedRegistry, count: int) -> WatchedRegistry:
+def taught(registry: InstrumentedRegistry, count: int) -> InstrumentedRegistry:
     registry.command(STATION, opening(), 0.0)
     for one in batches(count):
         registry.samples(STATION, one, 0.0)
@@ -227,13 +227,13 @@ def test_durations_are_a_cumulative_histogram():
 
 def test_a_change_without_a_before_adds_nothing():
     standing = taught(watched(), 2).board.current()[0]
-    counted = Counted()
+    counted = StationCounters()
     counted.add(Change(None, standing))
-    assert counted == Counted()
+    assert counted == StationCounters()
 
 
 def test_what_is_kept_quiet_takes_bounded_room():
-    quiet = Quiet(10.0)
+    quiet = LogThrottle(10.0)
     said = [quiet.kept_back(key, 0.0) for key in range(MAX_KEYS + 50)]
     assert said.count(0) == MAX_KEYS
     assert quiet.kept_back("new", 20.0) == 0

@@ -7,7 +7,7 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Edit, Insert, SessionStatus
 from caesura_service.journal import JournalError, JournalSettings, MemoryJournal, Record, SqliteJournal
-from caesura_service.publishing.events import NotTaken, Output, ReplayEnded
+from caesura_service.publishing.events import Output, ReplayEnded, TakeoverFailed
 from caesura_service.publishing.session_state import status_of
 from caesura_service.sessions.limits import Limits
 from harness.sessions import (
@@ -234,7 +234,7 @@ def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
     edit = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.235))
     assert answer(rebuilt.command(STATION, edit, 4.0)).code == "overloaded"  # it is folded first
     while rebuilt.is_busy:
-        assert not [out for out in rebuilt.step() if isinstance(out, NotTaken)]
+        assert not [out for out in rebuilt.step() if isinstance(out, TakeoverFailed)]
     assert answer(rebuilt.command(STATION, edit, 5.0)).revision == 1
 
 

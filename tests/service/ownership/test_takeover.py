@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
-from caesura_service.journal import JournalError, JournalSettings, Siblings, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import (
-    Answer,
-    NotTaken,
     Output,
     Owner,
     ReplayEnded,
+    Reply,
     SessionDeleted,
-    Taken,
+    StationTakenOver,
+    TakeoverFailed,
 )
-from caesura_service.publishing.session_state import Standing, snapshot_of
+from caesura_service.publishing.session_state import SessionState, snapshot_of
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
 from harness.sessions import (
@@ -64,7 +64,7 @@ class Instance:
             default_preset="fake",
             journal=self.journal,
             limits=self.limits,
-            siblings=Siblings(self.path),
+            siblings=PeerJournals(self.path),
         )
 
     def kill(self) -> None:
@@ -89,7 +89,7 @@ class Instance:
         return ended
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> SessionState:
         (standing,) = self.registry.board.standings()
         return standing
 
@@ -104,7 +104,7 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
         yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
 
 
-def told(standing: Standing) -> tuple[object, ...]:
+def told(standing: SessionState) -> tuple[object, ...]:
     snapshot = snapshot_of(unowned(standing))
     status = snapshot.status
     counted = (status.state, status.samples, status.repeats, status.gaps, status.batches)
@@ -130,7 +130,7 @@ def test_what_the_owner_has_recorded_is_gone_on_with(pair):
     a.registry.leave(STATION)
     assert a.registry.board.sessions == {}
     said = b.take()
-    assert [out for out in said if isinstance(out, Taken)] == [Taken(STATION, 2, 1, 1)]
+    assert [out for out in said if isinstance(out, StationTakenOver)] == [StationTakenOver(STATION, 2, 1, 1)]
     assert [status.epoch for status in published(said, SessionStatus)] == [2]
     assert b.next_seq == 9
     assert b.open() == Ack(session=NAME, next_seq=9, state="open")
@@ -276,7 +276,7 @@ def test_what_another_instance_serves_is_neither_taken_nor_refused_for_good():
     registry = new_registry()
     registry.custody.served = frozenset({"cell-2"})
     (said,) = registry.command(STATION, opening(), 0.0)
-    assert isinstance(said, Answer)
+    assert isinstance(said, Reply)
     assert isinstance(said.reply, ProtocolError)
     assert (said.reply.code, registry.tally.refused) == ("overloaded", {})
     assert registry.samples(STATION, batch(0), 0.0) == []
@@ -300,10 +300,10 @@ def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair, mo
     a.journal.commit()
     other = opening(columns=("t", "py"))
     with monkeypatch.context() as strangers:  # the two do not know each other
-        strangers.setattr(b.registry._journals, "_siblings", Siblings(None))
+        strangers.setattr(b.registry._journals, "_siblings", PeerJournals(None))
         b.registry.command(STATION, other, 0.0)
     said = b.take()
-    (failed,) = [out for out in said if isinstance(out, NotTaken)]
+    (failed,) = [out for out in said if isinstance(out, TakeoverFailed)]
     assert "open as something else" in str(failed.error)
     assert b.next_seq == 0
 
@@ -323,7 +323,7 @@ def test_a_sibling_that_cannot_be_read_does_not_stop_anything(pair):
     b.open()
     b.feed(*range(5))
     a.path.write_text("a letter to my mother " * 100)
-    assert not [out for out in b.take() if isinstance(out, NotTaken)]
+    assert not [out for out in b.take() if isinstance(out, TakeoverFailed)]
     assert b.next_seq == 5
 
 
@@ -350,7 +350,7 @@ def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, 
 
     with monkeypatch.context() as patched:
         patched.setattr(b.journal, "append", full)
-        assert [str(out.error) for out in b.take() if isinstance(out, NotTaken)] == ["the disk is full"]
+        assert [str(out.error) for out in b.take() if isinstance(out, TakeoverFailed)] == ["the disk is full"]
         refusal = b.open()
         assert isinstance(refusal, ProtocolError)
         assert (refusal.code, "the disk is full" in refusal.message) == ("overloaded", True)
@@ -364,7 +364,7 @@ def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair, monkeypatc
     a, _ = pair
     for each in pair:
         with monkeypatch.context() as strangers:  # the two do not know each other
-            strangers.setattr(each.registry._journals, "_siblings", Siblings(None))
+            strangers.setattr(each.registry._journals, "_siblings", PeerJournals(None))
             each.open()
             each.feed(*range(COUNT))
             each.close()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import App, Segment
-from caesura_service.program import Grip, Moment, ProgramSegment, task_program
+from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
 
 PARTS = {
     "motion": ("motion", "free"),
@@ -44,7 +44,7 @@ def segment(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
     return Segment.model_validate(made | fields)
 
 
-def program(*segments: Segment, grips: tuple[Grip, ...] = (), **options: Any) -> tuple[App, ...]:
+def program(*segments: Segment, grips: tuple[GripperAction, ...] = (), **options: Any) -> tuple[App, ...]:
     steps = [ProgramSegment(index, one, one.probability) for index, one in enumerate(segments)]
     return task_program(steps, grips, moment_at, **options)
 
@@ -65,7 +65,7 @@ def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():
         segment("transport", 5.7, 7.5, load_kg=0.293, load_sd_kg=0.02),
         segment("contact", 7.5, 9.8, force_end=(0.0, 0.0, 9.9)),
         segment("motion", 10.8, 12.8),
-        grips=(Grip(3.0, "grasp", 0.05), Grip(9.2, "release", 0.08)),
+        grips=(GripperAction(3.0, "grasp", 0.05), GripperAction(9.2, "release", 0.08)),
     )
     assert kinds(apps) == [
         "move_to_contact",
@@ -148,7 +148,7 @@ def test_a_grip_in_free_space_is_an_app_in_its_place():
         segment("motion", 0.0, 1.0),
         segment("steady", 1.0, 2.0),
         segment("motion", 2.0, 3.0),
-        grips=(Grip(1.5, "open", 0.08),),
+        grips=(GripperAction(1.5, "open", 0.08),),
     )
     assert kinds(apps) == ["cartesian_motion", "gripper_move", "cartesian_motion"]
 

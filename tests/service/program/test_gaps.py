@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from caesura_protocol.messages import Gap
-from caesura_service.program import Gaps, Grip, observed_share
+from caesura_service.program import Gaps, GripperAction, observed_share
 from service.program.test_builder import program, segment
 
 
@@ -64,7 +64,7 @@ def test_apps_away_from_a_gap_are_as_sure_as_ever():
 
 
 def test_a_grip_within_a_gap_was_not_seen():
-    (grip,) = program(grips=(Grip(1.5, "grasp", 0.05),), gaps=(gap(1.0, 2.0),))
+    (grip,) = program(grips=(GripperAction(1.5, "grasp", 0.05),), gaps=(gap(1.0, 2.0),))
     assert grip.confidence == 0.0
 
 

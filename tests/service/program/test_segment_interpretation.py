@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from caesura_protocol.messages import App
-from caesura_service.program import Grip, Moment, ProgramSegment, task_program
+from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
 DRIFT_N = (2.0, -1.5, 3.0)  # of the sensor since it was tared
 ACROSS: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
-GRASP, RELEASE = Grip(0.5, "grasp", 0.05), Grip(4.5, "release", 0.08)
+GRASP, RELEASE = GripperAction(0.5, "grasp", 0.05), GripperAction(4.5, "release", 0.08)
 
 
 def drifted(t: float, *, pushed_n: float = 0.0) -> Moment:
@@ -27,7 +27,7 @@ def held(push_n: float) -> dict[str, Any]:
     return {"force_held": (x, y, z + push_n)}
 
 
-def program(*segments: Any, grips: tuple[Grip, ...] = (), at: Any = moment_at) -> tuple[App, ...]:
+def program(*segments: Any, grips: tuple[GripperAction, ...] = (), at: Any = moment_at) -> tuple[App, ...]:
     return task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(segments)], grips, at)
 
 
@@ -249,6 +249,8 @@ def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> Non
 )
 def test_what_an_operator_has_named_is_what_it_is(before: str, named: str) -> None:
     said = segment(named, 2.0, 4.0, **held(-4.0), **ACROSS, corrected=True)
-    made = program(segment(before, 1.0, 2.0), said, grips=(GRASP, Grip(1.5, "release", 0.08)), at=drifted)
+    made = program(
+        segment(before, 1.0, 2.0), said, grips=(GRASP, GripperAction(1.5, "release", 0.08)), at=drifted
+    )
     expected = {"sliding": "apply_force", "contact": "apply_force", "motion": "cartesian_motion"}
     assert made[-1].kind == expected.get(named, named)

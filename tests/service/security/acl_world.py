@@ -17,7 +17,7 @@ import zenoh
 
 from caesura_protocol.keys import ROOT, ServicePart, SessionPart, StationPart
 from caesura_protocol.transport.zenoh_transport import direct
-from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from caesura_service.server.network import SETTINGS
 from clients.conftest import free_port
 
@@ -42,21 +42,21 @@ def opened(file: Path, **settings: Any) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def certificates(directory: Path) -> Directory:
+def certificates(directory: Path) -> CredentialStore:
     """Everybody's files, with passwords; `somebody` has both and no rule."""
-    kept = Directory(directory)
+    kept = CredentialStore(directory)
     holders = [
         *identities("service", ["west", "east"]),
         *identities("bridge", ["cell-1", "cell-2"]),
         *identities("dashboard", ["wall", STRANGER]),
         *identities("operator", ["boss"]),
     ]
-    kept.issue(Wanted(holders, hosts=["127.0.0.1"], passwords=True))
+    kept.issue(IssueRequest(holders, hosts=["127.0.0.1"], passwords=True))
     for suffix in ("json5", "password.json5"):
         (directory / f"dashboard.{STRANGER}.{suffix}").rename(directory / f"{STRANGER}.{suffix}")
     users = (directory / "users.txt").read_text()
     kept.revoke(f"dashboard.{STRANGER}")
-    kept.issue(Wanted())
+    kept.issue(IssueRequest())
     (directory / "users.txt").write_text(users)
     return kept
 

@@ -21,7 +21,7 @@ from caesura_service.security.certificates import (
     issue_router,
     new_authority,
 )
-from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 
 
 def certs(*arguments: object):
@@ -197,6 +197,6 @@ def test_certificates_are_good_for_one_purpose_and_signed_by_the_authority():
 
 
 def test_the_library_does_as_the_command(tmp_path):
-    kept = Directory(tmp_path)
-    kept.issue(Wanted(identities("bridge", ["cell-1"])))
+    kept = CredentialStore(tmp_path)
+    kept.issue(IssueRequest(identities("bridge", ["cell-1"])))
     assert [holder.label for holder in kept.holders()] == ["bridge.cell-1"]

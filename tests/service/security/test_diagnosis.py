@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from caesura_clients import connect
 from caesura_clients.cli import build
-from caesura_protocol.errors import NotLetIn, Unreachable
+from caesura_protocol.errors import AccessDenied, Unreachable
 from caesura_protocol.transport.diagnosis import why_not
 from caesura_service.security import zenoh_files
 from caesura_service.security.certificates import Issued, issue_client, issue_router, new_authority
@@ -65,7 +65,7 @@ def refused(tmp_path, endpoint: str, text: str | None) -> str:
         file.write_text(text)
     with pytest.raises(Unreachable) as error:
         connect(endpoint, config_file=file, timeout_s=0.0)
-    assert isinstance(error.value, NotLetIn)
+    assert isinstance(error.value, AccessDenied)
     said = str(error.value)
     assert "\n" not in said
     assert said.startswith(endpoint)
@@ -123,7 +123,7 @@ def test_a_password_that_will_not_do(tmp_path):
 def test_where_nothing_listens_waiting_may_help():
     with pytest.raises(Unreachable, match=r"no router at .* is the service running") as error:
         connect(f"tls/127.0.0.1:{free_port()}", timeout_s=0.0)
-    assert not isinstance(error.value, NotLetIn)
+    assert not isinstance(error.value, AccessDenied)
     with pytest.raises(Unreachable, match=r"there is no host nowhere\.invalid"):
         connect("tcp/nowhere.invalid:7447", timeout_s=0.0)
 
@@ -157,5 +157,5 @@ def test_a_router_that_closes_every_connection_at_once_has_no_room_and_waiting_h
         router.start()
         found = why_not(endpoint, lambda _: None)
         router.join(5.0)
-    assert not isinstance(found, NotLetIn)
+    assert not isinstance(found, AccessDenied)
     assert "closes every connection at once: more connections wait there" in str(found)

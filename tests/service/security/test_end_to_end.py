@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
-from caesura_clients.bridge.control_client import ControlLine
+from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.cli import build
 from caesura_clients.cli.commands import _why_it_waits
 from caesura_protocol.codec import encode
-from caesura_protocol.errors import NotLetIn, ProtocolError
+from caesura_protocol.errors import AccessDenied, ProtocolError
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Ack, Close
 from caesura_service.app import Service
@@ -131,22 +131,22 @@ def test_samples_that_got_lost_are_asked_for_through_the_rules(network):
 def test_an_operator_may_send_commands_and_a_dashboard_may_not(network, label, may):
     robot, wall = network.as_("bridge.cell-2"), network.as_("dashboard.wall")
     name = f"left-alone-by-{label.partition('.')[0]}"
-    assert isinstance(ControlLine(robot.transport, "cell-2").ask(opening(name)), Ack)
-    asked = ControlLine(network.as_(label).transport, "cell-2").ask(Close(session=name, last_seq=-1))
+    assert isinstance(ControlClient(robot.transport, "cell-2").ask(opening(name)), Ack)
+    asked = ControlClient(network.as_(label).transport, "cell-2").ask(Close(session=name, last_seq=-1))
     assert (asked is not None) == may
     assert (wall.snapshot("cell-2", name).status.state == "closed") == may
 
 
 def test_a_bridge_can_neither_send_for_another_station_nor_command_it(network):
     thief, owner = network.as_("bridge.cell-1"), network.as_("bridge.cell-2")
-    line = ControlLine(owner.transport, "cell-2")
+    line = ControlClient(owner.transport, "cell-2")
     line.ask(opening("theirs"))
-    assert ControlLine(thief.transport, "cell-2").ask(Close(session="theirs", last_seq=-1)) is None
+    assert ControlClient(thief.transport, "cell-2").ask(Close(session="theirs", last_seq=-1)) is None
     rubbish = encode(batch(0, "theirs"))._replace(payload=b"rubbish")
     for content in (*(encode(batch(number, "theirs")) for number in range(5)), rubbish):
         thief.transport.put(station_key("cell-2", "samples"), content)
     with pytest.raises(ProtocolError, match="unknown_session"):  # behind all that, on the same link
-        ControlLine(thief.transport, "cell-1").ask(Close(session="none", last_seq=-1))
+        ControlClient(thief.transport, "cell-1").ask(Close(session="none", last_seq=-1))
     ack = line.ask(opening("theirs"))
     assert (ack.state, ack.next_seq) == ("open", 0)
     status = network.as_("dashboard.wall").snapshot("cell-2", "theirs").status
@@ -155,7 +155,7 @@ def test_a_bridge_can_neither_send_for_another_station_nor_command_it(network):
 
 def test_a_bridge_reads_no_other_station_and_poses_as_no_service(network):
     thief, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
-    ControlLine(network.as_("bridge.cell-2").transport, "cell-2").ask(opening("private"))
+    ControlClient(network.as_("bridge.cell-2").transport, "cell-2").ask(opening("private"))
     assert not thief.transport.query("caesura/v1/session/cell-2/private/snapshot").replies
     assert not thief.transport.query(station_key("*", "program")).replies
     with thief.transport.token(service_key("fake", "alive")):
@@ -164,9 +164,9 @@ def test_a_bridge_reads_no_other_station_and_poses_as_no_service(network):
 
 
 def test_nobody_gets_in_without_a_certificate(network, directory):
-    with pytest.raises(NotLetIn, match="it demands a certificate"):
+    with pytest.raises(AccessDenied, match="it demands a certificate"):
         connect(network.endpoint, config_file=directory / "bridge.cell-1.password.json5", timeout_s=0.0)
-    with pytest.raises(NotLetIn):
+    with pytest.raises(AccessDenied):
         connect(network.endpoint, timeout_s=0.0)
 
 

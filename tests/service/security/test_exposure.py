@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from caesura_service.security import exposure
-from caesura_service.security.credential_store import Directory, Wanted, identities
+from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from caesura_service.server.network import DEFAULT_ENDPOINT, NetworkError, NetworkSettings, join
 from clients.conftest import free_port
 
@@ -159,7 +159,7 @@ def test_a_file_that_says_nothing_of_it_listens_here_alone(tmp_path, monkeypatch
 
 def test_the_generated_files_are_listened_with_and_no_warning(tmp_path, caplog):
     listen = f"tls/0.0.0.0:{free_port()}"
-    Directory(tmp_path).issue(Wanted(listen=listen, passwords=True))
+    CredentialStore(tmp_path).issue(IssueRequest(listen=listen, passwords=True))
     for file in ("router.json5", "router.password.json5"):
         assert joined(config_file=tmp_path / file) == listen
     assert not caplog.records
@@ -193,6 +193,6 @@ def test_an_endpoint_that_is_none_is_named_with_one_that_is(where):
 
 
 def test_the_file_of_a_client_is_not_served_with(tmp_path):
-    Directory(tmp_path).issue(Wanted(identities("service", ["west"]), hosts=["10.0.0.1"]))
+    CredentialStore(tmp_path).issue(IssueRequest(identities("service", ["west"]), hosts=["10.0.0.1"]))
     with pytest.raises(NetworkError, match=r"add --connect tls/10\.0\.0\.1:7447"):
         joined(config_file=tmp_path / "service.west.json5")

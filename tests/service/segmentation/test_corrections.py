@@ -32,14 +32,14 @@ from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.corrections import (
     AHEAD_S,
     MAX_CORRECTIONS,
-    Correction,
-    Corrections,
-    Heeded,
+    EditHistory,
+    FilterConstraints,
+    ResolvedEdit,
     correction_of,
 )
 from caesura_service.segmentation.encoded_log import MessageSequence
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import Pipeline, View
+from caesura_service.segmentation.view import Pipeline, PipelineView
 
 DATA = Path(__file__).parents[3] / "data"
 LOST = range(200, 212)  # batches that never come, in the demonstration with a hole
@@ -77,11 +77,11 @@ def shown() -> Pipeline:
     return whole()
 
 
-def with_one(pipeline: Pipeline, action: Any) -> View:
+def with_one(pipeline: Pipeline, action: Any) -> PipelineView:
     return pipeline.corrected([pipeline.resolve(action)]).view
 
 
-def times(view: View) -> list[float]:
+def times(view: PipelineView) -> list[float]:
     return [one.t for one in view.changepoints]
 
 
@@ -121,7 +121,7 @@ def test_forbidding_its_interval_only_would_put_a_removed_changepoint_right_besi
     first, back = shown.view.segments[0].t0, 0
     for one in shown.view.changepoints:
         low, high = (round((t - first) / STEP_S + 0.5) for t in (one.t_low, one.t_high))
-        view = shown.corrected([Correction(none=tuple(range(low, high + 1)))]).view
+        view = shown.corrected([ResolvedEdit(none=tuple(range(low, high + 1)))]).view
         back += any(abs(t - one.t) < 0.35 for t in times(view))
     assert (back, len(shown.view.changepoints)) == (5, 8)
 
@@ -296,7 +296,7 @@ def test_the_growing_segment_can_be_named_and_still_ends_by_itself():
 # --- the same whenever they are made --------------------------------------------------------------------
 
 
-def _action(seed: np.random.Generator, view: View, *, finished: bool) -> Action:
+def _action(seed: np.random.Generator, view: PipelineView, *, finished: bool) -> Action:
     t = float(seed.uniform(0.0, max(view.t, 0.0) + (0.0 if finished else 1.0)))
     near = float(seed.choice([one.t for one in view.changepoints] or [t])) + float(seed.normal(0.0, 0.1))
     actions: list[Action] = [
@@ -314,9 +314,9 @@ def _action(seed: np.random.Generator, view: View, *, finished: bool) -> Action:
 
 def edited_at_random(
     seed: np.random.Generator, threshold: float | None, lost: range
-) -> tuple[Pipeline, Corrections, int]:
+) -> tuple[Pipeline, EditHistory, int]:
     """A demonstration with edits at any moment; how many were taken."""
-    pipeline, corrections, taken, count = begun(threshold=threshold), Corrections(), 0, SHORT
+    pipeline, corrections, taken, count = begun(threshold=threshold), EditHistory(), 0, SHORT
     stops = sorted({*seed.integers(1, count, 5).tolist(), count})
     for first, stop in zip([0, *stops], [*stops, None], strict=True):
         if stop is None:
@@ -344,7 +344,7 @@ def check_same(seed: int, threshold: float | None, lost: range) -> int:
 
 
 @cache
-def plain(threshold: float | None, lost: range) -> View:
+def plain(threshold: float | None, lost: range) -> PipelineView:
     pipeline = fed(begun(threshold=threshold), range(SHORT), lost=lost)
     pipeline.finish()
     return pipeline.view
@@ -369,12 +369,12 @@ def test_the_thesis_decision_heeds_corrections_as_well():
 # --- undo and redo --------------------------------------------------------------------------------------
 
 
-def _given(t: float) -> Corrections:
-    return Corrections().after(Insert(t=t), lambda change: Correction(inserted=t))
+def _given(t: float) -> EditHistory:
+    return EditHistory().after(Insert(t=t), lambda change: ResolvedEdit(inserted=t))
 
 
 def test_undo_takes_the_last_one_back_and_redo_makes_it_again():
-    two = _given(1.0).after(Insert(t=2.0), lambda change: Correction(inserted=2.0))
+    two = _given(1.0).after(Insert(t=2.0), lambda change: ResolvedEdit(inserted=2.0))
     once = two.after(Undo(), pytest.fail)
     assert ([one.inserted for one in once.active], once.revision) == ([1.0], 3)
     again = once.after(Redo(), pytest.fail)
@@ -384,23 +384,25 @@ def test_undo_takes_the_last_one_back_and_redo_makes_it_again():
 def test_a_new_correction_ends_what_could_be_made_again():
     undone = _given(1.0).after(Undo(), pytest.fail)
     assert undone.undone
-    assert not undone.after(Insert(t=2.0), lambda change: Correction(inserted=2.0)).undone
+    assert not undone.after(Insert(t=2.0), lambda change: ResolvedEdit(inserted=2.0)).undone
 
 
 @pytest.mark.parametrize("action", [Undo(), Redo()])
 def test_with_nothing_to_undo_or_redo_an_edit_is_refused(action: Action):
     with pytest.raises(ProtocolError, match="nothing to"):
-        Corrections().after(action, pytest.fail)
+        EditHistory().after(action, pytest.fail)
 
 
 def test_corrections_are_bounded():
-    full = Corrections(active=(Correction(),) * MAX_CORRECTIONS)
+    full = EditHistory(active=(ResolvedEdit(),) * MAX_CORRECTIONS)
     with pytest.raises(ProtocolError, match=f"limit {MAX_CORRECTIONS}"):
-        full.after(Insert(t=1.0), lambda change: Correction())
+        full.after(Insert(t=1.0), lambda change: ResolvedEdit())
 
 
 def test_the_filter_is_told_once_for_each_observation_and_the_later_word_counts():
-    said = Heeded([Correction(none=(3, 4)), Correction(inserted=0.35), Correction(none=(5,), starts=(6,))])
+    said = FilterConstraints(
+        [ResolvedEdit(none=(3, 4)), ResolvedEdit(inserted=0.35), ResolvedEdit(none=(5,), starts=(6,))]
+    )
     told = [said.start(index, 0.1 * index) for index in range(8)]
     assert told == [None, None, None, False, True, False, True, None]
     assert [said.is_certain(index) for index in range(8)].count(True) == 2

@@ -38,9 +38,9 @@ from caesura_service.journal import JournalError, MemoryJournal
 from caesura_service.offline_segmentation import batches as batches_of
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.events import NotTaken, Output
-from caesura_service.publishing.session_state import Standing, program_of, snapshot_of
-from caesura_service.segmentation.corrections import Correction, Corrections, correction_of
+from caesura_service.publishing.events import Output, TakeoverFailed
+from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
+from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit, correction_of
 from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
@@ -249,11 +249,11 @@ class Real:
         return answer(self.registry.command(STATION, edit(self.standing.revision, action), at))
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> SessionState:
         return self.registry.board.standings()[0]
 
 
-def compared(standing: Standing) -> tuple[object, ...]:
+def compared(standing: SessionState) -> tuple[object, ...]:
     program = program_of(unowned(standing))
     return standing.view, program, standing.state, standing.revision, standing.undoable, standing.redoable
 
@@ -377,7 +377,7 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and
 
 
 def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segment():
-    correction = Correction(
+    correction = ResolvedEdit(
         none=(*range(5, 400_000), *range(400_010, 500_000)), starts=(4,), label=(7, "steady")
     )
     recorded = correction.recorded()
@@ -395,7 +395,7 @@ def stepped(registry: Registry) -> list[Output]:
     return said
 
 
-def closed_and_taken_up(journal: MemoryJournal) -> tuple[Registry, Standing]:
+def closed_and_taken_up(journal: MemoryJournal) -> tuple[Registry, SessionState]:
     before = new_registry(journal)
     before.command(STATION, opening(), 0.0)
     for each in BATCHES:
@@ -444,7 +444,7 @@ def test_records_that_cannot_be_folded_are_named_once_and_to_whoever_asks_again(
     registry, _ = closed_and_taken_up(journal)
     del journal._records[STATION, NAME][0]
     registry.command(STATION, edit(1), 0.0)
-    assert [type(said) for said in stepped(registry)] == [NotTaken]
+    assert [type(said) for said in stepped(registry)] == [TakeoverFailed]
     told = refused(answer(registry.command(STATION, edit(1), 0.0)))
     assert told.code == "conflict"
     assert "cannot be corrected" in str(told)
@@ -572,7 +572,7 @@ def edited(instance: Instance, action: Any) -> bool:
     revision = instance.standing.revision
     reply = corrected(instance, revision, action)
     if isinstance(reply, ProtocolError) and reply.code == "overloaded":
-        assert not [said for said in stepped(instance.registry) if isinstance(said, NotTaken)]
+        assert not [said for said in stepped(instance.registry) if isinstance(said, TakeoverFailed)]
         reply = corrected(instance, revision, action)
     return isinstance(reply, Ack)
 
@@ -583,7 +583,7 @@ def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(ste
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         owner, other = (Instance(Path(directory), name, stack) for name in "ab")
         owner.open()
-        model, expected = Corrections(), 0
+        model, expected = EditHistory(), 0
         for step in steps:
             match step:
                 case int():
@@ -603,7 +603,7 @@ def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(ste
                     owner, other = other, owner
                     owner.take()
                 case action if edited(owner, action):
-                    model = model.after(action, lambda change: Correction(inserted=change.t))
+                    model = model.after(action, lambda change: ResolvedEdit(inserted=change.t))
                     expected += 1
             assert owner.standing.revision == expected
             shown = {one.t for one in owner.standing.view.changepoints}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from caesura_protocol.codec import encode
 from caesura_protocol.messages import Changepoint, Changepoints, Snapshot
 from caesura_service.publishing.messages import first_difference
-from caesura_service.segmentation.encoded_log import Kept, MessageSequence, alike
+from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence, alike
 
 
 def changepoint(t: float) -> Changepoint:
@@ -17,7 +17,7 @@ def changepoint(t: float) -> Changepoint:
 
 
 def shown_of(every: list[Changepoint], packed: int, first: int = 0) -> MessageSequence[Changepoint]:
-    kept = Kept(Changepoint)
+    kept = EncodedMessageLog(Changepoint)
     kept.extend(every[:packed])
     return MessageSequence(kept, every[packed:], first=first)
 
@@ -45,7 +45,7 @@ def test_it_is_the_sequence_that_it_was(
 
 def test_what_a_view_shows_stays_as_more_is_packed():
     every = [changepoint(float(i)) for i in range(6)]
-    kept = Kept(Changepoint)
+    kept = EncodedMessageLog(Changepoint)
     kept.extend(every[:2])
     before = MessageSequence(kept, every[2:4], first=1)
     kept.extend(every[2:4])
@@ -62,7 +62,7 @@ def test_what_is_kept_goes_over_the_wire_without_being_read(count: int, packed: 
         station="a", session="b", instance="c", epoch=1, seq=0, t=0.0, first=0, changepoints=()
     )
     wrapped = [message.model_copy(update={"changepoints": known}) for known in (shown, plain)]
-    with mock.patch.object(Kept, "read", side_effect=AssertionError("was read")):
+    with mock.patch.object(EncodedMessageLog, "read", side_effect=AssertionError("was read")):
         assert encode(wrapped[0]) == encode(wrapped[1])
     outer = [Snapshot.model_construct(changepoints=within) for within in wrapped]
     assert encode(outer[0]) == encode(outer[1])
@@ -72,7 +72,7 @@ def test_what_is_kept_goes_over_the_wire_without_being_read(count: int, packed: 
 def test_two_differ_where_they_would_unpacked(packed: int, more: int, changed: int):
     old = [changepoint(float(i)) for i in range(6)]
     new = [*old[:changed], *map(changepoint, (20.0, 21.0))] if changed < 6 else old
-    kept = Kept(Changepoint)
+    kept = EncodedMessageLog(Changepoint)
     kept.extend(old[: min(packed, changed)])
     before = MessageSequence(kept, old[len(kept) :])
     known = len(kept)

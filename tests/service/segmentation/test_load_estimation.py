@@ -5,24 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_service.changepoint.segment_model_set import Kind
-from caesura_service.changepoint.segments import Stretch, Verdict
+from caesura_service.changepoint.segment_model_set import SegmentKind
+from caesura_service.changepoint.segments import Classification, InferredSegment
 from caesura_service.segmentation.load_estimation import Load, weigh
-from caesura_service.segmentation.observation_store import History
+from caesura_service.segmentation.observation_store import ObservationStore
 from service.sessions.observing import observation
 
 LENGTH = 20
 WEIGHT_N = 0.5 * 9.81
 
 
-def story(*parts: tuple[str, float]) -> tuple[list[Stretch], History]:
+def story(*parts: tuple[str, float]) -> tuple[list[InferredSegment], ObservationStore]:
     """Stretches of LENGTH observations: contact state and vertical force [N]."""
-    history, stretches = History(), []
+    history, stretches = ObservationStore(), []
     for number, (contact, force) in enumerate(parts):
-        kind = Kind("any", "motion", contact, ())  # type: ignore[arg-type]
+        kind = SegmentKind("any", "motion", contact, ())  # type: ignore[arg-type]
         start = number * LENGTH
         stretches.append(
-            Stretch(start, start + LENGTH, Verdict(kind, 1.0, None, 0.0), 1.0, (start, start), True, True)
+            InferredSegment(
+                start, start + LENGTH, Classification(kind, 1.0, None, 0.0), 1.0, (start, start), True, True
+            )
         )
         for i in range(LENGTH):
             history.append(observation(start + i, force))

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from caesura_service.program import Moment
-from caesura_service.segmentation.observation_store import PRESS_LOOKS, History
+from caesura_service.segmentation.observation_store import PRESS_LOOKS, ObservationStore
 from caesura_service.segmentation.overflow_file import BLOCK
 from caesura_service.signals import Observation
 from service.sessions.observing import observation
 
 
-def history_of(down: np.ndarray) -> History:
-    history = History()
+def history_of(down: np.ndarray) -> ObservationStore:
+    history = ObservationStore()
     for i, newton in enumerate(down):
         history.append(observation(i, newton))
     return history
@@ -69,15 +69,17 @@ def moment_of(seen: Observation) -> Moment:
 
 
 @pytest.fixture(scope="module")
-def long() -> tuple[list[Observation], History]:
+def long() -> tuple[list[Observation], ObservationStore]:
     """Most of which is not in memory any more."""
-    every, history = [noted(i) for i in range(3000)], History()
+    every, history = [noted(i) for i in range(3000)], ObservationStore()
     for seen in every:
         history.append(seen)
     return every, history
 
 
-def test_an_observation_is_what_it_was_to_the_last_bit(long: tuple[list[Observation], History]) -> None:
+def test_an_observation_is_what_it_was_to_the_last_bit(
+    long: tuple[list[Observation], ObservationStore],
+) -> None:
     every, history = long
     for seen in every:
         observed = history.observed(seen.index)
@@ -88,7 +90,7 @@ def test_an_observation_is_what_it_was_to_the_last_bit(long: tuple[list[Observat
 
 
 def test_the_moment_of_any_time_is_that_of_the_nearest_observation(
-    long: tuple[list[Observation], History],
+    long: tuple[list[Observation], ObservationStore],
 ) -> None:
     every, history = long
     for t in (-1.0, 0.04, 0.06, 77.77, 150.0, 299.84, 299.86, 1000.0):
@@ -97,7 +99,7 @@ def test_the_moment_of_any_time_is_that_of_the_nearest_observation(
 
 
 def test_the_vertical_force_of_any_span_is_its_mean_and_variance(
-    long: tuple[list[Observation], History],
+    long: tuple[list[Observation], ObservationStore],
 ) -> None:
     every, history = long
     for start, end in ((0, 3000), (5, 6), (100, 2900), (2990, 3000)):
@@ -107,10 +109,10 @@ def test_the_vertical_force_of_any_span_is_its_mean_and_variance(
 
 @pytest.mark.parametrize(("start", "end"), [(0, 3000), (17, 2017), (17, 600), (2500, 3000)])
 def test_a_press_of_any_length_is_looked_at_where_it_was(
-    long: tuple[list[Observation], History], start: int, end: int
+    long: tuple[list[Observation], ObservationStore], start: int, end: int
 ) -> None:
     every, history = long
-    looks = History()
+    looks = ObservationStore()
     for seen in every[start : end : -(-(end - start) // PRESS_LOOKS)]:
         looks.append(seen)
     assert history.press(start, end) == looks.press(0, len(looks))
@@ -120,7 +122,7 @@ def test_memory_does_not_grow_with_what_is_remembered() -> None:
     every = [noted(i) for i in range(500)]
     tracemalloc.start()
     try:
-        history = History()
+        history = ObservationStore()
         sizes = []
         for _ in range(10):
             for seen in every:

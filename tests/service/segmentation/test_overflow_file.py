@@ -16,15 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caesura_service.segmentation.overflow_file import BLOCK, Log, Spool
+from caesura_service.segmentation.overflow_file import BLOCK, AppendLog, OverflowFile
 
 SMALL = 8  # [bytes] a block
 
 
-def filled(spool: Spool, blocks: int, first: int = 0) -> tuple[Log, bytes]:
+def filled(spool: OverflowFile, blocks: int, first: int = 0) -> tuple[AppendLog, bytes]:
     """A log of so many blocks and a bit, none like another, and what is in it."""
     data = b"".join((first + i).to_bytes(spool.block, "big") for i in range(blocks)) + b"end"
-    log = Log(spool)
+    log = AppendLog(spool)
     for at in range(0, len(data), 5):
         log.append(data[at : at + 5])
     return log, data
@@ -43,7 +43,7 @@ def files_of_at_most(size: int) -> Iterator[None]:
 
 @given(st.lists(st.binary(max_size=5 * SMALL), max_size=12), st.integers(0, 99), st.integers(0, 99))
 def test_every_part_reads_as_it_was_appended(parts: list[bytes], start: int, count: int) -> None:
-    log = Log(Spool(block=SMALL))
+    log = AppendLog(OverflowFile(block=SMALL))
     for part in parts:
         log.append(part)
     data = b"".join(parts)
@@ -53,7 +53,7 @@ def test_every_part_reads_as_it_was_appended(parts: list[bytes], start: int, cou
 
 
 def test_memory_holds_the_last_two_blocks_at_most() -> None:
-    log, piece = Log(Spool()), bytes(1000)
+    log, piece = AppendLog(OverflowFile()), bytes(1000)
     tracemalloc.start()
     try:
         for _ in range(100 * BLOCK // len(piece)):
@@ -65,13 +65,13 @@ def test_memory_holds_the_last_two_blocks_at_most() -> None:
 
 
 def test_a_short_log_makes_no_file() -> None:
-    spool = Spool(block=SMALL)
+    spool = OverflowFile(block=SMALL)
     filled(spool, 1)
     assert spool.size == 0
 
 
 def test_room_is_used_again() -> None:
-    spool = Spool(block=SMALL)
+    spool = OverflowFile(block=SMALL)
     stays, data = filled(spool, 20)
     for first in range(100, 1000, 100):
         log, other = filled(spool, 20, first)
@@ -84,7 +84,7 @@ def test_room_is_used_again() -> None:
 def test_what_no_file_takes_stays_in_memory_until_one_does(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    spool = Spool(tmp_path / "missing", block=SMALL)
+    spool = OverflowFile(tmp_path / "missing", block=SMALL)
     with caplog.at_level(logging.WARNING):
         log, data = filled(spool, 20)
     assert len(caplog.records) == 1
@@ -98,7 +98,7 @@ def test_what_no_file_takes_stays_in_memory_until_one_does(
 
 
 def test_nothing_is_lost_on_a_full_disk() -> None:
-    spool = Spool(block=SMALL)
+    spool = OverflowFile(block=SMALL)
     _before, _ = filled(spool, 3)
     with files_of_at_most(spool.size + SMALL + SMALL // 2):  # the second further block is written in part
         log, data = filled(spool, 20)
@@ -109,7 +109,7 @@ def test_nothing_is_lost_on_a_full_disk() -> None:
 
 
 def test_another_thread_reads_while_it_grows() -> None:
-    log, over, wrong = Log(Spool(block=SMALL)), threading.Event(), list[int]()
+    log, over, wrong = AppendLog(OverflowFile(block=SMALL)), threading.Event(), list[int]()
 
     def read() -> None:
         while not over.is_set():
@@ -126,13 +126,13 @@ def test_another_thread_reads_while_it_grows() -> None:
     assert not wrong
 
 
-def _fill_later(spool: Spool, now: Event) -> None:
+def _fill_later(spool: OverflowFile, now: Event) -> None:
     now.wait()
     filled(spool, 20, first=1000)
 
 
 def test_a_forked_process_overwrites_nothing() -> None:
-    spool, context = Spool(block=SMALL), multiprocessing.get_context("fork")
+    spool, context = OverflowFile(block=SMALL), multiprocessing.get_context("fork")
     before, data = filled(spool, 20)
     now = context.Event()
     child = context.Process(target=_fill_later, args=(spool, now))

@@ -25,8 +25,8 @@ from caesura_service.segmentation.pipeline import (
     SegmentationPipeline,
     make_pipeline,
 )
-from caesura_service.segmentation.segmenter import Division
-from caesura_service.segmentation.view import View
+from caesura_service.segmentation.segmenter import Segmenter
+from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals.layout import SIGNALS
 from caesura_service.signals.wrench import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from service.streams import pieces
@@ -40,7 +40,7 @@ def taught() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def found(taught: Recording) -> View:
+def found(taught: Recording) -> PipelineView:
     return segment_recording(taught)
 
 
@@ -50,22 +50,24 @@ def changed(recording: Recording, **signals: np.ndarray) -> Recording:
     return replace(recording, signals=MappingProxyType(kept | signals))
 
 
-def boundaries(view: View) -> list[tuple[float, float, str]]:
+def boundaries(view: PipelineView) -> list[tuple[float, float, str]]:
     return [(one.t0, one.tn, one.kind) for one in view.segments]
 
 
-def test_moving_the_origin_changes_no_boundary_and_no_class(taught: Recording, found: View):
+def test_moving_the_origin_changes_no_boundary_and_no_class(taught: Recording, found: PipelineView):
     moved = segment_recording(changed(taught, pos=taught.signals["pos"] + [1.0, -1.0, 1.0]))
     assert boundaries(moved) == boundaries(found)
 
 
-def test_turning_the_base_changes_no_boundary_and_no_class(taught: Recording, found: View):
+def test_turning_the_base_changes_no_boundary_and_no_class(taught: Recording, found: PipelineView):
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turned = {name: taught.signals[name] @ quarter.T for name in ("pos", "force")}
     assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
 
 
-def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(taught: Recording, found: View):
+def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(
+    taught: Recording, found: PipelineView
+):
     c, s = np.cos(0.7), np.sin(0.7)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = {name: taught.signals[name] @ turn.T for name in ("pos", "force")}
@@ -74,13 +76,13 @@ def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(taught
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0)])
 def test_a_declared_unit_changes_no_boundary_and_no_class(
-    taught: Recording, found: View, unit: str, per_metre: float
+    taught: Recording, found: PipelineView, unit: str, per_metre: float
 ):
     scaled = replace(changed(taught, pos=per_metre * taught.signals["pos"]), length_unit=unit)  # type: ignore[arg-type]
     assert boundaries(segment_recording(scaled)) == boundaries(found)
 
 
-def test_times_may_begin_anywhere(taught: Recording, found: View):
+def test_times_may_begin_anywhere(taught: Recording, found: PipelineView):
     later = segment_recording(replace(changed(taught), t=taught.t + 1000.0))
     np.testing.assert_allclose(
         [(one.t0 - 1000.0, one.tn - 1000.0) for one in later.segments],
@@ -90,14 +92,14 @@ def test_times_may_begin_anywhere(taught: Recording, found: View):
     assert [one.kind for one in later.segments] == [one.kind for one in found.segments]
 
 
-def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: View):
+def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: PipelineView):
     joints = {name: taught.signals[name] for name in ("q", "force", "gripper")}
     by_joints = segment_recording(replace(taught, signals=MappingProxyType(joints)))
     assert [one.kind for one in by_joints.segments] == [one.kind for one in found.segments]
     assert by_joints.apps[0].joints is not None
 
 
-def test_segments_join_without_gaps_or_overlaps(found: View):
+def test_segments_join_without_gaps_or_overlaps(found: PipelineView):
     for before, after in zip(found.segments, found.segments[1:], strict=False):
         assert before.tn == after.t0
     assert [one.t for one in found.changepoints] == [one.t0 for one in found.segments[1:]]
@@ -227,7 +229,7 @@ def stream(seed: int, n: int) -> np.ndarray:
     return np.column_stack([fine + late, *smooth, held])
 
 
-def final_of(view: View) -> tuple[list[float], list[wire.Segment]]:
+def final_of(view: PipelineView) -> tuple[list[float], list[wire.Segment]]:
     """What is final, but for the loads, which free space that is still to come may change."""
     certain = [one.certainty == "final" for one in view.changepoints]
     assert certain == sorted(certain, reverse=True), "what is final comes before what is not"
@@ -330,7 +332,7 @@ def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str,
 def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
 ):
-    def shown(view: View) -> tuple[object, ...]:
+    def shown(view: PipelineView) -> tuple[object, ...]:
         divided = [(one.t0, one.kind, one.certainty) for one in view.segments]
         return divided, [(one.t, one.certainty) for one in view.changepoints], view.gaps
 
@@ -349,7 +351,7 @@ def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
     shown = [[*view.segments, *view.changepoints] for view in views(taught, "default")]
     monkeypatch.setattr("caesura_service.segmentation.segmenter._starts_alike", lambda *_: False)
-    monkeypatch.setattr(Division, "_stays", lambda *_: False)
+    monkeypatch.setattr(Segmenter, "_stays", lambda *_: False)
     assert shown == [[*view.segments, *view.changepoints] for view in views(taught, "default")]
 
 
@@ -381,7 +383,7 @@ def test_a_threshold_decides_online_as_it_does_for_the_whole_recording(taught: R
         segment_recording(taught, threshold=20.0)
 
 
-def test_a_changepoint_lies_in_its_interval(found: View):
+def test_a_changepoint_lies_in_its_interval(found: PipelineView):
     for one in found.changepoints:
         assert one.t_low <= one.t <= one.t_high
         assert one.t_high - one.t_low <= 1.0

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.program import Grip, Moment, ProgramSegment, task_program
-from caesura_service.segmentation.program_builder import MOST_UNQUIET, GrowingProgram
+from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
+from caesura_service.segmentation.program_builder import MOST_UNQUIET, IncrementalProgramBuilder
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
 LENGTHS = (0.1, 0.3, 0.4, 2.0)
@@ -68,8 +68,8 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
     steps = demonstration(rng, 40, holes=holes)
     near = [step.segment.t0 + rng.choice([-0.3, -0.1, 0.0, 0.1, 0.3]) for step in steps]
     times = np.sort(rng.choice(near, gripping))
-    grips = [Grip(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
-    growing = GrowingProgram(moment_at, 0.3)
+    grips = [GripperAction(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
+    growing = IncrementalProgramBuilder(moment_at, 0.3)
     for now in range(1, len(steps) + 1):
         seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.t0 + 0.4]
         gaps = gaps_between(steps[:now])
@@ -87,7 +87,7 @@ def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_of
     ]
     programs, left = [], []
     for every in (7, 97, len(steps)):
-        growing = GrowingProgram(moment_at, 0.3)
+        growing = IncrementalProgramBuilder(moment_at, 0.3)
         for now in (*range(every, len(steps), every), len(steps)):
             apps = growing.apps(steps[growing.first : now], now, [])
         programs.append(list(apps))
@@ -98,7 +98,7 @@ def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_of
 
 def test_only_what_follows_the_last_quiet_place_is_built_again():
     rng = np.random.default_rng(1)
-    growing = GrowingProgram(moment_at, 0.3)
+    growing = IncrementalProgramBuilder(moment_at, 0.3)
     steps = demonstration(rng, 300)
     again = []
     for now in range(1, len(steps) + 1):

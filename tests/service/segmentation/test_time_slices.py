@@ -19,7 +19,7 @@ from caesura_protocol.messages import Ack, Edit, Insert, Open, SampleBatch
 from caesura_service.journal import MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish
-from caesura_service.publishing.session_state import Standing
+from caesura_service.publishing.session_state import SessionState
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.time_slices import Slices, give_way
 from caesura_service.sessions.limits import Limits
@@ -154,7 +154,7 @@ def in_slices(
     return said, count
 
 
-def standing(registry: Registry) -> Standing:
+def standing(registry: Registry) -> SessionState:
     (only,) = registry.board.sessions[STATION]
     return only.standing
 
@@ -174,7 +174,7 @@ def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_nobod
         lambda made: made.command(STATION, insert, 2.0),
         lambda made: made.samples(STATION, sent[1], 3.0),
     ):
-        before, seen = standing(sliced), list[Standing]()
+        before, seen = standing(sliced), list[SessionState]()
         expected = act(whole)
         said, count = in_slices(
             sliced, lambda act=act: act(sliced), lambda seen=seen: seen.append(standing(sliced))

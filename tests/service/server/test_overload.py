@@ -18,7 +18,7 @@ from caesura_protocol.messages import Ack, Open, ServiceStatus, SessionStatus
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
-from caesura_service.segmentation.view import Pipeline, View
+from caesura_service.segmentation.view import Pipeline, PipelineView
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 from harness.peer import Peer
@@ -42,7 +42,7 @@ class Held:
         return self._pipeline.push(samples)
 
     @property
-    def view(self) -> View:
+    def view(self) -> PipelineView:
         return self._pipeline.view
 
     def declare_gap(self) -> None:

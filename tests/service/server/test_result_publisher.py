@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from caesura_service.publishing.events import AskReplay
+from caesura_service.publishing.events import RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, ReplayFinished
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.rates import RateSettings
-from caesura_service.server.result_publisher import QUESTIONS, Outgoing
+from caesura_service.server.result_publisher import QUESTIONS, ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 DEADLINE_S = 5.0
@@ -42,9 +42,9 @@ def closed() -> zenoh.Session:
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
     inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
     with Lanes() as lanes:
-        outgoing = Outgoing(network(), inbox, Budgets(RateSettings()), lanes)
+        outgoing = ResultPublisher(network(), inbox, Budgets(RateSettings()), lanes)
         for number in range(ASKED):
-            outgoing.ask(AskReplay(f"cell-{number}", "s1", 0, 9))
+            outgoing.ask(RequestReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []
         while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), ReplayFinished):
             ended.append(arrival.asked.ask.station)

@@ -11,7 +11,7 @@ import zenoh
 
 from caesura_protocol.transport.zenoh_transport import direct
 from caesura_service.server.network import NetworkSettings, join
-from caesura_service.server.subscriber_poller import CHANNEL, Gathering
+from caesura_service.server.subscriber_poller import CHANNEL, SubscriberPoller
 from harness.peer import DEADLINE_S, Peer
 from harness.processes import eventually
 
@@ -24,7 +24,7 @@ class Floor:
     def __init__(self, network: zenoh.Session, peer: Peer) -> None:
         self.network, self.peer = network, peer
         self.taken: list[bytes] = []
-        self.gathering = Gathering(self._take)
+        self.gathering = SubscriberPoller(self._take)
         self.gathering.declare(network, KEY)
 
     def put(self, *payloads: bytes) -> None:

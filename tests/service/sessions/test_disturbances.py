@@ -17,7 +17,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import MemoryJournal
 from caesura_service.publishing.events import Output
-from caesura_service.publishing.session_state import Standing, Tally, snapshot_of
+from caesura_service.publishing.session_state import SessionCounters, SessionState, snapshot_of
 from caesura_service.sessions.limits import Limits
 from harness.sessions import (
     BATCH,
@@ -96,9 +96,9 @@ def test_a_session_rebuilt_from_its_journal_equals_the_original(fate, oldest):
     assert rebuilt.board.sessions[STATION][0].next_seq == session.next_seq
 
 
-def uncounted(standing: Standing) -> Standing:
+def uncounted(standing: SessionState) -> SessionState:
     """Without what counts for the process: what came twice or was asked for, and how often it was said."""
-    tally = Tally(batches=standing.tally.batches)
+    tally = SessionCounters(batches=standing.tally.batches)
     numbered = {**standing.last_seq, "status": 0}
     return unowned(standing)._replace(tally=tally, waiting_for=None, last_seq=numbered)
 

@@ -8,7 +8,7 @@ import pytest
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_GAPS, Ack, Changepoints, Posterior, Program, Segments, SessionStatus
-from caesura_service.publishing.events import Answer, Failed, Output, Refused, ReplayEnded
+from caesura_service.publishing.events import BatchRejected, Output, ReplayEnded, Reply, SessionFailed
 from caesura_service.publishing.session_state import snapshot_of, status_of
 from caesura_service.sessions.closed_pipeline import standing_of
 from caesura_service.sessions.limits import Limits
@@ -256,7 +256,7 @@ def test_a_bridge_that_is_away_is_waited_for():
 def test_opening_twice_alike_is_no_error_and_says_how_far_it_is():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
-    assert session.receive(opening(), 0.0) == [Answer(Ack(session="s1", next_seq=1, state="open"))]
+    assert session.receive(opening(), 0.0) == [Reply(Ack(session="s1", next_seq=1, state="open"))]
 
 
 def test_opening_as_something_else_is_a_conflict():
@@ -363,7 +363,7 @@ def test_a_batch_with_refused_content_is_counted_reported_and_leaves_a_gap(bad, 
     session, _ = open_session()
     session.receive(batch(0), 0.0)
     said = session.receive(bad, 0.0)
-    refusals = [out.error for out in said if isinstance(out, Refused)]
+    refusals = [out.error for out in said if isinstance(out, BatchRejected)]
     assert [error.code for error in refusals] == ["malformed"]
     said += session.receive(batch(2), 0.0)
     status = published(said, SessionStatus)[-1]
@@ -397,7 +397,7 @@ def test_an_error_in_the_pipeline_closes_the_session_and_says_so():
     session, _ = open_session(preset="raising")
     session.receive(batch(0), 0.0)
     said = session.receive(batch_of([[0.2, 13.0]], seq=1), 0.0)
-    assert [type(out.error) for out in said if isinstance(out, Failed)] == [RuntimeError]
+    assert [type(out.error) for out in said if isinstance(out, SessionFailed)] == [RuntimeError]
     status = published(said, SessionStatus)[-1]
     assert status.state == "closed"
     assert "cannot stand 13" in status.last_refusal.message
@@ -411,7 +411,7 @@ def test_a_view_that_cannot_be_published_closes_the_session_too(ending):
     session, _ = open_session(preset="unspeakable")
     session.receive(batch(0), 0.0)
     said = session.receive(ending, 0.0)
-    assert [type(out.error).__name__ for out in said if isinstance(out, Failed)] == ["ValidationError"]
+    assert [type(out.error).__name__ for out in said if isinstance(out, SessionFailed)] == ["ValidationError"]
     assert published(said, SessionStatus)[-1].state == "closed"
 
 
@@ -445,7 +445,7 @@ def test_closing_again_is_acknowledged_again_and_says_nothing_else():
     session, _ = open_session()
     run(session, 2)
     session.receive(closing(1), 0.0)
-    assert session.receive(closing(1), 0.0) == [Answer(Ack(session="s1", next_seq=2, state="closed"))]
+    assert session.receive(closing(1), 0.0) == [Reply(Ack(session="s1", next_seq=2, state="closed"))]
 
 
 @pytest.mark.parametrize("last_seq", [0, 3])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals import Layout
+from caesura_service.signals import SampleLayout
 from service.signals.samples import FORCE, JOINTS, POSITION, QUATERNION, TAU, TORQUE
 
 Array = NDArray[np.float64]
@@ -22,27 +22,27 @@ def wrench_of_joint_torques(q: Array, tau: Array) -> Array:
 
 
 LAYOUTS = {
-    "pose, flange force, gripper": Layout(
+    "pose, flange force, gripper": SampleLayout(
         ("t", *POSITION, *QUATERNION, *FORCE, "gripper"), wrench_source="flange_sensor", force_frame="flange"
     ),
-    "pose, flange wrench, gripper": Layout(
+    "pose, flange wrench, gripper": SampleLayout(
         ("t", *POSITION, *QUATERNION, *FORCE, *TORQUE, "gripper"),
         wrench_source="flange_sensor",
         force_frame="flange",
     ),
-    "joints and torques": Layout(
+    "joints and torques": SampleLayout(
         ("t", *JOINTS, *TAU),
         wrench_source="joint_torque_estimate",
         pose_of_joints=pose_of_joints,
         wrench_of_joint_torques=wrench_of_joint_torques,
     ),
-    "position, joints, force in base": Layout(
+    "position, joints, force in base": SampleLayout(
         ("t", "gripper", *FORCE, *POSITION, *JOINTS), wrench_source="flange_sensor", metres_per_unit=0.001
     ),
 }
 
 
-def awkward_samples(layout: Layout, seed: int, rate_hz: float, n: int) -> Array:
+def awkward_samples(layout: SampleLayout, seed: int, rate_hz: float, n: int) -> Array:
     """Jitter, repeats, samples on cell edges, gaps, a flag or an opening, a start at rest or in motion."""
     rng = np.random.default_rng(seed)
     t = rng.uniform(-5, 5) + np.arange(n) / rate_hz

@@ -7,7 +7,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, ConditioningParameters, Layout, Observation
+from caesura_service.signals import (
+    Conditioner,
+    ConditioningOutput,
+    ConditioningParameters,
+    Observation,
+    SampleLayout,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,7 +34,7 @@ def along(direction: tuple[float, float, float], values: Array) -> Array:
 
 
 def condition(
-    layout: Layout, t: Array, *signals: Array, parameters: ConditioningParameters | None = None
+    layout: SampleLayout, t: Array, *signals: Array, parameters: ConditioningParameters | None = None
 ) -> list[Observation]:
     """All observations of one demonstration, pushed at once."""
     conditioner = Conditioner(layout, parameters)
@@ -37,15 +43,15 @@ def condition(
 
 def positions_only(t: Array, path: Callable[[Array], Array]) -> list[Observation]:
     """Observations of a flange that moves along x without a wrench."""
-    layout = Layout(("t", *POSITION), wrench_source="none")
+    layout = SampleLayout(("t", *POSITION), wrench_source="none")
     return condition(layout, t, along((1.0, 0.0, 0.0), path(t)))
 
 
-def together(conditioner: Conditioner, pushes: Iterable[Array]) -> Conditioned:
+def together(conditioner: Conditioner, pushes: Iterable[Array]) -> ConditioningOutput:
     """Push by push to the end, results joined."""
     results = [conditioner.push(samples) for samples in pushes]
     results.append(conditioner.finish())
-    return Conditioned(
+    return ConditioningOutput(
         observations=tuple(o for r in results for o in r.observations),
         gaps=tuple(g for r in results for g in r.gaps),
         gripper_events=tuple(e for r in results for e in r.gripper_events),
@@ -54,7 +60,7 @@ def together(conditioner: Conditioner, pushes: Iterable[Array]) -> Conditioned:
     )
 
 
-def bits(result: Conditioned) -> tuple[object, ...]:
+def bits(result: ConditioningOutput) -> tuple[object, ...]:
     """Everything in a result, exactly: equal if and only if every bit is."""
     observations = tuple(
         tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in vars(o).values())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, Layout, Observation, backend
+from caesura_service.signals import Conditioner, ConditioningOutput, Observation, SampleLayout, backend
 from caesura_service.signals.backend import REFERENCE, best
 from caesura_service.signals.warm_up import prepare
 from service.signals.awkward import LAYOUTS, awkward_samples
@@ -26,7 +26,7 @@ def numbers(observation: Observation) -> Array:
     return np.array(list(chain.from_iterable(values)), dtype=np.float64)
 
 
-def assert_agree(compiled: Conditioned, reference: Conditioned) -> None:
+def assert_agree(compiled: ConditioningOutput, reference: ConditioningOutput) -> None:
     assert len(compiled.observations) == len(reference.observations)
     for ours, theirs in zip(compiled.observations, reference.observations, strict=True):
         assert_allclose(numbers(ours), numbers(theirs), rtol=1e-12, atol=1e-12)
@@ -40,14 +40,14 @@ def assert_agree(compiled: Conditioned, reference: Conditioned) -> None:
     rate_hz=st.sampled_from([50.0, 60.0, 100.0, 333.3, 1000.0]),
     pushes=st.integers(1, 30),
 )
-def test_both_give_the_same(layout: Layout, seed: int, rate_hz: float, pushes: int) -> None:
+def test_both_give_the_same(layout: SampleLayout, seed: int, rate_hz: float, pushes: int) -> None:
     samples = np.array_split(awkward_samples(layout, seed, rate_hz, n=round(1.5 * rate_hz)), pushes)
     compiled, reference = (Conditioner(layout, arithmetic=each) for each in (best(), REFERENCE))
     assert_agree(together(compiled, samples), together(reference, samples))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_whatever_an_array_is_like_all_is_compiled_beforehand(layout: Layout) -> None:
+def test_whatever_an_array_is_like_all_is_compiled_beforehand(layout: SampleLayout) -> None:
     prepare()
     samples = awkward_samples(layout, 1, 200.0, n=400)
     constant = samples.copy()

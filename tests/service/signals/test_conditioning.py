@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioner, ConditioningParameters, Layout
-from caesura_service.signals.backend import REFERENCE, Arithmetic, best
+from caesura_service.signals import Conditioner, ConditioningParameters, SampleLayout
+from caesura_service.signals.backend import REFERENCE, Backend, best
 from service.signals.samples import (
     FORCE,
     JOINTS,
@@ -25,7 +25,7 @@ from service.signals.samples import (
 
 Array = NDArray[np.float64]
 
-POSE = Layout(("t", *POSITION), wrench_source="none")
+POSE = SampleLayout(("t", *POSITION), wrench_source="none")
 
 
 def test_a_flange_at_rest_stays_where_it_is() -> None:
@@ -84,7 +84,7 @@ def test_moving_the_origin_moves_observations_and_nothing_else() -> None:
 def test_the_unit_of_the_input_changes_nothing(metres_per_unit: float) -> None:
     t = times(500.0, 2.0)
     path = along((0.1, 0.2, -0.3), np.sin(t))
-    layout = Layout(POSE.columns, wrench_source="none", metres_per_unit=metres_per_unit)
+    layout = SampleLayout(POSE.columns, wrench_source="none", metres_per_unit=metres_per_unit)
     in_units, in_metres = condition(layout, t, path / metres_per_unit), condition(POSE, t, path)
     expected = column(in_metres, "position_base")
     assert_allclose(column(in_units, "position_base"), expected, atol=1e-14)
@@ -97,7 +97,7 @@ def pose_of_joints(q: Array) -> tuple[Array, Array]:
 def test_joints_give_the_pose_that_the_robot_says() -> None:
     t = times(200.0, 2.0)
     q = np.stack([np.sin((i + 1) * t) for i in range(7)], axis=1)
-    layout = Layout(("t", *JOINTS), wrench_source="none", pose_of_joints=pose_of_joints)
+    layout = SampleLayout(("t", *JOINTS), wrench_source="none", pose_of_joints=pose_of_joints)
     by_joints, by_pose = condition(layout, t, q), condition(POSE, t, 0.1 * q[:, :3])
     assert_allclose(column(by_joints, "position_base"), column(by_pose, "position_base"), atol=1e-15)
     assert_allclose(np.abs(column(by_joints, "orientation")), [[0.0, 0.0, 0.6, 0.8]] * len(by_pose))
@@ -106,7 +106,7 @@ def test_joints_give_the_pose_that_the_robot_says() -> None:
 
 def test_a_measured_position_goes_before_the_one_from_joints() -> None:
     t = times(200.0, 1.0)
-    layout = Layout(("t", *POSITION, *JOINTS), wrench_source="none", pose_of_joints=pose_of_joints)
+    layout = SampleLayout(("t", *POSITION, *JOINTS), wrench_source="none", pose_of_joints=pose_of_joints)
     observations = condition(layout, t, along((0.0, 0.0, 0.5), np.ones_like(t)), np.full((len(t), 7), 2.0))
     assert_allclose(column(observations, "position_base"), [[0.0, 0.0, 0.5]] * len(observations), atol=1e-15)
     assert_allclose(column(observations, "joints"), 2.0, atol=1e-14)
@@ -120,13 +120,13 @@ def test_the_robot_is_asked_on_the_grid_only() -> None:
         return pose_of_joints(q)
 
     t = times(1000.0, 1.0)
-    condition(Layout(("t", *JOINTS), "none", pose_of_joints=counting), t, np.zeros((len(t), 7)))
+    condition(SampleLayout(("t", *JOINTS), "none", pose_of_joints=counting), t, np.zeros((len(t), 7)))
     assert asked == [95, 4]  # up to the last observation that is complete, and at the end
 
 
 def test_joint_torques_become_a_force() -> None:
     t = times(200.0, 2.0)
-    layout = Layout(
+    layout = SampleLayout(
         ("t", *JOINTS, *TAU),
         wrench_source="joint_torque_estimate",
         pose_of_joints=pose_of_joints,
@@ -142,7 +142,9 @@ def test_an_orientation_is_of_unit_length_and_continuous() -> None:
     half = 1.5 * t
     turning = np.stack([0 * t, 0 * t, np.sin(half), np.cos(half)], axis=1)
     turning[::7] *= -1.0
-    observations = condition(Layout(("t", *POSITION, *QUATERNION), "none"), t, np.zeros((len(t), 3)), turning)
+    observations = condition(
+        SampleLayout(("t", *POSITION, *QUATERNION), "none"), t, np.zeros((len(t), 3)), turning
+    )
     orientation = column(observations, "orientation")
     assert_allclose(np.linalg.norm(orientation, axis=1), 1.0, atol=1e-15)
     angle = 1.5 * column(observations, "t")
@@ -216,9 +218,9 @@ BAD_SAMPLES = {
 @pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
 @pytest.mark.parametrize(("samples", "message"), BAD_SAMPLES.values(), ids=BAD_SAMPLES)
 def test_impossible_samples_are_refused_and_change_nothing(
-    samples: Array, message: str, arithmetic: Arithmetic
+    samples: Array, message: str, arithmetic: Backend
 ) -> None:
-    layout = Layout(("t", *POSITION, *QUATERNION, "gripper"), "none")
+    layout = SampleLayout(("t", *POSITION, *QUATERNION, "gripper"), "none")
     conditioner = Conditioner(layout, arithmetic=arithmetic)
     with pytest.raises(ValueError, match=message):
         conditioner.push(samples)
@@ -229,7 +231,7 @@ def test_a_failing_robot_changes_nothing() -> None:
     def failing(q: Array) -> tuple[Array, Array]:
         raise ValueError(f"no pose for {len(q)} rows")
 
-    conditioner = Conditioner(Layout(("t", *JOINTS), "none", pose_of_joints=failing))
+    conditioner = Conditioner(SampleLayout(("t", *JOINTS), "none", pose_of_joints=failing))
     with pytest.raises(ValueError, match="no pose for 95 rows"):
         conditioner.push(np.column_stack([times(100.0, 1.0), np.zeros((101, 7))]))
     assert (conditioner.samples, conditioner.repeats) == (0, 0)
@@ -257,7 +259,7 @@ BAD_LAYOUTS = {
 @pytest.mark.parametrize(("options", "message"), BAD_LAYOUTS.values(), ids=BAD_LAYOUTS)
 def test_a_layout_that_cannot_be_segmented_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Layout(**({"columns": ("t", *POSITION), "wrench_source": "none"} | options))  # type: ignore[arg-type]
+        SampleLayout(**({"columns": ("t", *POSITION), "wrench_source": "none"} | options))  # type: ignore[arg-type]
 
 
 BAD_PARAMETERS = {

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioner, Layout
-from caesura_service.signals.backend import REFERENCE, Arithmetic, best
+from caesura_service.signals import Conditioner, SampleLayout
+from caesura_service.signals.backend import REFERENCE, Backend, best
 from service.signals.awkward import LAYOUTS, awkward_samples
 from service.signals.samples import bits, together
 
@@ -32,7 +32,9 @@ def cut(samples: Array, places: list[int]) -> list[Array]:
     rate_hz=st.sampled_from([60.0, 100.0, 200.0, 333.3, 1000.0]),
     places=st.lists(st.integers(0, 10_000), max_size=40),
 )
-def test_any_cuts_give_the_same_bits(layout: Layout, seed: int, rate_hz: float, places: list[int]) -> None:
+def test_any_cuts_give_the_same_bits(
+    layout: SampleLayout, seed: int, rate_hz: float, places: list[int]
+) -> None:
     samples = awkward_samples(layout, seed, rate_hz, n=round(1.5 * rate_hz))
     whole = together(Conditioner(layout), [samples])
     assert bits(together(Conditioner(layout), cut(samples, places))) == bits(whole)
@@ -42,7 +44,7 @@ def test_any_cuts_give_the_same_bits(layout: Layout, seed: int, rate_hz: float, 
 @pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
 @pytest.mark.parametrize(("seed", "rate_hz"), [(1, 100.0), (2, 200.0), (3, 1000.0)])
 def test_sample_by_sample_gives_the_same_bits(
-    layout: Layout, seed: int, rate_hz: float, arithmetic: Arithmetic
+    layout: SampleLayout, seed: int, rate_hz: float, arithmetic: Backend
 ) -> None:
     samples = awkward_samples(layout, seed, rate_hz, n=700)
     whole = together(Conditioner(layout, arithmetic=arithmetic), [samples])
@@ -52,7 +54,7 @@ def test_sample_by_sample_gives_the_same_bits(
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_a_caller_may_use_its_array_again(layout: Layout) -> None:
+def test_a_caller_may_use_its_array_again(layout: SampleLayout) -> None:
     samples = awkward_samples(layout, 4, 1000.0, n=1000)
     array = np.empty((20, samples.shape[1]))
 

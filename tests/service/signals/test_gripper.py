@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, GripperParameters, Layout
+from caesura_service.signals import Conditioner, ConditioningOutput, GripperParameters, SampleLayout
 from service.signals.samples import POSITION, along, times, together
 
 Array = NDArray[np.float64]
 
-LAYOUT = Layout(("t", *POSITION, "gripper"), wrench_source="none")
+LAYOUT = SampleLayout(("t", *POSITION, "gripper"), wrench_source="none")
 FINGER_SPEED = 0.08 / 0.56  # [m/s] a Panda's full travel takes 0.56 s
 LATE_S = 0.03  # a still window may begin a little before the fingers have quite stopped
 
 
-def follow(width: Array, t: Array, *, until: float = np.inf) -> Conditioned:
+def follow(width: Array, t: Array, *, until: float = np.inf) -> ConditioningOutput:
     samples = np.column_stack([t, along((0.1, 0.0, 0.0), t), width])[t < until]
     return together(Conditioner(LAYOUT), [samples])
 
@@ -40,7 +40,7 @@ def measured(width: Array, t: Array, *, noise_m: float = 2e-4) -> Array:
     return noisy[np.searchsorted(t, reading)]
 
 
-def kinds(result: Conditioned) -> list[str]:
+def kinds(result: ConditioningOutput) -> list[str]:
     return [event.kind for event in result.gripper_events]
 
 
@@ -129,7 +129,7 @@ def test_observations_know_whether_the_gripper_is_closed() -> None:
 
 def test_without_a_gripper_nothing_is_known_of_it() -> None:
     samples = np.column_stack([T, along((0.1, 0.0, 0.0), T)])
-    result = together(Conditioner(Layout(LAYOUT.columns[:-1], "none")), [samples])
+    result = together(Conditioner(SampleLayout(LAYOUT.columns[:-1], "none")), [samples])
     assert {(o.gripper_closed, o.gripper_width) for o in result.observations} == {(None, None)}
 
 

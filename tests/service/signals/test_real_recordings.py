@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from caesura_service.signals import Conditioned, Conditioner, Layout
+from caesura_service.signals import Conditioner, ConditioningOutput, SampleLayout
 from service.signals.samples import FORCE, JOINTS, POSITION, QUATERNION, bits, column, together
 
 Array = NDArray[np.float64]
@@ -29,18 +29,18 @@ def recording(name: str) -> dict[str, Array]:
 
 def dragged(name: str) -> tuple[dict[str, Array], Conditioner, Array]:
     data = recording(name)
-    conditioner = Conditioner(Layout(("t", *POSITION, *FORCE), "flange_sensor_with_hand"))
+    conditioner = Conditioner(SampleLayout(("t", *POSITION, *FORCE), "flange_sensor_with_hand"))
     return data, conditioner, np.column_stack([data["t"], data["pos"], data["force"]])
 
 
 def wiping(name: str) -> tuple[dict[str, Array], Conditioner, Array]:
     data = recording(name)
-    layout = Layout(("t", *POSITION, *QUATERNION, *JOINTS, *FORCE), "flange_sensor")
+    layout = SampleLayout(("t", *POSITION, *QUATERNION, *JOINTS, *FORCE), "flange_sensor")
     columns = (data["t"], data["pos"], data["quat"], data["q"], data["force_base"])
     return data, Conditioner(layout), np.column_stack(columns)
 
 
-def check_against_the_recording(data: dict[str, Array], result: Conditioned) -> None:
+def check_against_the_recording(data: dict[str, Array], result: ConditioningOutput) -> None:
     t = column(result.observations, "t")
     assert_allclose(np.diff(t), 0.1, atol=1e-9)
     assert len(t) == int((data["t"][-1] - 0.055) * 10)

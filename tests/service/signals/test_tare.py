@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from caesura_service.signals import WRENCH_SOURCES, Conditioner, Layout, baseline, wrench_capabilities
+from caesura_service.signals import WRENCH_SOURCES, Conditioner, SampleLayout, baseline, wrench_capabilities
 from caesura_service.signals.tare import RestCriterion, tare_of
 from caesura_service.signals.wrench import HANDS_ON_ROBOT
 from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
@@ -17,7 +17,7 @@ from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, 
 Array = NDArray[np.float64]
 
 COLUMNS = ("t", *POSITION, *FORCE)
-LAYOUT = Layout(COLUMNS, wrench_source="flange_sensor")
+LAYOUT = SampleLayout(COLUMNS, wrench_source="flange_sensor")
 BIAS = np.array([1.5, -2.5, 4.0])
 T = times(500.0, 3.0)
 
@@ -34,7 +34,7 @@ def demonstration(
     noise = np.random.default_rng(0).normal(0.0, noise_n, (len(T), 3))
     force = BIAS + noise + along((0.0, 0.0, contact_n), (T > 2.0).astype(float))
     t = T + (0.5 if gap else 0.0) * (T > 0.2)
-    conditioner = Conditioner(Layout(COLUMNS, wrench_source=source))
+    conditioner = Conditioner(SampleLayout(COLUMNS, wrench_source=source))
     samples = np.column_stack([t, along((speed_m_per_s, 0.0, 0.0), T), force])
     return conditioner, column(together(conditioner, [samples]).observations, "force_base")
 
@@ -104,7 +104,7 @@ def test_observations_wait_for_the_tare_no_longer_than_its_window() -> None:
 
 
 def test_without_a_wrench_force_is_zero_and_nothing_waits() -> None:
-    layout = Layout(("t", *POSITION, *FORCE), wrench_source="none")
+    layout = SampleLayout(("t", *POSITION, *FORCE), wrench_source="none")
     conditioner = Conditioner(layout)
     samples = np.column_stack([T, np.zeros((len(T), 3)), np.tile(BIAS, (len(T), 1))])
     assert_array_equal(column(conditioner.push(samples[T < 0.3]).observations, "force_base"), 0.0)
@@ -114,7 +114,7 @@ def test_without_a_wrench_force_is_zero_and_nothing_waits() -> None:
 
 def test_a_force_in_the_flange_is_turned_into_the_base() -> None:
     """The flange turns about z by 90° in a second; the force stays along its x."""
-    layout = Layout(
+    layout = SampleLayout(
         ("t", *POSITION, *QUATERNION, *FORCE), wrench_source="flange_sensor", force_frame="flange"
     )
     half = 0.25 * np.pi * np.clip(T - 1.0, 0.0, 1.0)
@@ -128,7 +128,7 @@ def test_a_force_in_the_flange_is_turned_into_the_base() -> None:
 
 def test_the_orientation_for_the_force_may_come_from_the_joints() -> None:
     upside_down = np.array([1.0, 0.0, 0.0, 0.0])
-    layout = Layout(
+    layout = SampleLayout(
         ("t", *POSITION, *(f"q{i}" for i in range(1, 8)), *FORCE),
         wrench_source="flange_sensor",
         force_frame="flange",
@@ -168,7 +168,7 @@ def test_an_assumed_source_supports_neither_contact_nor_load_and_says_assumed(so
     ],
 )
 def test_an_unstated_source_gets_the_conservative_reading(columns: tuple[str, ...], source: str) -> None:
-    layout = Layout(columns)
+    layout = SampleLayout(columns)
     assert layout.source_in_use == source
     assert not layout.source.contact_models
     assert "assumed" in layout.source.note
@@ -189,7 +189,7 @@ def test_a_statement_that_is_unknown_or_contradicts_itself_is_refused(
     stated: dict[str, str], expected: str
 ) -> None:
     with pytest.raises(ValueError, match=expected):
-        Layout(COLUMNS, **stated)  # type: ignore[arg-type]
+        SampleLayout(COLUMNS, **stated)  # type: ignore[arg-type]
 
 
 def test_two_baselines_weigh_what_was_grasped() -> None:

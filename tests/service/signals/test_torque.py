@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from caesura_service.signals import Conditioner, Layout
+from caesura_service.signals import Conditioner, SampleLayout
 from service.signals.samples import FORCE, POSITION, QUATERNION, TORQUE, column, condition, times, together
 
 COLUMNS = ("t", *POSITION, *QUATERNION, *FORCE, *TORQUE)
@@ -30,7 +30,7 @@ def test_a_large_static_wrench_is_taken_off_however_the_sensor_turns(frame: str)
     force, torque = felt[:, :3] + STATIC_N, felt[:, 3:] + turn.apply(STATIC_NM)
     if frame == "flange":
         force, torque = turn.inv().apply(force), turn.inv().apply(torque)
-    layout = Layout(COLUMNS, wrench_source="flange_sensor", force_frame=frame)
+    layout = SampleLayout(COLUMNS, wrench_source="flange_sensor", force_frame=frame)
     rest = np.tile([0.4, 0.0, 0.3], (len(t), 1))
     observations = condition(layout, t, rest, turn.as_quat(), force, torque)
     late = [one for one in observations if one.t > 1.2]
@@ -39,7 +39,7 @@ def test_a_large_static_wrench_is_taken_off_however_the_sensor_turns(frame: str)
 
 
 def test_the_note_names_what_is_taken_off() -> None:
-    conditioner = Conditioner(Layout(COLUMNS, wrench_source="flange_sensor"))
+    conditioner = Conditioner(SampleLayout(COLUMNS, wrench_source="flange_sensor"))
     t = times(200.0, 2.0)
     ones = np.ones((len(t), 1))
     flat = [0.0, 0.0, 0.0, 1.0]
@@ -51,7 +51,7 @@ def test_a_start_in_motion_leaves_no_torque_because_its_bias_is_not_known() -> N
     t = times(200.0, 2.0)
     moving = np.column_stack([0.4 * t, 0.0 * t, 0.0 * t])
     ones = np.ones((len(t), 1))
-    layout = Layout(COLUMNS, wrench_source="flange_sensor")
+    layout = SampleLayout(COLUMNS, wrench_source="flange_sensor")
     observations = condition(layout, t, moving, ones * [0, 0, 0, 1.0], ones * STATIC_N, ones * STATIC_NM)
     assert {one.torque_base for one in observations} == {None}
 
@@ -71,7 +71,7 @@ def test_a_torque_is_looked_at_where_it_is_of_the_environment_alone(
     source: str | None,
     expected: bool,
 ) -> None:
-    assert Layout(columns, wrench_source=source).has_torque is expected
+    assert SampleLayout(columns, wrench_source=source).has_torque is expected
 
 
 def test_other_numbers_do_not_depend_on_whether_there_is_a_torque() -> None:
@@ -84,7 +84,7 @@ def test_other_numbers_do_not_depend_on_whether_there_is_a_torque() -> None:
         ]
     )
     force, torque = rng.normal(0, 0.1, (2, len(t), 3))
-    one = condition(Layout(COLUMNS, wrench_source="flange_sensor"), t, pose, force, torque)
-    other = condition(Layout(COLUMNS[:-3], wrench_source="flange_sensor"), t, pose, force)
+    one = condition(SampleLayout(COLUMNS, wrench_source="flange_sensor"), t, pose, force, torque)
+    other = condition(SampleLayout(COLUMNS[:-3], wrench_source="flange_sensor"), t, pose, force)
     for name in ("t", "position_base", "force_base", "orientation", "rotation", "speed"):
         np.testing.assert_array_equal(column(one, name), column(other, name))

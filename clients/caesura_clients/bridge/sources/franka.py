@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Transform, flange_of, nearest, pose_of
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
@@ -91,7 +91,7 @@ class FrankaSource:
             while True:
                 try:
                     state = self._next(0.0 if first is None else (last - first) / MS)
-                except BadSource:
+                except SourceError:
                     if rows:
                         yield np.array(rows)
                     raise
@@ -115,13 +115,13 @@ class FrankaSource:
 
     def _next(self, after_s: float) -> FrankaState:
         if self._gripper is not None and self._gripper.failure is not None:
-            raise BadSource(
+            raise SourceError(
                 f"{self._who}: the gripper was lost after {after_s:.1f} s: {self._gripper.failure}"
             )
         try:
             return self._read()
         except Exception as error:  # whatever the wrapper makes of libfranka's
-            raise BadSource(f"{self._who}: lost after {after_s:.1f} s: {_said(error)}") from error
+            raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_said(error)}") from error
 
     def _row(self, state: FrankaState, first: int, orientation: Any) -> list[float]:
         flange = flange_of(state.effector, state.effector_on_flange)
@@ -165,7 +165,7 @@ def connected(who: str, connect: Callable[[], Any], hint: str = "") -> Any:
     try:
         return connect()
     except Exception as error:
-        raise BadSource(f"{who}: cannot connect: {_said(error)}{hint}") from error
+        raise SourceError(f"{who}: cannot connect: {_said(error)}{hint}") from error
 
 
 def _said(error: Exception) -> str:

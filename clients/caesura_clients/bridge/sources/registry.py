@@ -10,7 +10,7 @@ from pathlib import Path
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.distribution import PACKAGES, installing, needing
-from caesura_protocol.errors import BadSource
+from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
 from caesura_protocol.plausibility import WIRE_UNIT
@@ -45,7 +45,7 @@ def open_source(name: str, options: SourceOptions) -> Source:
     """A source by its name. Raises BadSource, which names what there is, or RecordingError."""
     build = SOURCES.get(name)
     if build is None:
-        raise BadSource(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
+        raise SourceError(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
     source = build(options)
     return source if build is _file else _with_declared_units(source, options)
 
@@ -61,7 +61,7 @@ def _with_declared_units(source: Source, options: SourceOptions) -> Source:
     for quantity, unit in declared.items():
         reported = source.length_unit if quantity == "length" else WIRE_UNIT[quantity]
         if unit != reported:
-            raise BadSource(
+            raise SourceError(
                 f"{quantity}_unit is {unit!r}, expected {reported!r}: a live source is not converted"
             )
     if declared:
@@ -71,7 +71,7 @@ def _with_declared_units(source: Source, options: SourceOptions) -> Source:
 
 def _file(options: SourceOptions) -> Source:
     if options.file is None:
-        raise BadSource("a source that plays a recording needs --file")
+        raise SourceError("a source that plays a recording needs --file")
     recording = load_recording(
         options.file,
         wrench_source=options.wrench_source,
@@ -83,7 +83,7 @@ def _file(options: SourceOptions) -> Source:
         mapping=options.mapping,
     )
     if recording.has_wrench and recording.wrench_source is None:
-        raise BadSource(
+        raise SourceError(
             f"{recording.name}: where is this wrench measured? State wrench_source in the file or "
             f"--wrench-source: {', '.join(WRENCH_SOURCES)}"
         )
@@ -107,7 +107,7 @@ def _panda(options: SourceOptions) -> Source:
 def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
     """The statement of the hand for an arm that estimates its wrench; these arms are guided by hand."""
     if options.wrench_source not in {None, ESTIMATE}:
-        raise BadSource(
+        raise SourceError(
             f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
         )
     return hand_statement(options)
@@ -117,13 +117,13 @@ def hand_statement(options: SourceOptions) -> HandOnRobot:
     """Raises BadSource for a statement that is none."""
     stated = options.hand_on_robot or "yes"
     if stated not in HANDS_ON_ROBOT:
-        raise BadSource(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
+        raise SourceError(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
     return stated
 
 
 def _host(options: SourceOptions, name: str) -> str:
     if not options.host:
-        raise BadSource(f"the source {name} needs --host, the robot's address")
+        raise SourceError(f"the source {name} needs --host, the robot's address")
     return options.host
 
 
@@ -148,7 +148,7 @@ def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] in PACKAGES:
                 raise
-            raise BadSource(
+            raise SourceError(
                 f"the source {entry_point.name} needs {error.name}: {installing(entry_point.name)}"
             ) from error
         return opener(options)

@@ -22,15 +22,15 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk, Mark
-from caesura_protocol.errors import BadSource
-from caesura_protocol.formats.column_mapping import Mapped
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, CannotDecode, decoder
-from caesura_protocol.formats.signal_aligner import Joiner, Row
+from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.recording import RecordingError
-from caesura_protocol.transport.inbox import Delivery, Inbox
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
@@ -64,7 +64,7 @@ class Ros2Source:
     def __init__(
         self,
         transport: Transport,
-        mapped: Mapped | None = None,
+        mapped: ColumnMapping | None = None,
         *,
         wrench_source: str | None = None,
         hand_on_robot: str | None = None,
@@ -88,7 +88,7 @@ class Ros2Source:
         except BaseException:
             self._stack.close()
             raise
-        self._joiner = Joiner(self._plan.signals, patience_s=PATIENCE_S)
+        self._joiner = SignalAligner(self._plan.signals, patience_s=PATIENCE_S)
         self.columns = self._joiner.columns
         self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
         stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")
@@ -140,7 +140,7 @@ class Ros2Source:
         self._heard = []
         while True:
             item = self._inbox.get(TICK_S)
-            if isinstance(item, Delivery):
+            if isinstance(item, ReceivedSample):
                 heard = self._read(item)
                 if heard is not None:
                     yield heard
@@ -156,7 +156,7 @@ class Ros2Source:
             return [f"{self._domain}/**/{_dds(name)}/*" for name in READ]
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
-    def _read(self, delivery: Delivery) -> ReceivedMessage | None:
+    def _read(self, delivery: ReceivedSample) -> ReceivedMessage | None:
         """The message of a delivery. None for a topic that is not read. Raises BadSource."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
@@ -164,7 +164,7 @@ class Ros2Source:
             return ReceivedMessage(Topic(found.topic, found.type or "", rule), None)
         kind = found.type or rule.type
         if kind is None:
-            raise BadSource(
+            raise SourceError(
                 f"{found.topic}: its key does not contain its type: state it in a mapping, for example "
                 f'[topics."{found.topic}"] with type = "{READ[0]}"'
             )
@@ -173,7 +173,7 @@ class Ros2Source:
         try:
             message = self._decoder.read(kind, delivery.payload, found.hash)
         except CannotDecode as error:
-            raise BadSource(f"{found.topic}: {error}") from error
+            raise SourceError(f"{found.topic}: {error}") from error
         return ReceivedMessage(Topic(found.topic, kind, rule), message)
 
     def _discover(self, discover_s: float) -> list[ReceivedMessage]:
@@ -183,7 +183,7 @@ class Ros2Source:
         deadline = self._clock() + discover_s
         while self._clock() < deadline:
             item = self._inbox.get(TICK_S)
-            one = self._read(item) if isinstance(item, Delivery) else None
+            one = self._read(item) if isinstance(item, ReceivedSample) else None
             if one is None:
                 continue
             if not heard and not self._rules:
@@ -194,13 +194,13 @@ class Ros2Source:
                 return heard
         if awaited or not heard:
             there = ", ".join(sorted({one.topic.name for one in heard})) or "nothing"
-            raise BadSource(
+            raise SourceError(
                 f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
                 f"{discover_s:g} s; received {there}, listening to {', '.join(self._keys())}"
             )
         return heard
 
-    def _planned(self, mapped: Mapped | None, wrench_source: str | None) -> TopicSelection:
+    def _planned(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
         with _as_source():
             told = [(one.topic, one.message) for one in self._heard if not one.topic.rule.mark]
             return plan_of(told, mapped, wrench_source)
@@ -209,7 +209,7 @@ class Ros2Source:
 def open_ros2(
     endpoint: str,
     config: Path | None,
-    mapped: Mapped | None,
+    mapped: ColumnMapping | None,
     mapping: Path | None,
     wrench_source: str | None,
     hand_on_robot: str | None = None,
@@ -272,4 +272,4 @@ class _as_source:  # noqa: N801 - reads as a statement
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, RecordingError):
-            raise BadSource(str(error)) from error
+            raise SourceError(str(error)) from error

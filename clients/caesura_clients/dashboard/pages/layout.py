@@ -11,7 +11,7 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from caesura_clients.dashboard.editing import Corrector
-from caesura_clients.dashboard.network_follower import Gateway
+from caesura_clients.dashboard.network_follower import NetworkFollower
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most
@@ -26,7 +26,7 @@ _HEAD = (
 class Site(NamedTuple):
     """What pages are made of. corrector: None where nothing may be corrected."""
 
-    gateway: Gateway
+    gateway: NetworkFollower
     corrector: Corrector | None
 
 

@@ -12,7 +12,7 @@ from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
 from caesura_clients.dashboard.elements import ProgramTimeline, SessionView
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
-from caesura_clients.dashboard.station_summary import Glance, glance, reached
+from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 
@@ -92,7 +92,7 @@ class SessionPage:
             self._view.answered(said or "", failed=False)
 
 
-def line_of(seen: Glance, update: Update | None) -> str:
+def line_of(seen: StationSummary, update: Update | None) -> str:
     """How the station is, in a line."""
     if update is None:
         return f"{seen.said}."

@@ -19,7 +19,7 @@ from time import perf_counter
 import numpy as np
 
 from caesura_lab.annotations import Truth
-from caesura_lab.evaluation.metrics import ROUNDING_S, Look
+from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
 from caesura_lab.evaluation.observations import observe
 from caesura_lab.evaluation.pairing import best_pairs
 from caesura_lab.evaluation.thesis.rows import Boundary, Row
@@ -216,18 +216,18 @@ def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[
     return RowOutcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
 
 
-def _looks(recording: Recording, row: Row) -> tuple[int, list[Look]]:
+def _looks(recording: Recording, row: Row) -> tuple[int, list[TimedEstimate]]:
     """How many observations there were, and what a session would have shown after every batch."""
     latest = np.maximum.accumulate(recording.t)
-    looks: list[Look] = []
+    looks: list[TimedEstimate] = []
     for view in views(recording, row.preset, threshold=row.threshold):
         times = tuple(one.t for one in view.changepoints)
         if not looks or looks[-1].changepoints != times:
-            looks.append(Look(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times)))
+            looks.append(TimedEstimate(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times)))
     return view.observations, looks
 
 
-def standing_since(looks: Sequence[Look], right: Sequence[Sequence[float]]) -> list[float | None]:
+def standing_since(looks: Sequence[TimedEstimate], right: Sequence[Sequence[float]]) -> list[float | None]:
     """Since when each boundary has been there without a break [s]; None if it is not."""
     since: list[float | None] = [None] * len(right)
     for look in looks:

@@ -1,5 +1,5 @@
 """The arithmetic of one step of the filter, compiled.
 
-It is that of `run_length_filter.py`, `best_path_window.py` and the channel models, which stay the reference. Every function
+The reference is `run_length_filter.py`, `best_path_window.py` and the channel models. Every function
 releases the interpreter, allocates nothing and works on the arrays of `layout.py`, which `describe.py` fills.
 """

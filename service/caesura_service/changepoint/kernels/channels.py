@@ -101,7 +101,7 @@ def take_weighing(here, c, joins):
 
 @compiled
 def walk(here, c, joins):
-    """`Walk`. Field: log evidence. The step is the same for every hypothesis."""
+    """`StudentRandomWalk`. Field: log evidence. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now, signal = model.channels[c], state.now, model.channels[c].signal
     step2 = step_squared(here, signal, joins)
@@ -113,7 +113,7 @@ def walk(here, c, joins):
 
 @compiled
 def pace(here, c, joins):
-    """`Pace`. Field: Σ log weight. The step is the same for every hypothesis."""
+    """`TurnRate`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, log_weight = model.channels[c], 0.0
     if joins:
@@ -124,7 +124,7 @@ def pace(here, c, joins):
 
 @compiled
 def resistance(here, c, joins):
-    """`Resistance`. Field: Σ log weight. The step is the same for every hypothesis."""
+    """`HeldTorque`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now, told = model.channels[c], state.now, 0.0
     if joins:
@@ -144,7 +144,7 @@ def resistance(here, c, joins):
 
 @compiled
 def no_rise(here, c, joins):
-    """`NoRise`. Fields: force before the start, largest rise."""
+    """`NoContactRise`. Fields: force before the start, largest rise."""
     model, state = model_at(here), state_at(here)
     channel, living, evidence = model.channels[c], state.counters[0].living, state.channel[c]
     before, risen = state.sums[channel.field], state.sums[channel.field + 1]
@@ -168,7 +168,7 @@ def force_of(seen, heaviest):
 
 @compiled
 def friction(here, c, joins):
-    """`Friction`. Field: log weight. The step is the same for every hypothesis."""
+    """`FrictionConeWeight`. Field: log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now
     force2 = along = 0.0
@@ -192,7 +192,7 @@ def add_to_all(sums, told, value, lanes):
 
 @compiled
 def constant(here, c, joins):
-    """`Constant`. Fields: origin 3, y 3, Σy² 3."""
+    """`ConstantLevel`. Fields: origin 3, y 3, Σy² 3."""
     model, state = model_at(here), state_at(here)
     channel, lanes = model.channels[c], whole(state.counters[0].living)
     follow(here, channel, joins)
@@ -212,7 +212,7 @@ def add_squares(sums, values, lanes):
 
 @compiled
 def biased(here, c):
-    """`Biased` and `Laden`. Fields: Σw² 3, Σwc 3, Σc², Σ log absence."""
+    """`FreeSpaceForce` and `LoadForce`. Fields: Σw² 3, Σwc 3, Σc², Σ log absence."""
     model, state = model_at(here), state_at(here)
     channel, work, sums, now = model.channels[c], state.work, state.sums, state.now
     at, newborn = channel.field, state.counters[0].living - 1
@@ -296,7 +296,7 @@ def add_load(told, inside, totals, weights, variances, channel, lanes):
 
 @compiled
 def carried(here, c):
-    """`Carried`. Fields: Σf 3, Σf² 3."""
+    """`ThesisLoadForce`. Fields: Σf 3, Σf² 3."""
     model, state = model_at(here), state_at(here)
     channel, work, sums, lanes = model.channels[c], state.work, state.sums, whole(state.counters[0].living)
     at = channel.field
@@ -319,7 +319,7 @@ def about_weight(squares, totals, ages, lightest, lanes):
 
 @compiled
 def held(here, c):
-    """`Held`. Fields: log evidence, and the last known state + 1, 0 before one."""
+    """`GripperHoldingChain`. Fields: log evidence, and the last known state + 1, 0 before one."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now[HOLDING]
     told, lanes, befores = (
@@ -338,7 +338,7 @@ def held(here, c):
 
 @compiled
 def contact(here, c):
-    """`ContactShare`. Fields: Σf_z, log evidence, counts 3."""
+    """`ContactMixture`. Fields: Σf_z, log evidence, counts 3."""
     model, state = model_at(here), state_at(here)
     me, channel, joint, z = state.counters[0], model.channels[c], state.scratch, state.now
     signal, totals, told = channel.signal, state.sums[channel.field], state.sums[channel.field + 1]

@@ -15,20 +15,20 @@ from scipy.special import gammaln
 
 from caesura_service.changepoint.constant_models import (
     GRAVITY,
-    Biased,
-    Carried,
-    Constant,
-    Held,
-    Laden,
+    ConstantLevel,
+    FreeSpaceForce,
+    GripperHoldingChain,
+    LoadForce,
+    ThesisLoadForce,
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.contact_mixture import ContactShare
-from caesura_service.changepoint.contact_rise import NoRise
+from caesura_service.changepoint.contact_mixture import ContactMixture
+from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.corner_start import CornerStart
-from caesura_service.changepoint.friction_cone import Friction
+from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.held_torque import LEAST_FORCE_N, Resistance
+from caesura_service.changepoint.held_torque import LEAST_FORCE_N, HeldTorque
 from caesura_service.changepoint.kernels import layout
 from caesura_service.changepoint.kernels.layout import (
     BLOCK,
@@ -45,11 +45,11 @@ from caesura_service.changepoint.kernels.layout import (
 )
 from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.profile_model import Profiled
-from caesura_service.changepoint.random_walk import Walk
-from caesura_service.changepoint.segment_model_set import Lattice
-from caesura_service.changepoint.turn_in_place import Pivot
-from caesura_service.changepoint.turn_rate import Pace
+from caesura_service.changepoint.profile_model import ProfileModel
+from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
+from caesura_service.changepoint.turn_in_place import TurnInPlace
+from caesura_service.changepoint.turn_rate import TurnRate
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew
@@ -57,7 +57,7 @@ SIGNALS: Mapping[Channel, int] = {"position": POSITION, "force": FORCE, "rotatio
 ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FIRST, "zero": layout.ZERO}
 
 
-def can_compile(lattice: Lattice) -> bool:
+def can_compile(lattice: SegmentModelSet) -> bool:
     """Whether every channel has a twin."""
     return all(type(model) in RECORDS and _fits(model) for model in lattice.channels.values())
 
@@ -73,7 +73,7 @@ def _fits(model: ChannelModel) -> bool:
             return len(_noise(model).shares) <= MOST_SHARES
 
 
-def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
+def model_of(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
     """The lattice for segments of up to so many samples."""
     models = tuple(lattice.channels.values())
     n, channels = np.arange(lengths + 1), _channels(models)
@@ -84,25 +84,25 @@ def model_of(lattice: Lattice, hazard: Hazard, parameters: FilterParameters, len
         lattice.log_weight,
         np.ascontiguousarray(lattice.groups),
         np.ascontiguousarray(lattice.log_transition),
-        *_stacked([model for model in models if isinstance(model, Profiled)], n),
+        *_stacked([model for model in models if isinstance(model, ProfileModel)], n),
         np.array([by_length(channel, n[:MOST_LENGTHS]) for channel in channels]),
         hazard.log_mass(np.maximum(n, 1)),
         hazard.log_survival(n),
     )
 
 
-def fields_of(lattice: Lattice) -> int:
+def fields_of(lattice: SegmentModelSet) -> int:
     """Numbers that a hypothesis keeps."""
     return sum(_width(model) for model in lattice.channels.values())
 
 
-def profiled_of(lattice: Lattice) -> tuple[int, int]:
+def profiled_of(lattice: SegmentModelSet) -> tuple[int, int]:
     """How many channels have profiles, and how many blocks of them one has at most."""
-    blocks = [_blocks(model) for model in lattice.channels.values() if isinstance(model, Profiled)]
+    blocks = [_blocks(model) for model in lattice.channels.values() if isinstance(model, ProfileModel)]
     return len(blocks), max(blocks, default=0)
 
 
-def _settings(lattice: Lattice, p: FilterParameters) -> NDArray[Any]:
+def _settings(lattice: SegmentModelSet, p: FilterParameters) -> NDArray[Any]:
     with np.errstate(divide="ignore"):
         prune = np.log(p.prune_ratio)
     maximum = lattice.choice == "maximum"
@@ -126,11 +126,11 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
         for name, value in told.items():
             record[name] = value
         field += _width(model)
-        library += isinstance(model, Profiled)
+        library += isinstance(model, ProfileModel)
     return records
 
 
-def _stacked(models: Sequence[Profiled], n: Ints) -> tuple[Floats, Floats]:
+def _stacked(models: Sequence[ProfileModel], n: Ints) -> tuple[Floats, Floats]:
     """Each model's table up to where all profiles rest, and how it goes on."""
     n = n[: 1 + max((model.library.last_row(n.size - 1) for model in models), default=0)]
     blocks = max((_blocks(model) for model in models), default=0)
@@ -149,7 +149,7 @@ def _stacked(models: Sequence[Profiled], n: Ints) -> tuple[Floats, Floats]:
     return tables, steps
 
 
-def _blocks(model: Profiled) -> int:
+def _blocks(model: ProfileModel) -> int:
     return -(-len(model.library) // BLOCK)
 
 
@@ -173,7 +173,7 @@ def _record_of_noise(noise: Noise) -> Record:
     }
 
 
-def _profiled(model: Profiled) -> Record:
+def _profiled(model: ProfileModel) -> Record:
     target, noise, maximum = model.target, model.noise, model.choice == "maximum"
     even = model.library.calm == 1.0
     best_only = maximum and even and not noise.joint and noise.shares == (0.0,)
@@ -205,7 +205,7 @@ def _profiled(model: Profiled) -> Record:
     }
 
 
-def _walk(model: Walk) -> Record:
+def _walk(model: StudentRandomWalk) -> Record:
     half = 0.5 * (model.nu + AXES)
     volume = 0.5 * AXES * np.log(model.nu * np.pi) + AXES * np.log(model.scale)
     return {
@@ -219,7 +219,7 @@ def _walk(model: Walk) -> Record:
     }
 
 
-def _constant(model: Constant) -> Record:
+def _constant(model: ConstantLevel) -> Record:
     return {
         "model": layout.CONSTANT,
         "signal": SIGNALS[model.channel],
@@ -228,7 +228,7 @@ def _constant(model: Constant) -> Record:
     }
 
 
-def _biased(model: Biased) -> Record:
+def _biased(model: FreeSpaceForce) -> Record:
     return {
         "model": layout.BIASED,
         "signal": FORCE,
@@ -242,20 +242,20 @@ def _biased(model: Biased) -> Record:
     }
 
 
-def _laden(model: Laden) -> Record:
+def _laden(model: LoadForce) -> Record:
     return {**_biased(model), "model": layout.LADEN}
 
 
-def _carried(model: Carried) -> Record:
+def _carried(model: ThesisLoadForce) -> Record:
     weight = model.least_kg * GRAVITY
     return {"model": layout.CARRIED, "signal": FORCE, "lightest": weight, "whitening": 0.0}
 
 
-def _held(model: Held) -> Record:
+def _held(model: GripperHoldingChain) -> Record:
     return {"model": layout.HELD, "probability": model.probability, "change": model.change}
 
 
-def _contact(model: ContactShare) -> Record:
+def _contact(model: ContactMixture) -> Record:
     return {
         "model": layout.CONTACT,
         "signal": FORCE,
@@ -280,7 +280,7 @@ def _velocity(model: ConstantVelocity) -> Record:
     }
 
 
-def _friction(model: Friction) -> Record:
+def _friction(model: FrictionConeWeight) -> Record:
     return {"model": layout.FRICTION, "least": model.least, "pace": model.pace}
 
 
@@ -324,22 +324,22 @@ def _corner(model: CornerStart) -> Record:
     }
 
 
-def _pace(model: Pace) -> Record:
+def _pace(model: TurnRate) -> Record:
     return {"model": layout.PACE, "signal": SIGNALS[model.channel], "least": model.least, "still": model.most}
 
 
-def _resistance(model: Resistance) -> Record:
+def _resistance(model: HeldTorque) -> Record:
     weights = {"least": model.least, "still": model.most, "pace": model.pace}
     where = {"aligned2": model.aligned**2, "force2": LEAST_FORCE_N**2}
     return {"model": layout.RESISTANCE, **weights, **where}
 
 
-def _no_rise(model: NoRise) -> Record:
+def _no_rise(model: NoContactRise) -> Record:
     heaviest = model.most_kg * GRAVITY
     return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach, "heaviest": heaviest}
 
 
-def _pivot(model: Pivot) -> Record:
+def _pivot(model: TurnInPlace) -> Record:
     return {
         "model": layout.PIVOT,
         "joint": True,
@@ -353,41 +353,41 @@ def _pivot(model: Pivot) -> Record:
 
 
 RECORDS: Mapping[type, Callable[[Any], Record]] = {
-    Profiled: _profiled,
-    Walk: _walk,
-    Constant: _constant,
-    Biased: _biased,
-    Laden: _laden,
-    Carried: _carried,
-    Held: _held,
-    ContactShare: _contact,
+    ProfileModel: _profiled,
+    StudentRandomWalk: _walk,
+    ConstantLevel: _constant,
+    FreeSpaceForce: _biased,
+    LoadForce: _laden,
+    ThesisLoadForce: _carried,
+    GripperHoldingChain: _held,
+    ContactMixture: _contact,
     ConstantVelocity: _velocity,
-    Friction: _friction,
+    FrictionConeWeight: _friction,
     GuidedMotion: _guided,
     CornerStart: _corner,
-    Pivot: _pivot,
-    Pace: _pace,
-    NoRise: _no_rise,
-    Resistance: _resistance,
+    TurnInPlace: _pivot,
+    TurnRate: _pace,
+    NoContactRise: _no_rise,
+    HeldTorque: _resistance,
 }
-_NOISY = frozenset({Profiled, Constant, Biased, Laden, Carried})
+_NOISY = frozenset({ProfileModel, ConstantLevel, FreeSpaceForce, LoadForce, ThesisLoadForce})
 _WIDTHS: Mapping[type, int] = {
-    Profiled: 10,
-    Walk: 1,
-    Constant: 9,
-    Biased: 8,
-    Laden: 8,
-    Carried: 6,
-    Held: 2,
-    ContactShare: 2 + layout.STATES,
+    ProfileModel: 10,
+    StudentRandomWalk: 1,
+    ConstantLevel: 9,
+    FreeSpaceForce: 8,
+    LoadForce: 8,
+    ThesisLoadForce: 6,
+    GripperHoldingChain: 2,
+    ContactMixture: 2 + layout.STATES,
     ConstantVelocity: 12,
-    Friction: 1,
+    FrictionConeWeight: 1,
     GuidedMotion: 3,
     CornerStart: 10,
-    Pivot: 15,
-    Pace: 1,
-    NoRise: 2,
-    Resistance: 1,
+    TurnInPlace: 15,
+    TurnRate: 1,
+    NoContactRise: 2,
+    HeldTorque: 1,
 }
 
 

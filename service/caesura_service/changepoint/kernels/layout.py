@@ -135,7 +135,7 @@ class Model(NamedTuple):
     members: NDArray[np.bool_]  # (kinds, c)
     log_weight: Floats  # (kinds,)
     groups: Ints  # (kinds,) group of each kind
-    transition: Floats  # (groups, groups) `Lattice.log_transition`
+    transition: Floats  # (groups, groups) `SegmentModelSet.log_transition`
     profiles: Floats  # (libraries, samples, blocks, 4, BLOCK) whitened
     steps: Floats  # (libraries, blocks, 2, BLOCK) by which the last two go on where the table ends
     by_length: Floats  # (c, n) what of the evidence depends on the number of samples alone, up to some number

@@ -1,4 +1,4 @@
-"""`Pivot`: a linear regression on the centre of a turn, in running sums."""
+"""`TurnInPlace`: a linear regression on the centre of a turn, in running sums."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -17,7 +17,7 @@ SMALL_ANGLE_RAD = 1e-6
 
 @compiled
 def pivot(here, c):
-    """`Pivot`. Fields: start 3, ΣEᵀE 6, ΣEᵀy 3, Σ|y|², Σ log w, Σ log weight."""
+    """`TurnInPlace`. Fields: start 3, ΣEᵀE 6, ΣEᵀy 3, Σ|y|², Σ log w, Σ log weight."""
     model, state = model_at(here), state_at(here)
     channel, living, past = model.channels[c], state.counters[0].living, state.past
     sums, last = state.sums[channel.field : channel.field + 15], past.shape[0] - 1
@@ -87,7 +87,7 @@ def rotation_less_identity(u, v, w, first, second):
 
 @compiled
 def regress(here, channel, sums, evidence):
-    """`Pivot.log_evidence`; `tell_length` has put what depends on length alone into the work."""
+    """`TurnInPlace.log_evidence`; `tell_length` has put what depends on length alone into the work."""
     state = state_at(here)
     work, lanes, weight = state.work, whole(state.counters[0].living), 1.0 / channel.reach2
     solve(sums, work[LEFT], work[DETERMINANT], weight, channel.nu0, lanes)

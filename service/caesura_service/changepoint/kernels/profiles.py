@@ -1,4 +1,4 @@
-"""`Profiled`: sums over a library's profiles, and what the best or all of them leave unexplained.
+"""`ProfileModel`: sums over a library's profiles, and what the best or all of them leave unexplained.
 
 The sums of a hypothesis stand together, profile by profile, and are worked on in blocks: a loop of known
 length takes half as long as one of any. What there is one of for a hypothesis is worked on in loops over
@@ -50,7 +50,7 @@ PEAK, TOTAL, PRIORS, CONSTANTS = 5, 6, 7, 7 + MOST_SHARES
 
 @compiled
 def profiled(here, c, joins):
-    """`Profiled`."""
+    """`ProfileModel`."""
     model, state = model_at(here), state_at(here)
     channel, told = model.channels[c], state.channel[c]
     follow(here, channel, joins)
@@ -80,7 +80,7 @@ def add_pace(here, channel, told, paces, joins):
 
 @compiled
 def add_target(here, channel, told):
-    """`Target.log_density`."""
+    """`DisplacementPrior.log_density`."""
     state = state_at(here)
     lanes, moved2, presence = whole(state.counters[0].living), state.work[MOVED], state.work[PEAK]
     if channel.least:

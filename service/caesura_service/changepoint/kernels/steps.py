@@ -1,4 +1,4 @@
-"""One step of the filter: the twin of `OnlineFilter.step` and `OnlineFilter.condition`."""
+"""One step of the filter: the twin of `RunLengthFilter.step` and `RunLengthFilter.condition`."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -67,7 +67,7 @@ def condition(here, start):
 
 @compiled
 def keep_from(here, start, before):
-    """`OnlineFilter._sum_from`, and the joints of what is left."""
+    """`RunLengthFilter._sum_from`, and the joints of what is left."""
     state = state_at(here)
     me = state.counters[0]
     sum_from(here, start, before)
@@ -83,7 +83,7 @@ def keep_from(here, start, before):
 
 @compiled
 def group_before(here, start):
-    """`OnlineFilter._group_before`; FREE where the best segmentation has no such start."""
+    """`RunLengthFilter._group_before`; FREE where the best segmentation has no such start."""
     state = state_at(here)
     node = best_node(here)
     while node != state.counters[0].root and node != FREE:
@@ -176,7 +176,7 @@ def follow_path(here, joins):
 
 @compiled
 def weigh_kinds(here):
-    """`Lattice.kind_log_evidence` and `combine`."""
+    """`SegmentModelSet.kind_log_evidence` and `combine`."""
     model, state = model_at(here), state_at(here)
     lanes, kinds, plain = whole(state.counters[0].living), state.kinds, state.plain
     for k in range(kinds.shape[0]):
@@ -195,7 +195,7 @@ def weigh_kinds(here):
 
 @compiled
 def over_groups(here, evidence, power, lanes):
-    """`Lattice.combine` of the kinds' evidence to some power."""
+    """`SegmentModelSet.combine` of the kinds' evidence to some power."""
     model, state = model_at(here), state_at(here)
     kinds, total, each = state.kinds, state.work[0], state.work[1]
     evidence[:, :lanes] = -math.inf
@@ -218,7 +218,7 @@ def over_groups(here, evidence, power, lanes):
 
 @compiled
 def temper(each, values, log_weight, power, lanes):
-    """`Lattice.temper` of one kind."""
+    """`SegmentModelSet.temper` of one kind."""
     if power == 1.0:
         put(each, values, lanes)
         return
@@ -302,7 +302,7 @@ def take_likeliest(here):
 
 @compiled
 def join(here):
-    """`OnlineFilter.log_joint`."""
+    """`RunLengthFilter.log_joint`."""
     model, state = model_at(here), state_at(here)
     me, pairs = state.counters[0], state.pairs
     for place in range(me.living):
@@ -407,7 +407,7 @@ def best_pair(here):
 
 @compiled
 def event_probability(here, start, others):
-    """`OnlineFilter.event_probability` of a start in the window, nothing near it being decided."""
+    """`RunLengthFilter.event_probability` of a start in the window, nothing near it being decided."""
     state = state_at(here)
     me = state.counters[0]
     first = max(0, me.count - state.smoothed.shape[0])

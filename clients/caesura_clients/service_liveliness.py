@@ -1,6 +1,6 @@
 """Whether a service is live, from liveliness tokens as they appear and disappear.
 
->>> attendance = Attendance()
+>>> attendance = LiveServices()
 >>> [attendance.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
 ['there', None, 'gone', 'there']
 """

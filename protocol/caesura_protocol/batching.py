@@ -31,7 +31,7 @@ class Batcher:
         return self._count
 
     def push(self, chunk: Matrix) -> list[Matrix]:
-        """Take a chunk; returns the batches that are full. Raises BadSource and takes nothing."""
+        """Take a chunk; returns the batches that are full. Raises SourceError and takes nothing."""
         self._check(chunk)
         if not len(chunk):
             return []

@@ -31,7 +31,7 @@ def installed_version() -> str:
 
 @contextmanager
 def needing(extra: str, what: object) -> Iterator[None]:
-    """Import what an extra brings. Raises BadSource, which names the extra, where it is not installed."""
+    """Import what an extra brings. Raises SourceError, which names the extra, where it is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -187,7 +187,7 @@ class Bridge:
     def send(self, chunk: Chunk) -> None:
         """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
 
-        Raises BadSource for a wrong shape, a value that is not finite, or values in the first second which
+        Raises SourceError for a wrong shape, a value that is not finite, or values in the first second which
         are probably in another unit; ProtocolError once the service has refused the session, CaesuraError
         once it is closed.
         """

@@ -53,7 +53,7 @@ class BatchSender:
     # --- the robot's side -------------------------------------------------------------------------------
 
     def push(self, chunk: Matrix) -> None:
-        """Take samples (k, columns) and number the batches that they fill. Raises BadSource."""
+        """Take samples (k, columns) and number the batches that they fill. Raises SourceError."""
         with self._numbering:
             if not len(self._batcher):
                 self._pending_since = self._clock()

@@ -55,7 +55,7 @@ def segment(
 def segmented(
     recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
 ) -> PipelineView:
-    """Its segments, with a bar on the way. Raises BadSource where there is nothing to segment."""
+    """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:

@@ -51,7 +51,7 @@ def load_recording(
     time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
     another unit (`caesura_protocol.plausibility`).
-    Raises RecordingError for anything that is not a recording, BadSource where an extra is missing.
+    Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
     arrays, options, ignored = _read(path, mapping, wrench_source)

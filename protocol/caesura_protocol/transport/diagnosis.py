@@ -47,7 +47,7 @@ class _NoRoomError(Exception):
 
 
 def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
-    """The error to raise after a failed attempt. NotLetIn where waiting will not help.
+    """The error to raise after a failed attempt. AccessDenied where waiting will not help.
 
     read: the configuration that was tried; for_s: how long it was.
     """

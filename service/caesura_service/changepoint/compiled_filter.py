@@ -46,7 +46,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         self, lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters | None = None
     ) -> None:
         if not can_compile(lattice):
-            raise ValueError(f"no compiled twin for one of {[*lattice.channels]}, use OnlineFilter")
+            raise ValueError(f"no compiled twin for one of {[*lattice.channels]}, use RunLengthFilter")
         self.lattice = lattice
         self.hazard = hazard
         self.parameters = parameters or FilterParameters()

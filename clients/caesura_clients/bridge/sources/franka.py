@@ -57,7 +57,7 @@ class FrankaSource:
 
     who: what errors call it; read: waits for the next state; width: the gripper's opening [m], which may
     wait; None where there is no gripper; hand_on_robot: does a person guide this arm by hand?
-    Raises BadSource in `chunks` where either is lost, with the reason.
+    Raises SourceError in `chunks` where either is lost, with the reason.
     """
 
     wrench_source: WrenchSource = "joint_torque_estimate"
@@ -161,7 +161,7 @@ class _Gripper:
 
 
 def connected(who: str, connect: Callable[[], Any], hint: str = "") -> Any:
-    """What `connect` gives. Raises BadSource, with the reason, where it does not."""
+    """What `connect` gives. Raises SourceError, with the reason, where it does not."""
     try:
         return connect()
     except Exception as error:

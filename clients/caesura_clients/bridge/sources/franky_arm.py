@@ -21,7 +21,7 @@ from caesura_protocol.messages import HandOnRobot
 
 
 def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
-    """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
+    """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
     with needing("franky", "the source franky"):
         franky = import_module("franky")
     who = f"franky at {host}"

@@ -16,7 +16,7 @@ from caesura_protocol.messages import HandOnRobot
 
 
 def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
-    """Connect. Raises BadSource where the extra is missing or the robot does not answer."""
+    """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
     with needing("panda", "the source panda"):
         libfranka = import_module("panda_py.libfranka")
     who = f"panda at {host}"

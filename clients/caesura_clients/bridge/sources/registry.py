@@ -42,7 +42,7 @@ class SourceOptions:
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
-    """A source by its name. Raises BadSource, which names what there is, or RecordingError."""
+    """A source by its name. Raises SourceError, which names what there is, or RecordingError."""
     build = SOURCES.get(name)
     if build is None:
         raise SourceError(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
@@ -51,7 +51,7 @@ def open_source(name: str, options: SourceOptions) -> Source:
 
 
 def _with_declared_units(source: Source, options: SourceOptions) -> Source:
-    """A live source whose units were declared. Raises BadSource for units that it does not report."""
+    """A live source whose units were declared. Raises SourceError for units that it does not report."""
     declared = declared_units(
         length=options.length_unit,
         time=options.time_unit,
@@ -114,7 +114,7 @@ def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
 
 
 def hand_statement(options: SourceOptions) -> HandOnRobot:
-    """Raises BadSource for a statement that is none."""
+    """Raises SourceError for a statement that is none."""
     stated = options.hand_on_robot or "yes"
     if stated not in HANDS_ON_ROBOT:
         raise SourceError(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")

@@ -54,7 +54,7 @@ class ReceivedMessage(NamedTuple):
 class Ros2Source:
     """Topics as a Source; listens from the beginning, because the columns follow from what there is.
 
-    over: ends `chunks` from another thread, after the rows received so far. Raises BadSource where nothing
+    over: ends `chunks` from another thread, after the rows received so far. Raises SourceError where nothing
     comes in `discover_s`, where a payload cannot be decoded or a topic lacks a needed signal.
     """
 
@@ -157,7 +157,7 @@ class Ros2Source:
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
     def _read(self, delivery: ReceivedSample) -> ReceivedMessage | None:
-        """The message of a delivery. None for a topic that is not read. Raises BadSource."""
+        """The message of a delivery. None for a topic that is not read. Raises SourceError."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
         if rule.mark:
@@ -214,7 +214,7 @@ def open_ros2(
     wrench_source: str | None,
     hand_on_robot: str | None = None,
 ) -> Ros2Source:
-    """A source with a connection of its own to the router of ROS 2. Raises BadSource, Unreachable."""
+    """A source with a connection of its own to the router of ROS 2. Raises SourceError, Unreachable."""
     with _as_source():
         definitions = definitions_of(topic_rules(mapped), mapping)
     transport = ZenohTransport(endpoint, config_file=config, timeout_s=CONNECT_S)

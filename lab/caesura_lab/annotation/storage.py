@@ -48,8 +48,8 @@ def new_annotation(recording: Recording, source: Path, annotator: str) -> Docume
 def save_annotation(document: Document, path: Path) -> None:
     """Write an annotation in place of the one at path, in one step.
 
-    Raises TruthError, before anything is written, where the judge could not read it; SourceError where the file
-    cannot be written.
+    Raises TruthError, before anything is written, where the judge could not read it.
+    Raises SourceError where the file cannot be written.
     """
     truth_of(document, str(path))
     try:

@@ -14,7 +14,7 @@ DEFAULT_SCENARIO = "pick_and_place"
 
 
 def open_teacher(options: SourceOptions) -> Source:
-    """Build the source from the options of the command line. Raises SourceError for a value that it has not."""
+    """Build the source from the options of the command line. Raises SourceError for a wrong value."""
     source = options.wrench_source or "flange_sensor"
     if source not in WRENCH_SOURCES:
         raise SourceError(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.apps import TITLE, card, timeline, vector
+from caesura_clients.dashboard.apps import card, timeline, vector
 from caesura_protocol.messages import App, AppKind, Program
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from clients.examples import example
 
 
@@ -18,7 +19,7 @@ def lines(one):
 
 
 def test_every_kind_of_app_has_a_title():
-    assert set(TITLE) == set(AppKind.__args__)
+    assert set(APP_KINDS) == set(AppKind.__args__)
 
 
 def test_what_an_app_does_not_have_is_not_shown():

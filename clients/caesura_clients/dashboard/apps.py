@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from caesura_protocol.force_limit import force_in_words, is_limited
-from caesura_protocol.messages import App, AppKind, Program, Vector
+from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.turning import screw_in_words
 
 NEWEST = 100  # apps that are drawn
-TITLE: Mapping[AppKind, str] = {
-    "cartesian_motion": "move",
-    "move_to_contact": "move to contact",
-    "apply_force": "apply force",
-    "grasp": "grasp",
-    "gripper_move": "move gripper",
-    "transport": "transport",
-    "hold": "hold",
-}
 
 
 def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
@@ -43,7 +34,7 @@ def card(number: int, app: App) -> dict[str, Any]:
     return {
         "number": number,
         "kind": app.kind,
-        "title": TITLE[app.kind],
+        "title": APP_KINDS[app.kind].title,
         "t0": round(app.t0, 2),
         "tn": round(app.tn, 2),
         "confidence": round(app.confidence, 2),

@@ -19,7 +19,8 @@ from rich.text import Text
 
 from caesura_lab.evaluation.roundtrip import LIMITS_N
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
-from caesura_protocol.messages import App, AppKind
+from caesura_protocol.messages import App
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import CellSettings, Safety
 
 TAUGHT_SEEDS = (500, 502)
@@ -28,15 +29,6 @@ SCENARIOS = ("pick_and_place", "dispenser")
 CELLS = {name: Safety(force_n=LIMITS_N[name]) for name in SCENARIOS}
 NUMBERS = ("t0", "tn", "load_kg", "gripper_width", "confidence")
 VECTORS = ("target", "orientation", "joints", "force")
-KINDS: tuple[AppKind, ...] = (
-    "cartesian_motion",
-    "move_to_contact",
-    "apply_force",
-    "grasp",
-    "gripper_move",
-    "transport",
-    "hold",
-)
 Outcome = Literal["refused", "done", "stopped", "violation"]
 Apps = list[App]
 Rng = np.random.Generator
@@ -210,7 +202,7 @@ def _hurry(apps: Apps, rng: Rng) -> Apps:
 
 
 def _other_kind(apps: Apps, rng: Rng) -> Apps:
-    return _changed(apps, _any(apps, rng), kind=str(rng.choice(KINDS)))
+    return _changed(apps, _any(apps, rng), kind=str(rng.choice(list(APP_KINDS))))
 
 
 def _fingers(apps: Apps, rng: Rng) -> Apps:

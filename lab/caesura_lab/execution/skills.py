@@ -18,6 +18,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import matrix_of, turning_of
 from caesura_protocol.turning import tight_nm
@@ -38,10 +39,8 @@ YIELD_M = 0.012  # from which depth on a target in a contact is one that gives w
 SINK_S = 0.3  # least time for pushing it in
 SINKING_M_PER_S = 0.09  # on its way there, on average
 SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
-LEAVING_APPS = ("cartesian_motion", "move_to_contact", "transport", "hold")
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
-CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
 
 
 class SkillController:
@@ -86,7 +85,7 @@ class SkillController:
                 for k in range(1, round(seconds / DT) + 1):
                     self.tick(self._on(creep, k * DT))
                 return
-        leaves = self.along is not None and following is not None and following.kind in LEAVING_APPS
+        leaves = self.along is not None and following is not None and APP_KINDS[following.kind].has_target
         self.stay(max(seconds - LET_GO_S, 0.0) if leaves else seconds)
 
     def send_fingers(self, width_m: float) -> None:
@@ -299,7 +298,7 @@ def _touch(acting: SkillController, app: App, following: App | None) -> None:
 
 def _carry(acting: SkillController, app: App, following: App | None) -> None:
     acting.arm.load_kg = app.load_kg or 0.0
-    if following is not None and following.kind in CONTACT_APPS:
+    if following is not None and APP_KINDS[following.kind].in_contact:
         _touch(acting, app, following)
     else:
         _move(acting, app, following)

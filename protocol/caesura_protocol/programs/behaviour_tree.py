@@ -17,6 +17,7 @@ import numpy as np
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import AppKind, AppPath
 from caesura_protocol.paths import turning_at_points
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.turning import torque_about_axis
 
@@ -64,18 +65,13 @@ ANGLE = Port("angle", DOUBLE, "about that axis [rad]")
 PITCH = Port("pitch", DOUBLE, "along the axis in one whole turn [m]")
 TORQUE = Port("torque", DOUBLE, "taught about the axis, above 0 in the direction of the turn [Nm]")
 
-PATH = (VIA, TURNING, ARRIVES, LENGTH, SPEED, TURN)
-SCREW = (AXIS, POINT, ANGLE, PITCH, TORQUE)
-PLACE = (TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST)
-PORTS: Mapping[AppKind, tuple[Port, ...]] = MappingProxyType(
+PORTS: Mapping[str, Port] = MappingProxyType(
     {
-        "cartesian_motion": PLACE,
-        "move_to_contact": (*PLACE, CONTACT, SEARCH),
-        "apply_force": (FORCE, TAUGHT, TARGET, ORIENTATION, JOINTS, SECONDS, *PATH, *SCREW, MOST),
-        "grasp": (WIDTH,),
-        "gripper_move": (WIDTH,),
-        "transport": (*PLACE, LOAD),
-        "hold": (*PLACE, LOAD),
+        port.name: port
+        for port in (
+            *(TARGET, ORIENTATION, JOINTS, SECONDS, FORCE, TAUGHT, WIDTH, LOAD, SPEED, TURN, MOST, CONTACT),
+            *(SEARCH, VIA, TURNING, ARRIVES, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
+        )
     }
 )
 
@@ -103,7 +99,8 @@ def action_name(kind: AppKind) -> str:
 
 def _model(models: Xml.Element, kind: AppKind) -> None:
     action = Xml.SubElement(models, "Action", {"ID": action_name(kind)})
-    for port in PORTS[kind]:
+    for name in APP_KINDS[kind].ports:
+        port = PORTS[name]
         Xml.SubElement(action, "input_port", {"name": port.name, "type": port.type}).text = port.meaning
 
 
@@ -134,7 +131,7 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         CONTACT.name: safety.contact_n,
         SEARCH.name: safety.search_m,
     }
-    ports = [(port.name, values[port.name]) for port in PORTS[app.kind]]
+    ports = [(name, values[name]) for name in APP_KINDS[app.kind].ports]
     return {name: _text(value) for name, value in ports if value is not None}
 
 

@@ -17,13 +17,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import MAX_GAPS, App, AppKind, Gap, Name, Phase, Program, WrenchReport
+from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, WrenchReport
+from caesura_protocol.programs.app_kinds import APP_KINDS, Precondition
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
-Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {
@@ -36,17 +36,6 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "load": "kg",
         "gripper_width": "m between the fingers",
         "time": "s of the demonstration",
-    }
-)
-PRECONDITIONS: Mapping[AppKind, tuple[Precondition, ...]] = MappingProxyType(
-    {
-        "cartesian_motion": ("reachable",),
-        "move_to_contact": ("reachable",),
-        "apply_force": ("in_contact",),
-        "grasp": ("not_holding",),
-        "gripper_move": (),
-        "transport": ("reachable", "holding"),
-        "hold": ("reachable", "holding"),
     }
 )
 
@@ -168,4 +157,4 @@ def _first(error: ValidationError, content: dict[str, Any]) -> str:
 
 
 def _step(app: App) -> ProgramStep:
-    return ProgramStep.model_validate(app.model_dump() | {"preconditions": PRECONDITIONS[app.kind]})
+    return ProgramStep.model_validate(app.model_dump() | {"preconditions": APP_KINDS[app.kind].preconditions})

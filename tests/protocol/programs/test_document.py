@@ -12,8 +12,8 @@ import jsonschema
 import pytest
 
 from caesura_protocol.messages import Phase, Program
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import (
-    PRECONDITIONS,
     UNITS,
     BadProgramError,
     ProgramFile,
@@ -54,7 +54,7 @@ def test_a_file_says_what_it_is_where_it_comes_from_and_in_which_units() -> None
     assert (content["station"], content["session"], content["instance"]) == ("cell-1", "monday", "service")
     assert content["revision"] == 7
     assert content["units"] == dict(UNITS)
-    assert content["apps"][2]["preconditions"] == list(PRECONDITIONS["transport"])
+    assert content["apps"][2]["preconditions"] == list(APP_KINDS["transport"].preconditions)
 
 
 def test_apps_are_grouped_by_phase_and_a_group_keeps_the_name_it_is_given(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ import numpy as np
 from caesura_lab.execution.findings import Finding
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import angle_between
 
-MOVES = ("cartesian_motion", "move_to_contact", "transport")
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
@@ -136,7 +136,7 @@ def _of_the_wrench(wrench: WrenchReport | None) -> Iterator[Finding]:
 
 
 def _without_path(apps: Sequence[App]) -> Iterator[Finding]:
-    moving = [(index, app) for index, app in enumerate(apps) if app.kind in MOVES]
+    moving = [(index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels]
     without = [(index, app) for index, app in moving if app.path is None]
     reason = "the path that was taught is not known: straight to the target"
     if moving and len(without) == len(moving):

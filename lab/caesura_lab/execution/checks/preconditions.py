@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 from caesura_lab.execution.findings import Finding
 from caesura_protocol.messages import App
-
-CONTACT_APPS = ("apply_force", "grasp", "gripper_move")
-CARRIES = ("transport", "hold")
+from caesura_protocol.programs.app_kinds import APP_KINDS
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:
@@ -39,7 +37,7 @@ def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str 
         return "grasps, but something is held already: a Gripper Move must come before it"
     if app.kind == "gripper_move" and not holds and not grasps_later:
         return "releases what was never grasped: a Grasp must come before it"
-    if app.kind in CARRIES and not holds:
+    if APP_KINDS[app.kind].carries and not holds:
         return "carries, but nothing was grasped: a Grasp must come before it"
     return None
 
@@ -48,6 +46,6 @@ def _touches(app: App, following: App | None, before: bool) -> bool:
     """Whether the robot stands on something after an app; a carry that a contact follows sets down."""
     if app.kind == "move_to_contact":
         return True
-    if app.kind in CARRIES:
-        return following is not None and following.kind in CONTACT_APPS
-    return before and app.kind in CONTACT_APPS
+    if APP_KINDS[app.kind].carries:
+        return following is not None and APP_KINDS[following.kind].in_contact
+    return before and APP_KINDS[app.kind].in_contact

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.checks.preconditions import CARRIES, CONTACT_APPS
 from caesura_lab.execution.findings import Finding
 from caesura_lab.execution.trajectories import course, press_direction
 from caesura_lab.teacher.guided_arm import POSTURE
@@ -17,6 +16,7 @@ from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot
@@ -36,7 +36,6 @@ SEEDS = (
     (1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
     (-1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
 )
-MOVES = ("cartesian_motion", "move_to_contact", "transport", "hold")
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,9 @@ class _Looking:
     def at(self, index: int, app: App, following: App | None, here: _Here) -> tuple[list[Finding], _Here]:
         """What is wrong with an app, and where the arm is after it."""
         ends = app.kind == "move_to_contact" or (
-            app.kind in CARRIES and following is not None and following.kind in CONTACT_APPS
+            APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
         )
-        after = _after(app, here, touching=ends or (here.touching and app.kind in CONTACT_APPS))
+        after = _after(app, here, touching=ends or (here.touching and APP_KINDS[app.kind].in_contact))
         reasons = [*self._joints(app), *self._place(app)]
         joints = after.joints
         if app.target is not None and not reasons:
@@ -83,7 +82,7 @@ class _Looking:
         path = None
         if reasons:
             after = replace(after, place=None)  # where it would be is not known
-        elif app.target is not None and here.place is not None and app.kind in (*MOVES, "apply_force"):
+        elif app.target is not None and here.place is not None and APP_KINDS[app.kind].needs:
             path = _path(app, here)
         if app.kind == "apply_force":
             reasons += self._press(app, here, path)

@@ -10,18 +10,9 @@ import numpy as np
 
 from caesura_lab.execution.findings import Finding
 from caesura_protocol.messages import App
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 
-NEEDS: dict[str, tuple[str, ...]] = {
-    "cartesian_motion": ("target",),
-    "move_to_contact": ("target",),
-    "apply_force": ("force",),
-    "grasp": (),
-    "gripper_move": (),
-    "transport": ("target",),
-    "hold": (),
-}
-TAKES_TIME = ("cartesian_motion", "move_to_contact", "apply_force", "transport", "hold")
 NUMBERS = (
     "t0",
     "tn",
@@ -77,7 +68,7 @@ def _not_numbers(index: int, app: App) -> Iterator[Finding]:
 
 
 def _missing(index: int, app: App) -> Iterator[Finding]:
-    for name in NEEDS[app.kind]:
+    for name in APP_KINDS[app.kind].needs:
         if getattr(app, name) is None:
             yield Finding("error", index, app.kind, f"has no {name}")
 
@@ -121,7 +112,7 @@ class _Range(NamedTuple):
 
 
 def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
-    least_s = LEAST_S if app.kind in TAKES_TIME else 0.0
+    least_s = LEAST_S if APP_KINDS[app.kind].needs else 0.0
     yield _Range("duration", app.tn - app.t0, least_s, safety.duration_s, "s")
     yield _Range("confidence", app.confidence, 0.0, 1.0, "")
     if app.load_kg is not None:

@@ -1,0 +1,60 @@
+"""The kinds of apps: one row for each, with what check, exporters, simulation and dashboard need of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+from caesura_protocol.messages import AppKind
+
+Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
+
+
+class AppKindFacts(NamedTuple):
+    """One kind of app.
+
+    title: as an operator reads it. needs: fields without which it cannot be run; what needs one takes time.
+    preconditions: what must hold before it. ports: inputs of its action in a behaviour tree.
+    travels: its flange goes from one place to another. in_contact: it keeps what the app before it touches.
+    """
+
+    title: str
+    needs: tuple[str, ...]
+    preconditions: tuple[Precondition, ...]
+    ports: tuple[str, ...]
+    travels: bool = False
+    in_contact: bool = False
+
+    @property
+    def has_target(self) -> bool:
+        """Whether it is run towards a target."""
+        return "target" in self.needs
+
+    @property
+    def carries(self) -> bool:
+        """Whether something is held while it runs."""
+        return "holding" in self.preconditions
+
+
+_PATH = ("via", "turning", "arrives", "length", "max_speed", "max_turn")
+_SCREW = ("axis", "axis_point", "angle", "pitch", "torque")
+_POSE = ("target", "orientation", "joints", "seconds")
+_PLACE = (*_POSE, *_PATH, *_SCREW, "max_force")
+_PRESS = ("force", "force_taught", *_PLACE)
+
+APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
+    {
+        "cartesian_motion": AppKindFacts("move", ("target",), ("reachable",), _PLACE, travels=True),
+        "move_to_contact": AppKindFacts(
+            "move to contact", ("target",), ("reachable",), (*_PLACE, "contact_force", "search"), travels=True
+        ),
+        "apply_force": AppKindFacts("apply force", ("force",), ("in_contact",), _PRESS, in_contact=True),
+        "grasp": AppKindFacts("grasp", (), ("not_holding",), ("width",), in_contact=True),
+        "gripper_move": AppKindFacts("move gripper", (), (), ("width",), in_contact=True),
+        "transport": AppKindFacts(
+            "transport", ("target",), ("reachable", "holding"), (*_PLACE, "load"), travels=True
+        ),
+        "hold": AppKindFacts("hold", ("target",), ("reachable", "holding"), (*_PLACE, "load")),
+    }
+)

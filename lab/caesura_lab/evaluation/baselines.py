@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.evaluation.observations import Signals, condition
+from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
 from caesura_protocol.recording import Recording
 
@@ -40,7 +40,7 @@ class Baseline:
 
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Divide a recording, and label what comes out. Raises ValueError for one that is too short."""
-        signals = condition(recording)
+        signals = grid_signals(recording)
         starts = self._within(signals)
         times = boundaries_s(signals, starts)
         return FoundSegmentation(tuple(times.tolist()), labelled(signals, starts, times))

@@ -10,28 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, TypeGuard
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from caesura_lab.annotations import truth_file
-from caesura_lab.evaluation.observations import observe
 from caesura_lab.evaluation.suites import Case, FileCase
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.changepoint.default import STROKES, early_moves, even_moves
-from caesura_service.changepoint.models import ChannelModel, ModelInput
+from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import Profile
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
-from caesura_service.offline_segmentation import capabilities_of
-from caesura_service.segmentation.pipeline import observed
-from caesura_service.segmentation.segmenter import filter_of
+from caesura_service.conditioned_recording import condition
 
 NOTE = (
     "In nats behind the best; 'per observation' (0.1 s) of all recordings. The library of the model's "
@@ -91,15 +87,20 @@ def tell(case: Case) -> LibraryEvidence:
     """The evidence of one recording. Raises TruthError or RecordingError for one that cannot be segmented."""
     recording = _recording(case)
     try:
-        parts, tared = _parts(recording)
+        conditioned = condition(recording)
     except ValueError as error:
         raise RecordingError(f"{case.name}: {error}") from error
+    if not conditioned.observations:
+        raise RecordingError(f"{case.name}: no observations, expected at least one")
     told = {}
     for name, moves in LIBRARIES.items():
         preset = with_moves(STROKES, moves())
-        model = filter_of(preset, capabilities_of(recording), tared=tared, orientation=False)
-        told[name] = sum(segment_offline(model.lattice, model.hazard, part).log_evidence for part in parts)
-    return LibraryEvidence(case.name, sum(map(len, parts)), told)
+        model = conditioned.make_filter(preset, orientation=False)
+        told[name] = sum(
+            segment_offline(model.lattice, model.hazard, stretch).log_evidence
+            for stretch in conditioned.stretches
+        )
+    return LibraryEvidence(case.name, len(conditioned.observations), told)
 
 
 def _recording(case: Case) -> Recording:
@@ -107,16 +108,6 @@ def _recording(case: Case) -> Recording:
     if isinstance(case, FileCase) and not truth_file(case.path).is_file():
         return load_recording(case.path)
     return case.load()[0]
-
-
-def _parts(recording: Recording) -> tuple[list[list[ModelInput]], bool]:
-    """Observations, divided at gaps; and whether there was a rest to tare the force in."""
-    seen, tared = observe(recording)
-    if not seen:
-        raise ValueError("no observations, expected at least one")
-    starts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
-    parts = [list(map(observed, seen[a:b])) for a, b in pairwise(starts)]
-    return parts, tared
 
 
 def title(what: str, told: Sequence[LibraryEvidence]) -> str:

@@ -1,4 +1,4 @@
-"""What the baselines see: the same conditioned signals at 10 Hz that our own models see."""
+"""What the baselines use: the conditioned signals at 10 Hz that the segment models use."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.recording import Recording
-from caesura_service.offline_segmentation import capabilities_of, opening_of
-from caesura_service.segmentation.pipeline import layout_of, observed
-from caesura_service.signals import Conditioner, ConditioningParameters, Observation
+from caesura_service.conditioned_recording import condition
 
 Array = NDArray[np.float64]
 
@@ -35,26 +33,15 @@ class Signals:
     tared: bool
 
 
-def observe(
-    recording: Recording, parameters: ConditioningParameters | None = None
-) -> tuple[tuple[Observation, ...], bool]:
-    """Observations of a recording, as a session has them; and whether there was a rest to tare the force in.
-
-    All samples are pushed at once, which gives the same numbers. Raises ValueError for impossible ones.
-    """
-    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
-    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
-    return (*pushed.observations, *ended.observations), conditioner.tare is not None
-
-
-def condition(recording: Recording) -> Signals:
+def grid_signals(recording: Recording) -> Signals:
     """Bring a recording to the segmentation grid. Raises ValueError for one shorter than two steps."""
-    observations, tared = observe(recording)
+    conditioned = condition(recording)
+    observations = conditioned.observations
     if len(observations) < 2:
         raise ValueError(f"{recording.name}: {len(observations)} observations, expected at least 2")
     t = np.array([o.t for o in observations])
     position_base = np.array([o.position_base for o in observations])
-    tells = capabilities_of(recording).contact_models
+    tells = conditioned.layout.source.contact_models
     force_base = np.array([o.force_base for o in observations])
     return Signals(
         t=t,
@@ -62,7 +49,7 @@ def condition(recording: Recording) -> Signals:
         velocity_base=np.gradient(position_base, t, axis=0),
         speed=np.array([o.speed for o in observations]),
         force_base=force_base if tells else np.zeros_like(force_base),
-        holding=np.array([observed(o).holding == 1.0 for o in observations]),
+        holding=np.array([seen.holding == 1.0 for seen in conditioned.inputs]),
         force_tells=tells,
-        tared=tared,
+        tared=conditioned.tared,
     )

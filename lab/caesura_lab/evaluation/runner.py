@@ -9,7 +9,7 @@ from typing import Any
 
 from caesura_lab.annotations import ToleranceOptions
 from caesura_lab.evaluation.methods import Method
-from caesura_lab.evaluation.observations import condition
+from caesura_lab.evaluation.observations import grid_signals
 from caesura_lab.evaluation.score import Score, score
 from caesura_lab.evaluation.suites import Case
 from caesura_lab.evaluation.worker_pool import each
@@ -39,7 +39,7 @@ def judge(
     Raises TruthError or RecordingError for a case that cannot be loaded.
     """
     recording, truth = case.load()
-    rest = "rests first" if condition(recording).tared else "does not rest first"
+    rest = "rests first" if grid_signals(recording).tared else "does not rest first"
     groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
     about: dict[str, Any] = {"tags": (*case.tags, rest), "groups": groups}
     verdicts: list[Verdict] = []

@@ -23,7 +23,7 @@ from caesura_lab.evaluation import bocpd, third_party_baselines
 from caesura_lab.evaluation.baselines import boundaries_s
 from caesura_lab.evaluation.chosen_settings import GaussianSettings, KernelSettings, StudentSettings
 from caesura_lab.evaluation.metrics import f1
-from caesura_lab.evaluation.observations import Signals, condition
+from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.score import FoundSegmentation, score
 from caesura_lab.evaluation.suites import Case, Extent, suite
 from caesura_lab.evaluation.worker_pool import each
@@ -153,7 +153,7 @@ def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[A
 def demonstration_of(case: Case) -> Demonstration:
     """Return the conditioned signals of a case, and its truth with slack."""
     recording, truth = case.load()
-    return condition(recording), ToleranceOptions(slack_s=SLACK_S).of(truth)
+    return grid_signals(recording), ToleranceOptions(slack_s=SLACK_S).of(truth)
 
 
 def lines(choices: Sequence[Choice]) -> Iterator[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,8 @@ from caesura_protocol.recording import Recording
 from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.offline_segmentation import batches, opening_of
-from caesura_service.segmentation.pipeline import layout_of, observed
-from caesura_service.segmentation.segmenter import filter_of
-from caesura_service.signals import Conditioner, Observation
+from caesura_service.conditioned_recording import ConditionedRecording, condition
+from caesura_service.signals import Observation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,53 +53,34 @@ class Replay:
 
 def replay(recording: Recording, preset: str) -> Replay:
     """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
-    chosen = PRESETS[preset]
-    conditioner = Conditioner(layout_of(opening_of(recording, preset)))
-    observations = tuple(_conditioned(recording, conditioner))
-    layout, tared = conditioner.layout, conditioner.tare is not None
-    online = filter_of(
-        chosen,
-        layout.source,
-        tared=tared,
-        orientation=layout.has_orientation,
-        torque=layout.has_torque,
-    )
-    beliefs = tuple(_believed(online, observations))
+    chosen, conditioned = PRESETS[preset], condition(recording)
+    observations, online = conditioned.observations, conditioned.make_filter(chosen)
+    beliefs = tuple(_believed(online, conditioned))
     return Replay(
         observations=observations,
         beliefs=beliefs,
         smoothed=online.smoothed,
-        offline=_offline(online, observations),
+        offline=_offline(online, conditioned),
         boundary_t=_boundary_times(observations, continuous=chosen.continuous),
     )
 
 
-def _conditioned(recording: Recording, conditioner: Conditioner) -> Iterator[Observation]:
-    for samples in batches(recording):
-        yield from conditioner.push(samples).observations
-    yield from conditioner.finish().observations
-
-
-def _believed(
-    online: ChangepointFilter, observations: tuple[Observation, ...]
-) -> Iterator[PosteriorSnapshot]:
-    for observation in observations:
-        online.step(observed(observation), boundary=observation.after_gap)
+def _believed(online: ChangepointFilter, conditioned: ConditionedRecording) -> Iterator[PosteriorSnapshot]:
+    for observation, seen in zip(conditioned.observations, conditioned.inputs, strict=True):
+        online.step(seen, boundary=observation.after_gap)
         yield PosteriorSnapshot(online.starts.copy(), np.minimum(online.posterior, 1.0))
 
 
-def _offline(online: ChangepointFilter, observations: tuple[Observation, ...]) -> Array:
+def _offline(online: ChangepointFilter, conditioned: ConditionedRecording) -> Array:
     """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
-    seen = [observed(one) for one in observations]
-    cuts = [0, *(i for i, one in enumerate(observations) if one.after_gap and i), len(seen)]
     parts = [
         segment_offline(
             online.lattice,
             online.hazard,
-            seen[first:last],
-            prune_ratio=0.0 if last - first <= MOST_EXACT else PRUNE_RATIO,
+            stretch,
+            prune_ratio=0.0 if len(stretch) <= MOST_EXACT else PRUNE_RATIO,
         ).changepoint_probability
-        for first, last in pairwise(cuts)
+        for stretch in conditioned.stretches
     ]
     return np.concatenate(parts)
 

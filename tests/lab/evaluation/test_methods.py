@@ -7,7 +7,7 @@ import pytest
 
 from caesura_lab.evaluation.baselines import switched
 from caesura_lab.evaluation.methods import PresetMethod, baselines
-from caesura_lab.evaluation.observations import Signals, condition
+from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.third_party_baselines import gaussian_online
 from caesura_protocol.recording import Recording
 
@@ -77,7 +77,7 @@ def test_a_trigger_holds_between_its_thresholds():
 
 def test_a_recording_too_short_to_look_at_is_refused():
     with pytest.raises(ValueError, match="expected at least 2"):
-        condition(Recording(np.array([0.0, 0.01]), {"pos": np.zeros((2, 3))}, wrench_source="none"))
+        grid_signals(Recording(np.array([0.0, 0.01]), {"pos": np.zeros((2, 3))}, wrench_source="none"))
 
 
 @pytest.mark.parametrize("first", [20, 31, 44])

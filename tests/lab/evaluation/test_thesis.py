@@ -167,7 +167,7 @@ def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pyte
     shown = measure.see(still, Truth("x", (0.0, 3.0), ()))
     for any_length in (True, False):
         measure.divide(shown, PRESETS["integrated"], 0.2, any_length=any_length)
-    assert asked == [Uniform(len(shown.observations)), Geometric(20.0)]
+    assert asked == [Uniform(len(shown.conditioned.observations)), Geometric(20.0)]
 
 
 def test_what_the_thesis_says_has_no_faults():

@@ -20,7 +20,6 @@ import numpy as np
 
 from caesura_lab.annotations import Truth
 from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
-from caesura_lab.evaluation.observations import observe
 from caesura_lab.evaluation.pairing import best_pairs
 from caesura_lab.evaluation.thesis.rows import Boundary, Row
 from caesura_protocol.recording import Recording
@@ -29,10 +28,9 @@ from caesura_service.changepoint.hazard import Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.segments import verdict
-from caesura_service.offline_segmentation import capabilities_of, views
-from caesura_service.segmentation.pipeline import observed
-from caesura_service.segmentation.segmenter import filter_of
-from caesura_service.signals import ConditioningParameters, Observation
+from caesura_service.conditioned_recording import ConditionedRecording, condition
+from caesura_service.offline_segmentation import views
+from caesura_service.signals import ConditioningParameters
 
 TOLERANCE_S = 0.3
 SAME_EVENT_S = 0.6  # further from the thesis' time than this an event is another one
@@ -81,14 +79,12 @@ class Seen:
 
     recording: Recording
     truth: Truth
-    observations: tuple[Observation, ...]
-    tared: bool
+    conditioned: ConditionedRecording
 
 
 def see(recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None) -> Seen:
     """Condition a demonstration as a session does."""
-    observations, tared = observe(recording, parameters)
-    return Seen(recording, truth, observations, tared)
+    return Seen(recording, truth, condition(recording, parameters))
 
 
 def measure(
@@ -186,9 +182,7 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
     thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
     """
-    orientation = seen.observations[0].rotation is not None
-    online = filter_of(preset, capabilities_of(seen.recording), tared=seen.tared, orientation=orientation)
-    rows = [observed(one) for one in seen.observations]
+    online, rows = seen.conditioned.make_filter(preset), seen.conditioned.inputs
     hazard = Uniform(len(rows)) if any_length else online.hazard
     offline = segment_offline(online.lattice, hazard, rows)
     path = offline.path if threshold is None else offline.threshold_path(threshold)
@@ -198,7 +192,7 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     forces_n = np.array([row.force[2] for row in rows])
     parts = [forces_n[a:b] for a, b in pairwise([*starts, len(rows)])]
     return Found(
-        inner=tuple(seen.observations[start - joins].t for start in starts[1:]),
+        inner=tuple(seen.conditioned.observations[start - joins].t for start in starts[1:]),
         states="".join(STATES[kind.contact] for kind in kinds),
         forces_n=tuple(float(part[-1]) for part in parts),
         loads_kg=tuple(float(-part.mean() / GRAVITY) for part in parts),

@@ -1,0 +1,67 @@
+"""A recording on the grid of observations, and the filter that a session would run on it.
+
+Evaluation and report start here, so that they see what a session sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from caesura_protocol.recording import Recording
+from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.preset import Preset
+from caesura_service.offline_segmentation import opening_of
+from caesura_service.segmentation.pipeline import layout_of, observed
+from caesura_service.segmentation.segmenter import filter_of
+from caesura_service.signals import Conditioner, ConditioningParameters, Observation, SampleLayout
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionedRecording:
+    """The observations of a recording, as a session has them.
+
+    tared: whether there was a rest from which the bias of the force was taken.
+    """
+
+    observations: tuple[Observation, ...]
+    layout: SampleLayout
+    tared: bool
+
+    @cached_property
+    def inputs(self) -> list[ModelInput]:
+        """What the segment models see of each observation."""
+        return [observed(observation) for observation in self.observations]
+
+    @property
+    def stretches(self) -> list[list[ModelInput]]:
+        """The inputs, divided at gaps; the filter begins anew after each."""
+        gaps = (i for i, observation in enumerate(self.observations) if observation.after_gap and i)
+        cuts = [0, *gaps, len(self.observations)]
+        return [self.inputs[first:last] for first, last in pairwise(cuts)]
+
+    def make_filter(self, preset: Preset, *, orientation: bool = True) -> ChangepointFilter:
+        """Return a filter for what this recording reports. orientation: use it where there is one.
+
+        Raises ValueError where the preset uses nothing that the recording reports.
+        """
+        return filter_of(
+            preset,
+            self.layout.source,
+            tared=self.tared,
+            orientation=orientation and self.layout.has_orientation,
+            torque=self.layout.has_torque,
+        )
+
+
+def condition(recording: Recording, parameters: ConditioningParameters | None = None) -> ConditionedRecording:
+    """Condition all samples at once, which gives the same numbers as batches do.
+
+    Raises ValueError for columns or values that cannot be segmented.
+    """
+    conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
+    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
+    observations = (*pushed.observations, *ended.observations)
+    return ConditionedRecording(observations, conditioner.layout, conditioner.tare is not None)

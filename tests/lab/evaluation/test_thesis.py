@@ -71,7 +71,7 @@ def evidence(model: ChannelModel, forces: np.ndarray) -> float:
 def seen(*points: TrueChangepoint, path: np.ndarray | None = None) -> Seen:
     t = np.arange(0.0, 6.0, 0.01)
     pos = np.zeros((t.size, 3)) if path is None else path
-    return Seen(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points), (), tared=True)
+    return measure.see(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points))
 
 
 def test_the_table_is_consistent():

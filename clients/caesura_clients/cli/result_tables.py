@@ -12,13 +12,13 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from caesura_clients.budgets import budgets_in_words
+from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.query import SessionInfo
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
-from caesura_protocol.turning import torque_about_axis
+from caesura_protocol.screw_motion import torque_about_axis
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns

@@ -10,7 +10,7 @@ from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.path_drawing import path_svg
-from caesura_protocol.turning import screw_in_words
+from caesura_protocol.screw_motion import screw_in_words
 
 NEWEST = 100  # apps that are drawn
 

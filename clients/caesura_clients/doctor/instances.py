@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 
-from caesura_clients.budgets import budgets_in_words, held_back
+from caesura_clients.budget_texts import budgets_in_words, held_back
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_clients.doctor.probes import ProbeResult, Reported
 from caesura_protocol.keys import ROOT

@@ -201,15 +201,17 @@ def _thesis(seeds: range, workers: int) -> Page:
 
 
 def _roundtrip(seeds: range, workers: int) -> Page:
-    from caesura_lab.evaluation import roundtrip  # noqa: PLC0415
+    from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
-    cases = roundtrip.cases(seeds)
-    summary = roundtrip.summarise(_watched(each(roundtrip.travel, cases, workers=workers), cases))
-    title = roundtrip.title(seeds)
+    cases = program_round_trip.cases(seeds)
+    summary = program_round_trip.summarise(
+        _watched(each(program_round_trip.travel, cases, workers=workers), cases)
+    )
+    title = program_round_trip.title(seeds)
     return Page(
-        text=lambda: roundtrip.as_text(summary, title),
-        markdown=lambda: roundtrip.as_markdown(summary, title),
-        plain=lambda: {"title": title, "trips": roundtrip.as_json(summary)},
+        text=lambda: program_round_trip.as_text(summary, title),
+        markdown=lambda: program_round_trip.as_markdown(summary, title),
+        plain=lambda: {"title": title, "trips": program_round_trip.as_json(summary)},
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_lab.evaluation.roundtrip import LIMITS_N
+from caesura_lab.evaluation.program_round_trip import LIMITS_N
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.messages import App
 from caesura_protocol.programs.app_kinds import APP_KINDS

@@ -21,7 +21,7 @@ from caesura_protocol.paths import Curve
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import matrix_of, turning_of
-from caesura_protocol.turning import tight_nm
+from caesura_protocol.screw_motion import tight_nm
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01

@@ -25,7 +25,7 @@ from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_strea
 from caesura_lab.teacher.phases import phases_of
 from caesura_lab.teacher.plan import DT, make_plan
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
-from caesura_lab.teacher.screws import screws_of
+from caesura_lab.teacher.screw_truth import screws_of
 from caesura_lab.teacher.sensor import Sensors
 from caesura_lab.teacher.truth import TrueState, annotate
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WrenchSource

@@ -19,7 +19,7 @@ from caesura_protocol.messages import AppKind, AppPath
 from caesura_protocol.paths import turning_at_points
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.turning import torque_about_axis
+from caesura_protocol.screw_motion import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"

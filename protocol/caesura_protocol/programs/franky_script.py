@@ -16,7 +16,7 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.turning import tight_nm
+from caesura_protocol.screw_motion import tight_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, Starts
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
+from caesura_service.changepoint.kernels.array_tuple import table_of
 from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
 from caesura_service.changepoint.kernels.layout import (
     FORCE,
@@ -24,7 +25,6 @@ from caesura_service.changepoint.kernels.layout import (
     fresh_state,
     with_more_nodes,
 )
-from caesura_service.changepoint.kernels.unpacking import table_of
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.random_walk import StudentRandomWalk

@@ -19,8 +19,8 @@ from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.turn_in_place import centre_of
 from caesura_service.segmentation.corrections import FilterConstraints
 from caesura_service.segmentation.finalized_segments import FinalizedSegments, SegmentEntry
-from caesura_service.segmentation.load_estimation import Load, is_baseline, weigh
 from caesura_service.segmentation.observation_store import ObservationStore
+from caesura_service.segmentation.payload_estimation import Load, is_baseline, weigh
 from caesura_service.segmentation.screwing import screw_of
 from caesura_service.segmentation.time_slices import give_way
 from caesura_service.signals import WrenchCapabilities

@@ -22,7 +22,7 @@ from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.programs.safety import DEFAULT, Safety
-from caesura_protocol.turning import torque_about_axis
+from caesura_protocol.screw_motion import torque_about_axis
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.programs import DOWN, app, pick_and_place, press

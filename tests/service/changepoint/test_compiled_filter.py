@@ -17,7 +17,7 @@ from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter,
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
-from caesura_service.changepoint.kernels.elementary import (
+from caesura_service.changepoint.kernels.fast_math import (
     exp_of_negative,
     log,
     log_sum_exp,

@@ -11,7 +11,7 @@ from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
-from caesura_protocol.turning import exerted, torque_about_axis
+from caesura_protocol.screw_motion import exerted, torque_about_axis
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.screwing import Course, repeats, screw_of
 

@@ -9,7 +9,8 @@ there was an observation before this one. The hypothesis in the last place has j
 
 import math
 
-from caesura_service.changepoint.kernels.elementary import log_sum_exp, logarithms
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import log_sum_exp, logarithms
 from caesura_service.changepoint.kernels.layout import (
     AXES,
     BIASED,
@@ -49,7 +50,6 @@ from caesura_service.changepoint.kernels.residuals import (
     tell_length,
     whole,
 )
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work

@@ -8,10 +8,10 @@ their noise has a burst, and their corner may still change.
 
 import math
 
-from caesura_service.changepoint.kernels.elementary import exp_of_negative, larger, logarithms
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
 from caesura_service.changepoint.kernels.layout import AXES
 from caesura_service.changepoint.kernels.residuals import BY_LENGTH, log_presence, tell_length, whole
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled
 
 SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion

@@ -2,8 +2,8 @@
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
+from caesura_service.changepoint.kernels.array_tuple import state_at
 from caesura_service.changepoint.kernels.layout import FREE
-from caesura_service.changepoint.kernels.unpacking import state_at
 from caesura_service.numba_support.decorators import compiled
 
 

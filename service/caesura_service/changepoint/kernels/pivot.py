@@ -4,10 +4,10 @@
 
 import math
 
-from caesura_service.changepoint.kernels.elementary import logarithms
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import logarithms
 from caesura_service.changepoint.kernels.layout import AXES
 from caesura_service.changepoint.kernels.residuals import BY_LENGTH, tell_length, whole
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled
 
 START, GRAM, CROSS, SQUARES, LOG_SCALES, NEAR = 0, 3, 9, 12, 13, 14  # fields

@@ -9,7 +9,8 @@ hypotheses before and after that.
 
 import math
 
-from caesura_service.changepoint.kernels.elementary import (
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import (
     exp_of_negative,
     larger,
     log,
@@ -39,7 +40,6 @@ from caesura_service.changepoint.kernels.residuals import (
     tell_length,
     whole,
 )
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled, reducing
 
 # What a hypothesis keeps beside its profiles: origin 3, y 3, log pace, Σy² 3 where all precisions are 1.

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from caesura_service.changepoint.kernels.elementary import logarithms
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import logarithms
 from caesura_service.changepoint.kernels.layout import AXES, FIRST, PREVIOUS, VECTOR
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled, inlined
 
 LOG_2PI = math.log(2.0 * math.pi)

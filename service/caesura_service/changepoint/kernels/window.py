@@ -11,10 +11,10 @@ with that of u, times flow and share. Only the last segment's exponentials are n
 
 import math
 
-from caesura_service.changepoint.kernels.elementary import exponentials, log_sum_exp, shares_of
+from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
+from caesura_service.changepoint.kernels.fast_math import exponentials, log_sum_exp, shares_of
 from caesura_service.changepoint.kernels.layout import FREE
 from caesura_service.changepoint.kernels.nodes import new_node, node_at, node_made, refer, release
-from caesura_service.changepoint.kernels.unpacking import model_at, state_at
 from caesura_service.numba_support.decorators import compiled
 
 

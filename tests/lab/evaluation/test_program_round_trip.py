@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from caesura_lab.evaluation import mutations, roundtrip
-from caesura_lab.evaluation.roundtrip import RoundTripCase, RoundTripResult, compared, summarise, travel
+from caesura_lab.evaluation import mutations, program_round_trip
+from caesura_lab.evaluation.program_round_trip import (
+    RoundTripCase,
+    RoundTripResult,
+    compared,
+    summarise,
+    travel,
+)
 from caesura_protocol.messages import App
 from harness.programs import press
 
@@ -52,7 +58,7 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     good = RoundTripResult(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
     bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
     console = Console(width=90, record=True, file=StringIO())
-    console.print(roundtrip.as_text(summarise([bad, good]), "title"))
+    console.print(program_round_trip.as_text(summarise([bad, good]), "title"))
     text = console.export_text()
     assert "1 of 2" in text
     assert "app 0 is b, taught was a" in text

@@ -7,8 +7,8 @@ import pytest
 
 from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.segments import Classification, InferredSegment
-from caesura_service.segmentation.load_estimation import Load, weigh
 from caesura_service.segmentation.observation_store import ObservationStore
+from caesura_service.segmentation.payload_estimation import Load, weigh
 from service.sessions.observing import observation
 
 LENGTH = 20

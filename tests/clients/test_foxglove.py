@@ -20,7 +20,7 @@ from caesura_clients.memory import MemoryNetwork, MemoryTransport
 from caesura_clients.viewer.feed import StationFeed
 from caesura_clients.viewer.foxglove_server import FoxgloveServer
 from caesura_clients.viewer.live_messages import PATH_POINTS
-from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Segment
 from clients.answering import Answering
@@ -148,6 +148,20 @@ def test_a_batch_that_was_dropped_is_named_and_one_that_comes_twice_is_not_shown
         eventually(lambda: f"session {SESSION}: 2 batches were not received" in viewer.statuses)
         shown = [one["t"] for one in viewer.of("/state")]
         assert shown == np.concatenate([rows[:40, 0], rows[80:120, 0]]).tolist()
+
+
+def test_samples_that_are_none_end_nothing(station):
+    """Times and values that no robot reports, times before 1970, and bytes that are no batch."""
+    rows = rows_of(120)
+    with viewing(station.server.port) as viewer:
+        subscribed(viewer)
+        for seq, (column, value) in enumerate(((0, np.nan), (0, 1e300), (1, np.inf), (0, -1e9), (0, -5e8))):
+            spoiled = rows[:BATCH].copy()
+            spoiled[3, column] = value
+            station.send(seq, spoiled)
+        station.transport.put(station_key(STATION, "samples"), Encoded(b"no batch", "text/plain"))
+        station.send(5, rows[100:])
+        eventually(lambda: viewer.count("/state") > 0 and viewer.of("/state")[-1]["t"] == rows[-1, 0])
 
 
 def test_a_port_in_use_is_an_error_that_names_it(station):

@@ -29,7 +29,7 @@ VERBS: Mapping[Kind, str] = {
     "contact": "press",
     "transport": "carry",
     "steady": "rest",
-    "hold": "hold still",
+    "hold": "hold the load",
     "sliding": "slide in contact",
     "turning": "turn",
 }
@@ -101,7 +101,7 @@ def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> lis
     fewer than two frames, and for demonstrations whose features or statements of success differ.
     """
     rates = [_rate(one) for one in sources]
-    chosen = fps or min(MAX_FPS, *(round(rate) for rate in rates))
+    chosen = fps or max(1, min(MAX_FPS, *(round(rate) for rate in rates)))
     for one, rate in zip(sources, rates, strict=True):
         if chosen > 1.01 * rate:
             raise EpisodeError(f"{one.name}: {chosen} frames a second, and its samples come at {rate:.4g} Hz")

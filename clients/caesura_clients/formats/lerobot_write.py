@@ -31,7 +31,7 @@ from caesura_clients.formats.episodes import Episode, EpisodeError, FeatureSpec,
 
 VERSION = "v3.0"
 FILE_MB, VIDEO_MB, CHUNK_FILES = 100, 200, 1000  # lerobot's own: [MB] of a file, files of a chunk
-MAX_LANGUAGE_ROWS = 20_000_000  # frames times sub-tasks of an episode: about 1 GB of memory
+MAX_LANGUAGE_ROWS = 20_000_000  # frames times sub-tasks of an episode: 1.2 GB of memory
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-000/file-000.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -284,6 +284,9 @@ def _details(episode: Episode) -> dict[str, Any]:
         **one.recording.stated_options,
         "segments": [segment.model_dump(mode="json", exclude_none=True) for segment in one.segments],
         "phases": [phase.model_dump(mode="json", exclude_none=True) for phase in one.phases],
+        "gaps": [
+            gap.model_dump(mode="json") for gap in one.gaps
+        ],  # before the first or after the last sample
     }
 
 

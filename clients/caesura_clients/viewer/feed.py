@@ -14,7 +14,6 @@ from contextlib import ExitStack, closing
 from types import TracebackType
 from typing import Protocol, Self
 
-from caesura_clients.errors import CaesuraError
 from caesura_clients.following import SessionRemoved, events
 from caesura_clients.inbox import Delivery, Inbox
 from caesura_clients.network import Transport
@@ -84,12 +83,12 @@ class StationFeed:
         self._subscribed.put(topic)
 
     def _keep(self, work: Callable[[], None]) -> None:
-        """Do the work until it is over, again after an error of the network."""
+        """Do the work until it is over, again after an error."""
         while not self._over.is_set():
             try:
                 work()
-            except (CaesuraError, ProtocolError) as error:
-                LOG.warning("%s: %s; trying again", self._station, error)
+            except Exception as error:  # whatever it is, it must be seen, and not end the thread
+                LOG.warning("%s: %s; trying again", self._station, str(error) or type(error).__name__)
                 self._over.wait(RETRY_S)
 
     def _follow_samples(self) -> None:

@@ -37,6 +37,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Message, SampleBatch
 PATH_POINTS = 1000  # of a message on /path: about 150 kB
 PATH_EVERY_S = 1.0
 LONG_AGO = -np.inf  # [s] before any sample
+FARTHEST_S = 1e9  # a session time beyond it is none
 
 
 class LiveMessage(NamedTuple):
@@ -59,10 +60,12 @@ class LiveStation:
         self.live = self.live or LiveSession(session)
 
     def sampled(self, batch: SampleBatch, now_s: float) -> list[LiveMessage]:
-        """Return the messages of a batch, none where it came before. now_s: time of day."""
+        """Return the messages of a batch, none where it came before or is none. now_s: time of day."""
         try:
             matrix = unpack_samples(batch)
         except ProtocolError:
+            return []
+        if not (np.abs(matrix[:, 0]) < FARTHEST_S).all():
             return []
         update = self._updates.get(batch.session)
         started: list[LiveMessage] = []
@@ -184,11 +187,16 @@ class LiveSession:
         return LiveMessage(self._now(), topic, result_of(0.0, topic, message).fields)
 
     def _placed(self, one: McapMessage) -> LiveMessage:
-        return LiveMessage(nanoseconds(one.t, self._began_s or 0.0), one.topic, one.fields)
+        return LiveMessage(_time_of_day(one.t, self._began_s), one.topic, one.fields)
 
     def _now(self) -> int:
         """Time of day of the newest sample [ns]."""
-        return nanoseconds(max(self._newest_s, 0.0), self._began_s or 0.0)
+        return _time_of_day(max(self._newest_s, 0.0), self._began_s)
+
+
+def _time_of_day(t: float, began_s: float | None) -> int:
+    """Time of day [ns] of a session time, not before 1970: the protocol has no earlier one."""
+    return max(0, nanoseconds(t, began_s or 0.0))
 
 
 def _results_of(update: Update) -> dict[str, tuple[Message, ...]]:

@@ -235,6 +235,9 @@ def test_what_makes_no_episode_is_refused_by_name(sources, tmp_path, monkeypatch
     ):
         with pytest.raises(EpisodeError, match=words):
             episodes_of([broken])
+    rare = replace(one, recording=Recording(np.arange(4.0) * 3.0, {"pos": np.zeros((4, 3))}, "none"))
+    with pytest.raises(EpisodeError, match=r"1 frames a second, and its samples come at 0.3333 Hz"):
+        episodes_of([rare])
     with pytest.raises(EpisodeError, match=r"250 frames a second, and its samples come at 200 Hz"):
         episodes_of([one], fps=250)
     episodes = episodes_of([one])

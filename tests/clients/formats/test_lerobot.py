@@ -165,6 +165,13 @@ def test_sub_tasks_begin_within_half_a_frame_of_their_segments(sources, dataset)
     assert {"move", "press", "rest"} <= {text for frames in dataset.frames for text in frames["subtask"]}
 
 
+def test_at_a_rate_that_meets_no_boundary_sub_tasks_begin_at_the_nearest_frame(sources):
+    for one, episode in zip(sources, episodes_of(sources, fps=7), strict=True):
+        starts = [0.0, *(segment.t0 - one.recording.t[0] for segment in one.segments[1:])]
+        begun = [subtask.first_frame / 7 for subtask in episode.subtasks]
+        np.testing.assert_allclose(begun, starts, rtol=0, atol=0.5 / 7 + 1e-9)
+
+
 def test_statistics_are_numpys(dataset):
     features = [name for name in dataset.info["features"] if name != "language_persistent"]
     assert set(dataset.stats) == set(features)

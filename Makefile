@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+TESTED := $(VENV)/.tested
 # Tests start a hundred processes: each would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -14,10 +15,10 @@ demo: $(STAMP)
 
 # Three at a time, for tests wait for processes, browsers and clocks; each keeps to neighbouring tests, which share
 # what they have simulated and started, until it takes over what another has not come to.
-test: $(STAMP)
+test: $(TESTED)
 	$(BIN)/python -m pytest -n 3 --dist worksteal $(ARGS)
 
-check: $(STAMP)
+check: $(TESTED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -59,6 +60,11 @@ thesis: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	PYTHON="$(PYTHON)" scripts/setup.sh $(VENV)
+	touch $@
+
+# What tests need beyond the demo: the packages of exports and viewers, 230 MB installed.
+$(TESTED): $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
 	touch $@
 
 clean:

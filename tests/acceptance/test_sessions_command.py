@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
@@ -79,6 +80,47 @@ def test_mcap_without_its_extra_is_one_line_that_names_it(directory, monkeypatch
     done = caesura("export", "s2", "-o", directory / "s2.mcap", "--journal", directory)
     assert (done.exit_code, done.stdout) == (1, "")
     assert done.stderr == "error: writing .mcap needs pip install '.[mcap]' in a clone of Caesura\n"
+
+
+def test_sessions_are_exported_as_the_episodes_of_a_dataset(directory):
+    out = directory / "demos"
+    stated = ("--station", "cell-1", "--task", "press a button", "--success", "--failed", "s2", "--fps", "50")
+    with running(directory):
+        done = caesura(
+            "export", "s1", "s2", "-o", out, "--format", "lerobot", *stated, "--journal", directory
+        )
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == f"{out}: 2 episodes, 540 frames at 50 Hz\n"
+    rows = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [(row["session"], row["success"], row["tasks"]) for row in rows] == [
+        ("s1", True, ["press a button"]),
+        ("s2", False, ["press a button"]),
+    ]
+    frames = pq.read_table(out / "data/chunk-000/file-000.parquet").to_pydict()
+    force = guided().signals["force"][::4]
+    np.testing.assert_allclose(frames["observation.wrench"][270:], force, rtol=0, atol=1e-6)
+    subtasks = pq.read_table(out / "meta/subtasks.parquet")["subtask"].to_pylist()
+    assert {"move", "press"} <= set(subtasks)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("s1", "s2", "-o", "both.npz"), "2 sessions for one .npz file"),
+        (("s2", "-o", "s2.mcap", "--fps", "50"), "--without-language are not for .mcap"),
+        (("s2", "-o", "s2.txt", "--format", "npz"), "cannot write s2.txt: expected the suffix .npz"),
+        (("s2", "-o", "d", "--format", "lerobot", "--failed", "s9"), "--failed s9: exported are s2"),
+        (("s2", "-o", "d", "--format", "lerobot", "--fps", "500"), "500 frames a second, and its samples"),
+        (("s2", "-o", ".", "--format", "lerobot"), ". exists: a dataset is written into a directory of"),
+    ],
+)
+def test_what_does_not_fit_the_format_is_one_line(directory, arguments, words, monkeypatch):
+    monkeypatch.chdir(directory)
+    done = caesura("export", *arguments, "--station", "cell-1", "--journal", directory)
+    assert (done.exit_code, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert words in line
+    assert not [one for one in directory.iterdir() if one.suffix != ".sqlite" and "sqlite" not in one.name]
 
 
 def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_cannot(directory):

@@ -99,13 +99,14 @@ class ProgramOptions(NamedTuple):
         ).over(cell)
 
 
-GROUPS = (Reading, ProgramOptions)
-
-
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The same command for typer: a parameter that is a group of options becomes all of them."""
+    """The same command for typer: a parameter that is a NamedTuple of options becomes all of them."""
     signature = inspect.signature(command, eval_str=True)
-    groups = {name: one.annotation for name, one in signature.parameters.items() if one.annotation in GROUPS}
+    groups: dict[str, Any] = {
+        name: one.annotation
+        for name, one in signature.parameters.items()
+        if isinstance(one.annotation, type) and issubclass(one.annotation, tuple)
+    }
     parameters = [
         option
         for name, one in signature.parameters.items()

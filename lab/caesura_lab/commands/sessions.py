@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 import typer
 
-from caesura_clients.cli.options import Station, reported
+from caesura_clients.cli.options import Station, grouped, reported
 from caesura_clients.cli.sessions import sessions
 from caesura_protocol.distribution import installing
 from caesura_protocol.errors import CaesuraError, NotFound
@@ -36,30 +36,68 @@ Directory = Annotated[
     Path | None,
     typer.Option("--journal", metavar="DIR", help="As for `caesura serve`, whose default it has."),
 ]
+Format = Literal["npz", "mcap", "lerobot"]
+Found = tuple[Key, list[PeerCopy]]  # a session, and where it is
+
+
+class DatasetOptions(NamedTuple):
+    """Options of `--format lerobot`."""
+
+    fps: Annotated[
+        int | None,
+        typer.Option(min=1, help="Frames a second; by default the samples' rate, at most 100."),
+    ] = None
+    task: Annotated[
+        str | None, typer.Option(help="What all sessions do; by default each session's name.")
+    ] = None
+    success: Annotated[
+        bool, typer.Option("--success", help="The sessions reached their goal, but those of --failed.")
+    ] = False
+    failed: Annotated[
+        list[str], typer.Option(metavar="SESSION", help="One that did not reach its goal; repeatable.")
+    ] = []  # noqa: RUF012 - typer copies it
+    without_language: Annotated[
+        bool, typer.Option("--without-language", help="Leave out what lerobot 0.4 refuses.")
+    ] = False
+
+    def success_of(self, names: list[str]) -> dict[str, bool]:
+        """Whether each session reached its goal, where that is stated. Raises CaesuraError."""
+        if strangers := sorted(set(self.failed) - set(names)):
+            raise CaesuraError(f"--failed {strangers[0]}: exported are {', '.join(names)}")
+        return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 
 @sessions.command("export")
+@grouped
 def export(
-    session: Session,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz or .mcap.")],
+    names: Annotated[list[str], typer.Argument(metavar="SESSION...", help="Several become one dataset.")],
+    *,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz, .mcap, or a new directory.")],
+    file_format: Annotated[
+        Format | None, typer.Option("--format", help="By default as the suffix of --out says.")
+    ] = None,
+    dataset: DatasetOptions,
     station: Station = None,
     journal: Directory = None,
     instance: Instance = None,
 ) -> None:
     """Write a session: .npz, a recording that `caesura segment` and a bridge can read; or .mcap, samples and
-    results for Foxglove and Rerun.
+    results for Foxglove and Rerun; or, with --format lerobot, sessions as the episodes of a dataset.
 
     The service may be running.
     """
     with reported():
-        write = _writer_of(out)
-        key, copies = _found(_journals(journal, instance), session, station)
-        with _opened(copies[0].path) as kept:
-            try:
-                recording = write(kept, key, out)
-            except OSError as error:
-                raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
-    typer.echo(f"{out}: {recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s")
+        chosen = _format_of(out, file_format, names, dataset)
+        found = [_found(_journals(journal, instance), name, station) for name in dict.fromkeys(names)]
+        try:
+            done = (
+                _write_dataset(found, out, dataset)
+                if chosen == "lerobot"
+                else _write_file(found[0], out, chosen)
+            )
+        except OSError as error:
+            raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    typer.echo(f"{out}: {done}")
 
 
 @sessions.command("delete")
@@ -100,16 +138,60 @@ def _write_mcap(kept: Journal, key: Key, out: Path) -> Recording:
     return recording
 
 
-WRITERS: Mapping[str, Callable[[Journal, Key, Path], Recording]] = {".npz": _write_npz, ".mcap": _write_mcap}
+#: Formats of one session, a file each.
+WRITERS: Mapping[Format, Callable[[Journal, Key, Path], Recording]] = {"npz": _write_npz, "mcap": _write_mcap}
+EXTRAS: Mapping[Format, str] = {"mcap": "mcap", "lerobot": "pyarrow"}  # format, and extra → its package
 
 
-def _writer_of(out: Path) -> Callable[[Journal, Key, Path], Recording]:
-    """Raises CaesuraError for a suffix without a writer, and where its extra is missing."""
-    if out.suffix not in WRITERS:
-        raise CaesuraError(f"cannot write {out}: expected the suffix {' or '.join(WRITERS)}")
-    if out.suffix == ".mcap" and find_spec("mcap") is None:
-        raise CaesuraError(f"writing .mcap needs {installing('mcap')}")
-    return WRITERS[out.suffix]
+def _write_file(found: Found, out: Path, chosen: Format) -> str:
+    """Write one session and return what was written."""
+    key, copies = found
+    with _opened(copies[0].path) as kept:
+        recording = WRITERS[chosen](kept, key, out)
+    return f"{recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s"
+
+
+def _write_dataset(found: list[Found], out: Path, asked: DatasetOptions) -> str:
+    """Write sessions as a dataset and return what was written."""
+    taught_from = import_module("caesura_lab.export.session_export").taught_from
+    sessions = []
+    for key, copies in found:
+        with _opened(copies[0].path) as kept:
+            sessions.append(taught_from(kept, *key))
+    episodes = import_module("caesura_lab.export.lerobot_dataset").write_sessions(
+        out,
+        sessions,
+        fps=asked.fps,
+        task=asked.task,
+        success=asked.success_of([session for (_, session), _ in found]),
+        language=not asked.without_language,
+    )
+    frames = sum(episode.length for episode in episodes)
+    return f"{_counted(len(episodes), 'episode')}, {frames} frames at {episodes[0].fps} Hz"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _format_of(out: Path, asked: Format | None, names: list[str], dataset: DatasetOptions) -> Format:
+    """Raises CaesuraError for no format, for one whose extra is missing, and for what it does not take."""
+    chosen = asked or next((one for one in WRITERS if out.suffix == f".{one}"), None)
+    if chosen is None:
+        raise CaesuraError(
+            f"cannot write {out}: expected the suffix .npz or .mcap, or --format lerobot and a new directory"
+        )
+    if chosen in EXTRAS and find_spec(EXTRAS[chosen]) is None:
+        raise CaesuraError(f"writing {'.mcap' if chosen == 'mcap' else chosen} needs {installing(chosen)}")
+    if chosen == "lerobot":
+        return chosen
+    if out.suffix != f".{chosen}":
+        raise CaesuraError(f"cannot write {out}: expected the suffix .{chosen}")
+    if len(names) > 1:
+        raise CaesuraError(f"{len(names)} sessions for one .{chosen} file: several are for --format lerobot")
+    if dataset != DatasetOptions():
+        raise CaesuraError(f"--fps, --task, --success, --failed and --without-language are not for .{chosen}")
+    return chosen
 
 
 def _journals(directory: Path | None, instance: str | None) -> list[Path]:
@@ -136,7 +218,7 @@ def _opened(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
         raise CaesuraError(str(error)) from error
 
 
-def _found(journals: list[Path], session: str, station: str | None) -> tuple[Key, list[PeerCopy]]:
+def _found(journals: list[Path], session: str, station: str | None) -> Found:
     """The one session that is meant, and where it is, the copy that is furthest along first.
 
     Raises Absent, which names what there is, or CaesuraError.

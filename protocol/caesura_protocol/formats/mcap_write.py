@@ -96,12 +96,19 @@ def write_mcap(path: Path, content: McapContent) -> int:
 
 def entries(content: McapContent) -> Iterator[McapMessage]:
     """Every message in order of time."""
-    streams = [
+    points = every(content.poses.t, PATH_S)
+    path = [path_of(Poses(*(of[points] for of in content.poses)), content.began_s)] if points else []
+    return heapq.merge(sample_entries(content), path, _results(content), key=itemgetter(0))
+
+
+def sample_entries(content: McapContent) -> Iterator[McapMessage]:
+    """Messages of the samples alone, and of where they put the flange."""
+    streams = (
         _samples(content, "/state", RobotState),
         _samples(content, "/wrench", Wrench),
-        *_drawn(content),
-    ]
-    return heapq.merge(*streams, _results(content), key=itemgetter(0))
+        _frames(content),
+    )
+    return heapq.merge(*streams, key=itemgetter(0))
 
 
 def poses_of(recording: Recording) -> Poses:
@@ -122,7 +129,7 @@ def every(times: Array, step_s: float) -> list[int]:
     for index, t in enumerate(times.tolist()):
         if t >= due:
             kept.append(index)
-            due = t + step_s
+            due = t + step_s - 1e-6  # a robot at this very rate is not to lose a sample to rounding
     return kept
 
 
@@ -133,7 +140,7 @@ def _write(stream: IO[bytes], content: McapContent) -> int:
     writer.add_metadata(METADATA, _metadata(content))
     count = 0
     for entry in entries(content):
-        when = _nanoseconds(entry.t, content.began_s)
+        when = nanoseconds(entry.t, content.began_s)
         data = json.dumps(entry.fields, separators=(",", ":"), allow_nan=False).encode()
         writer.add_message(channels[entry.topic], when, data, publish_time=when, sequence=count)
         count += 1
@@ -197,27 +204,29 @@ def _results(content: McapContent) -> list[McapMessage]:
         *((one.t0, "/gaps", one) for one in content.gaps),
         (end, "/program", program),
     )
-    made = [
-        McapMessage(t, topic, message.model_dump(mode="json", exclude_none=True))
-        for t, topic, message in said
-    ]
-    return sorted(made, key=itemgetter(0))
+    return sorted((result_of(*one) for one in said), key=itemgetter(0))
 
 
-def _drawn(content: McapContent) -> tuple[list[McapMessage], list[McapMessage]]:
-    """The flange's frame as it goes, and its whole path."""
-    times, positions, orientations = content.poses
-    if not times.size:
-        return [], []
-    poses = [(_xyz(p), _xyzw(o)) for p, o in zip(positions.tolist(), orientations.tolist(), strict=True)]
-    frames = [
-        McapMessage(t, "/tf", _transform(_stamp(t, content.began_s), *pose))
-        for t, pose in zip(times.tolist(), poses, strict=True)
-    ]
-    points = [{"position": p, "orientation": o} for p, o in (poses[i] for i in every(times, PATH_S))]
-    stamp = _stamp(float(times[0]), content.began_s)
-    path = McapMessage(float(times[0]), "/path", {"timestamp": stamp, "frame_id": BASE, "poses": points})
-    return frames, [path]
+def result_of(t: float, topic: str, message: Message) -> McapMessage:
+    """A result as a message of a topic."""
+    return McapMessage(t, topic, message.model_dump(mode="json", exclude_none=True))
+
+
+def _frames(content: McapContent) -> Iterator[McapMessage]:
+    """The flange's frame as it goes."""
+    for t, position, orientation in zip(*(of.tolist() for of in content.poses), strict=True):
+        stamp = _stamp(t, content.began_s)
+        yield McapMessage(t, "/tf", _transform(stamp, _xyz(position), _xyzw(orientation)))
+
+
+def path_of(poses: Poses, began_s: float) -> McapMessage:
+    """The path through poses, one at least."""
+    pairs = zip(poses.positions.tolist(), poses.orientations.tolist(), strict=True)
+    points = [{"position": _xyz(position), "orientation": _xyzw(turned)} for position, turned in pairs]
+    start = float(poses.t[0])
+    return McapMessage(
+        start, "/path", {"timestamp": _stamp(start, began_s), "frame_id": BASE, "poses": points}
+    )
 
 
 def _transform(stamp: dict[str, int], position: Any, rotation: Any) -> dict[str, Any]:
@@ -241,11 +250,11 @@ def _xyzw(quaternion: list[float]) -> dict[str, float]:
 # --- time -----------------------------------------------------------------------------------------------
 
 
-def _nanoseconds(t: float, began_s: float) -> int:
+def nanoseconds(t: float, began_s: float) -> int:
     """Time of day of a session time. The two apart: together they would lose what is below 0.2 µs."""
     return round(began_s * NS) + round(t * NS)
 
 
 def _stamp(t: float, began_s: float) -> dict[str, int]:
-    sec, nsec = divmod(_nanoseconds(t, began_s), NS)
+    sec, nsec = divmod(nanoseconds(t, began_s), NS)
     return {"sec": sec, "nsec": nsec}

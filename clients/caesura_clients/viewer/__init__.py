@@ -1,0 +1,1 @@
+"""A live session for viewers of other projects. Data flows one way: a viewer changes nothing."""

@@ -1,0 +1,141 @@
+"""Follows one station and hands its messages to a viewer: two threads, one for samples and one for results.
+
+A viewer that is slow or gone costs the feed nothing: a sink returns at once and drops what it cannot send.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from types import TracebackType
+from typing import Protocol, Self
+
+from caesura_clients.following import SessionRemoved, events
+from caesura_clients.query import current_sessions
+from caesura_clients.results import Update
+from caesura_clients.viewer.live_messages import LiveMessage, LiveStation
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Heartbeat, SampleBatch
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
+from caesura_protocol.transport.network import Transport
+
+TICK_S = 0.1  # how soon a new subscription is served, and how soon a thread sees that it is over
+RETRY_S = 1.0
+REFRESH_S = 2.0
+LOG = logging.getLogger(__name__)
+
+
+class Sink(Protocol):
+    """Where messages go. No method blocks."""
+
+    def publish(self, message: LiveMessage) -> None:
+        """Send a message to every viewer that has subscribed to its topic."""
+
+    def state(self, session: str, missing: int) -> None:
+        """Show which session it is, and how many of its batches were not received."""
+
+
+class StationFeed:
+    """Feeds a sink while its context lasts. transport: its owner closes it, after the feed."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        station: str,
+        sink: Sink,
+        *,
+        refresh_s: float = REFRESH_S,
+        time_of_day: Callable[[], float] = time.time,
+    ) -> None:
+        self._transport = transport
+        self._station = station
+        self._sink = sink
+        self._refresh_s = refresh_s
+        self._time_of_day = time_of_day
+        self._messages = LiveStation()
+        self._shown: tuple[str, int] | None = None
+        self._folding = threading.Lock()
+        self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._over = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        for work in (self._follow_samples, self._follow_results):
+            thread = threading.Thread(target=self._keep, args=(work,), name=work.__name__, daemon=True)
+            thread.start()
+            self._stack.callback(thread.join)
+        self._stack.callback(self._over.set)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def subscribed(self, topic: str) -> None:
+        """Publish what a topic has so far once more: a viewer has just subscribed to it. Returns at once."""
+        self._subscribed.put(topic)
+
+    def _keep(self, work: Callable[[], None]) -> None:
+        """Do the work until it is over, again after an error."""
+        while not self._over.is_set():
+            try:
+                work()
+            except Exception as error:  # whatever it is, it must be seen, and not end the thread
+                LOG.warning("%s: %s; trying again", self._station, str(error) or type(error).__name__)
+                self._over.wait(RETRY_S)
+
+    def _follow_samples(self) -> None:
+        inbox = Inbox()
+        with self._transport.subscribe(station_key(self._station, "samples"), inbox):
+            while not self._over.is_set():
+                item = inbox.get(TICK_S)
+                self._serve_new_viewers()
+                if isinstance(item, ReceivedSample):
+                    self._receive(item)
+
+    def _receive(self, delivery: ReceivedSample) -> None:
+        """Publish a batch; one bad sender must not end the feed."""
+        try:
+            batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
+        except ProtocolError:
+            return
+        if isinstance(batch, SampleBatch):
+            with self._folding:
+                self._publish(self._messages.sampled(batch, self._time_of_day()))
+
+    def _follow_results(self) -> None:
+        if (session := current_sessions(self._transport).get(self._station)) is not None:
+            with self._folding:
+                self._messages.show(session)
+        found = events(self._transport, self._station, refresh_s=self._refresh_s, over=self._over)
+        with closing(found):
+            for event in found:
+                with self._folding:
+                    if isinstance(event, Update):
+                        self._publish(self._messages.updated(event, self._time_of_day()))
+                    elif isinstance(event, SessionRemoved):
+                        self._messages.removed(event.session)
+
+    def _serve_new_viewers(self) -> None:
+        topics: set[str] = set()
+        while not self._subscribed.empty():
+            topics.add(self._subscribed.get())
+        if topics:
+            with self._folding:
+                live, self._shown = self._messages.live, None
+                self._publish([] if live is None else live.current(sorted(topics)))
+
+    def _publish(self, messages: Sequence[LiveMessage]) -> None:
+        live = self._messages.live
+        if live is not None and self._shown != (live.name, live.missing):
+            self._shown = (live.name, live.missing)
+            self._sink.state(*self._shown)
+        for message in messages:
+            self._sink.publish(message)

@@ -1,0 +1,216 @@
+"""The messages of a live station, in the topics and schemas of an MCAP file: a fold without network or clock.
+
+Samples go out as they come. A result goes out when it is new or has changed, with the time of the newest
+sample; a later message about the same segment replaces the earlier one. `/path` is the whole path of the
+session, at most PATH_POINTS of it, once a second. `/tf` and `/path` wait until the session's unit is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from caesura_clients.results import Update
+from caesura_protocol.codec import unpack_samples
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.formats.channels import TaskProgram
+from caesura_protocol.formats.mcap_write import (
+    NOWHERE,
+    PATH_S,
+    McapContent,
+    McapMessage,
+    Poses,
+    nanoseconds,
+    path_of,
+    poses_of,
+    result_of,
+    sample_entries,
+)
+from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Message, SampleBatch
+from caesura_protocol.recording import Recording, RecordingError
+
+PATH_POINTS = 1000  # of a message on /path: about 150 kB
+PATH_EVERY_S = 1.0
+LONG_AGO = -np.inf  # [s] before any sample
+FARTHEST_S = 1e9  # a session time beyond it is none
+
+
+class LiveMessage(NamedTuple):
+    """A message, where it goes, and its time of day [ns]."""
+
+    log_time: int
+    topic: str
+    fields: Mapping[str, object]
+
+
+class LiveStation:
+    """Messages of the session that a station has now: of that whose samples come, or that was opened last."""
+
+    def __init__(self) -> None:
+        self.live: LiveSession | None = None
+        self._updates: dict[str, Update] = {}  # the newest one of each session
+
+    def show(self, session: str) -> None:
+        """Begin with a session before anything was received."""
+        self.live = self.live or LiveSession(session)
+
+    def sampled(self, batch: SampleBatch, now_s: float) -> list[LiveMessage]:
+        """Return the messages of a batch, none where it came before or is none. now_s: time of day."""
+        try:
+            matrix = unpack_samples(batch)
+        except ProtocolError:
+            return []
+        if not (np.abs(matrix[:, 0]) < FARTHEST_S).all():
+            return []
+        update = self._updates.get(batch.session)
+        started: list[LiveMessage] = []
+        if self.live is None or self.live.name != batch.session:
+            self.live = LiveSession(batch.session)
+            started = [] if update is None else self.live.updated(update, now_s)
+        return [*started, *self.live.sampled(batch, matrix, update, now_s)]
+
+    def updated(self, update: Update, now_s: float) -> list[LiveMessage]:
+        """Return the messages of what is new in the results. now_s: time of day."""
+        self._updates[update.session] = update
+        if self.live is None or self._is_next(update):
+            self.live = LiveSession(update.session)
+        return self.live.updated(update, now_s) if update.session == self.live.name else []
+
+    def removed(self, session: str) -> None:
+        """Drop a session that the service no longer holds: its name may be used again."""
+        self._updates.pop(session, None)
+        if self.live is not None and self.live.name == session:
+            self.live = None
+
+    def _is_next(self, update: Update) -> bool:
+        """Whether a session is open and the one that is shown is over."""
+        shown = None if self.live is None else self._updates.get(self.live.name)
+        return shown is not None and shown.closed and not update.closed
+
+
+@dataclass
+class LiveSession:
+    """Messages of one session."""
+
+    name: str
+    missing: int = 0  # batches that were not received
+    _last_seq: int = -1
+    _began_s: float | None = None  # [s] time of day at its time 0: by its results, better by its first batch
+    _newest_s: float = LONG_AGO  # [s] session clock
+    _published: dict[str, tuple[Message, ...]] = field(default_factory=dict)  # by topic
+    _path: list[Poses] = field(default_factory=list)  # a pose each
+    _step_s: float = PATH_S  # between two of them
+    _path_due_s: float = LONG_AGO
+
+    def sampled(
+        self, batch: SampleBatch, matrix: Array, update: Update | None, now_s: float
+    ) -> list[LiveMessage]:
+        """Return the messages of a batch with samples (n, columns), none where it came before."""
+        if batch.seq <= self._last_seq:
+            return []
+        if self._last_seq < 0:  # a batch cannot come before its last sample was taken
+            self._began_s = max(now_s - float(matrix[-1, 0]), -float(matrix[:, 0].min()))
+        else:
+            self.missing += batch.seq - self._last_seq - 1
+        self._last_seq = batch.seq
+        self._newest_s = max(self._newest_s, float(matrix[:, 0].max()))
+        with suppress(RecordingError):  # the service refuses such samples as well
+            content = self._content(batch, matrix, update)
+            self._extend(content.poses)
+            return [*map(self._placed, sample_entries(content)), *self._due_path()]
+        return []
+
+    def updated(self, update: Update, now_s: float) -> list[LiveMessage]:
+        """Return the messages of what is new in the results."""
+        self._newest_s = max(self._newest_s, update.t)
+        if self._began_s is None:
+            self._began_s = max(now_s - update.t, 0.0)
+        before, self._published = self._published, _results_of(update)
+        changed = [
+            self._result(topic, one)
+            for topic, many in self._published.items()
+            for index, one in enumerate(many)
+            if before.get(topic, ())[index : index + 1] != (one,)
+        ]
+        return [*changed, *(self._whole_path() if changed and update.closed else [])]
+
+    def current(self, topics: Sequence[str]) -> list[LiveMessage]:
+        """Return all results so far of some topics, for a viewer that has just subscribed to them."""
+        found = [self._result(topic, one) for topic in topics for one in self._published.get(topic, ())]
+        return [*found, *(self._whole_path() if "/path" in topics else [])]
+
+    def _content(self, batch: SampleBatch, matrix: Array, update: Update | None) -> McapContent:
+        column = dict(zip(batch.columns, matrix.T, strict=True))
+        signals = {
+            signal: np.column_stack([column[name] for name in names])
+            for signal, names in COLUMNS_OF_SIGNAL.items()
+            if set(names) <= column.keys()
+        }
+        unit = "m" if update is None else update.status.length_unit
+        recording = Recording(matrix[:, 0], signals, length_unit=unit, name=self.name)
+        return McapContent(
+            station="",
+            session=self.name,
+            preset="",
+            recording=recording,
+            began_s=self._began_s or 0.0,
+            columns=batch.columns,
+            poses=NOWHERE if update is None else poses_of(recording),
+        )
+
+    def _extend(self, poses: Poses) -> None:
+        """Lengthen the path; past PATH_POINTS every second point is left out."""
+        for index, t in enumerate(poses.t.tolist()):
+            if not self._path or t >= self._path[-1].t[0] + self._step_s - 1e-9:
+                self._path.append(Poses(*(of[index : index + 1] for of in poses)))
+        if len(self._path) > PATH_POINTS:
+            self._path, self._step_s = self._path[::2], 2.0 * self._step_s
+
+    def _due_path(self) -> list[LiveMessage]:
+        if self._newest_s < self._path_due_s:
+            return []
+        self._path_due_s = self._newest_s + PATH_EVERY_S
+        return self._whole_path()
+
+    def _whole_path(self) -> list[LiveMessage]:
+        if not self._path:
+            return []
+        whole = Poses(*(np.concatenate(of) for of in zip(*self._path, strict=True)))
+        return [LiveMessage(self._now(), "/path", path_of(whole, self._began_s or 0.0).fields)]
+
+    def _result(self, topic: str, message: Message) -> LiveMessage:
+        return LiveMessage(self._now(), topic, result_of(0.0, topic, message).fields)
+
+    def _placed(self, one: McapMessage) -> LiveMessage:
+        return LiveMessage(_time_of_day(one.t, self._began_s), one.topic, one.fields)
+
+    def _now(self) -> int:
+        """Time of day of the newest sample [ns]."""
+        return _time_of_day(max(self._newest_s, 0.0), self._began_s)
+
+
+def _time_of_day(t: float, began_s: float | None) -> int:
+    """Time of day [ns] of a session time, not before 1970: the protocol has no earlier one."""
+    return max(0, nanoseconds(t, began_s or 0.0))
+
+
+def _results_of(update: Update) -> dict[str, tuple[Message, ...]]:
+    """Results by topic."""
+    program = TaskProgram(
+        complete=update.program.complete,
+        apps=update.program.apps,
+        notes=update.program.notes,
+        force_limit_n=update.program.force_limit_n,
+    )
+    return {
+        "/segments": update.segments,
+        "/phases": update.phases,
+        "/changepoints": update.changepoints,
+        "/gaps": update.status.gaps,
+        "/program": (program,),
+    }

@@ -1,0 +1,248 @@
+"""Demonstrations as episodes of a training set: frames at a fixed rate, each with its sub-task.
+
+A frame holds what the robot reported at that time. Vectors are interpolated between the two samples around
+it, a gripper keeps its newest value. Nothing is interpolated across a gap: a session with one is refused.
+A wrench is in the frames where its source is stated, and otherwise left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, Kind, Phase, Segment
+from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import align_signs
+
+MAX_FPS = 100  # [1/s] unless another rate is asked for
+METRES: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+#: What the person does in a segment of each kind.
+VERBS: Mapping[Kind, str] = {
+    "motion": "move",
+    "contact": "press",
+    "transport": "carry",
+    "steady": "rest",
+    "hold": "hold the load",
+    "sliding": "slide in contact",
+    "turning": "turn",
+}
+
+
+class EpisodeError(CaesuraError, ValueError):
+    """A demonstration cannot be an episode; the message names it, the value and the limit."""
+
+
+@dataclass(frozen=True)
+class EpisodeSource:
+    """What an episode is made from."""
+
+    station: str
+    session: str
+    task: str
+    recording: Recording
+    segments: tuple[Segment, ...]
+    phases: tuple[Phase, ...] = ()
+    gaps: tuple[Gap, ...] = ()
+    began_s: float = 0.0  # [s] time of day at the session's time 0
+    success: bool | None = None  # None: not stated
+
+    @property
+    def name(self) -> str:
+        """Station and session."""
+        return f"{self.station}/{self.session}"
+
+
+class FeatureSpec(NamedTuple):
+    """What a feature's numbers are. Equal in all episodes of a dataset."""
+
+    names: tuple[str, ...]  # of its components
+    dtype: str
+    info: tuple[tuple[str, str], ...]  # unit, frame, source
+
+
+class Subtask(NamedTuple):
+    """What is done from a frame on."""
+
+    first_frame: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One demonstration in frames.
+
+    specs and values have the same keys, the names of the features; values: (n, width) each, n frames.
+    """
+
+    source: EpisodeSource
+    fps: int
+    specs: Mapping[str, FeatureSpec]
+    values: Mapping[str, Array]
+    subtasks: tuple[Subtask, ...]  # the first one from frame 0 on
+
+    @property
+    def length(self) -> int:
+        """The number of frames."""
+        return len(self.values["observation.state"])
+
+
+def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> list[Episode]:
+    """Return an episode for each demonstration, all with the same features and at the same rate.
+
+    fps: frames a second; by default the rate of the slowest demonstration, at most MAX_FPS.
+    Raises EpisodeError for a rate above that of the samples, a gap, a demonstration without segments or with
+    fewer than two frames, and for demonstrations whose features or statements of success differ.
+    """
+    rates = [_rate(one) for one in sources]
+    chosen = fps or max(1, min(MAX_FPS, *(round(rate) for rate in rates)))
+    for one, rate in zip(sources, rates, strict=True):
+        if chosen > 1.01 * rate:
+            raise EpisodeError(f"{one.name}: {chosen} frames a second, and its samples come at {rate:.4g} Hz")
+    made = [_episode(one, chosen) for one in sources]
+    _check_alike(made)
+    return made
+
+
+def _rate(one: EpisodeSource) -> float:
+    """[Hz] of the samples, by their median interval."""
+    times = np.unique(one.recording.t)
+    if times.size < 2:
+        raise EpisodeError(f"{one.name}: {times.size} sample, expected at least 2")
+    return 1.0 / float(np.median(np.diff(times)))
+
+
+def _episode(one: EpisodeSource, fps: int) -> Episode:
+    for gap in one.gaps:
+        if gap.tn > gap.t0:
+            raise EpisodeError(
+                f"{one.name}: nothing was recorded from {gap.t0:.3f} to {gap.tn:.3f} s: an episode has no gap"
+            )
+    if not one.segments:
+        raise EpisodeError(f"{one.name}: has no segment, expected at least 1")
+    times, kept = np.unique(one.recording.t, return_index=True)
+    count = int((times[-1] - times[0]) * fps + 1e-6) + 1
+    if count < 2:
+        raise EpisodeError(f"{one.name}: {count} frame at {fps} a second, expected at least 2")
+    frames = times[0] + np.arange(count) / fps
+    specs = _specs(one.recording)
+    found = {
+        signal: _at(frames, times, _metric(one.recording, signal)[kept], signal)
+        for signal in one.recording.signals
+    }
+    values = {
+        name: np.hstack([found[signal] for signal in _PARTS[name] if signal in found]) for name in specs
+    }
+    state = values["observation.state"]
+    values["action"] = np.vstack([state[1:], state[-1:]])
+    return Episode(
+        source=one,
+        fps=fps,
+        specs=specs | {"action": specs["observation.state"]},
+        values=values,
+        subtasks=_subtasks(one, float(times[0]), fps, count),
+    )
+
+
+#: Feature → the signals whose columns it has, in this order.
+_PARTS: Mapping[str, tuple[str, ...]] = {
+    "observation.state": ("q", "pos", "quat", "gripper"),
+    "observation.wrench": ("force", "torque"),
+    "observation.external_torque": ("tau",),
+}
+
+
+def _specs(recording: Recording) -> dict[str, FeatureSpec]:
+    """Features of a recording. Those of its wrench only where the source is stated."""
+    stated = recording.wrench_source not in {None, "none"}
+    source = ("source", str(recording.wrench_source))
+    described: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
+        "observation.state": ("float32", (("unit", "q rad; p m, base frame; gripper as sent"),)),
+        # 32 bits hold a force above 16 N no better than to 1e-6 N.
+        "observation.wrench": (
+            "float64",
+            (("unit", "f N, m Nm: neither tared nor filtered"), ("frame", recording.force_frame), source),
+        ),
+        "observation.external_torque": ("float64", (("unit", "Nm"), source)),
+    }
+    specs = {}
+    for name, (dtype, info) in described.items():
+        signals = [signal for signal in _PARTS[name] if signal in recording.signals]
+        if signals and (stated or name == "observation.state"):
+            columns = tuple(column for signal in signals for column in COLUMNS_OF_SIGNAL[signal])
+            specs[name] = FeatureSpec(columns, dtype, info)
+    return specs
+
+
+def _metric(recording: Recording, signal: str) -> Array:
+    values = recording.signals[signal]
+    return values * METRES[recording.length_unit] if signal == "pos" else values
+
+
+def _at(frames: Array, times: Array, values: Array, signal: str) -> Array:
+    """Values (n, width) of a signal at the frames (n,)."""
+    if signal == "gripper":  # a width or a flag: half open was never reported
+        newest = np.searchsorted(times, frames + 1e-9, side="right") - 1
+        held: Array = values[newest]
+        return held
+    if signal == "quat":
+        values = values.copy()
+        align_signs(values)
+    found = np.column_stack([np.interp(frames, times, column) for column in values.T])
+    if signal == "quat":
+        found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return found
+
+
+def _subtasks(one: EpisodeSource, start_s: float, fps: int, count: int) -> tuple[Subtask, ...]:
+    """Each segment from the frame nearest to its start on; one too short for a frame is left out."""
+    starts: dict[int, str] = {}
+    for number, segment in enumerate(one.segments):
+        nearest = round((segment.t0 - start_s) * fps) if number else 0
+        if nearest < count:
+            starts[max(nearest, 0)] = _text(number, segment, one.phases)
+    return tuple(Subtask(first, text) for first, text in sorted(starts.items()))
+
+
+def _text(number: int, segment: Segment, phases: Sequence[Phase]) -> str:
+    """What a segment is called, behind the name that an operator gave to its phase."""
+    named = [phase.name for phase in phases if phase.first_segment <= number <= phase.last_segment]
+    prefix = f"{named[0]}: " if named and named[0] else ""
+    return prefix + VERBS[segment.kind]
+
+
+def subtask_of_frame(subtasks: Sequence[Subtask], count: int) -> NDArray[np.int64]:
+    """The number (count,) of each frame's sub-task."""
+    starts = [one.first_frame for one in subtasks]
+    return np.searchsorted(starts, np.arange(count), side="right").astype(np.int64) - 1
+
+
+def _check_alike(episodes: Sequence[Episode]) -> None:
+    """Raise EpisodeError where two episodes do not fit into one dataset."""
+    first = episodes[0]
+    for other in episodes[1:]:
+        pair = (first.source.name, other.source.name)
+        for feature in dict.fromkeys((*first.specs, *other.specs)):
+            one, two = first.specs.get(feature), other.specs.get(feature)
+            if one != two:
+                raise EpisodeError(
+                    f"{feature} is {_described(one)} in {pair[0]} and {_described(two)} in {pair[1]}: all "
+                    "episodes of a dataset have the same features. Export them apart"
+                )
+        if (first.source.success is None) != (other.source.success is None):
+            stated, open_ = pair if first.source.success is not None else pair[::-1]
+            raise EpisodeError(
+                f"success is stated for {stated} and not for {open_}: state it for all, or none"
+            )
+
+
+def _described(spec: FeatureSpec | None) -> str:
+    if spec is None:
+        return "absent"
+    return f"{', '.join(spec.names)} ({'; '.join(': '.join(pair) for pair in spec.info)})"

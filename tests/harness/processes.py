@@ -29,6 +29,7 @@ from harness.demonstrations import guided
 from harness.forked import CAN_FORK, Forked
 
 PYTEST = "PYTEST_CURRENT_TEST"
+CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
 DEADLINE_S = 60.0
 PACE = 6.0  # times as fast as the hand: a demonstration takes a second
 QUICK = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, close_timeout_s=DEADLINE_S)

@@ -16,7 +16,7 @@ from caesura_clients.bridge.teacher.plan import DT
 from caesura_clients.programs.safety import Safety
 from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve
-from caesura_protocol.rotations import matrix_of, turning_of
+from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.turning import tight_nm
 from caesura_service.execution.arm import Arm, ArmMeasurement, Setpoint
 from caesura_service.execution.guard import Guard, Stopped
@@ -271,7 +271,7 @@ class Tight:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
         if self._most_nm is None:
             return False
-        about_point = felt.torque + np.cross(felt.position - self._point, felt.force)
+        about_point = felt.torque + cross(felt.position - self._point, felt.force)
         return -float(self._axis @ about_point) > self._most_nm
 
 

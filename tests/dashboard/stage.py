@@ -18,7 +18,7 @@ from harness.demonstrations import RATE_HZ, guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
 
-REST_S = 240.0  # for which the hand rests afterwards: as long as a test may take
+REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
 
 

@@ -14,7 +14,7 @@ import pytest
 from caesura_clients import Caesura, connect
 from caesura_clients.query import services
 from caesura_service.commands.instances import credentials_of, names_of
-from harness.processes import DEADLINE_S, eventually, start
+from harness.processes import DEADLINE_S, eventually, start, started
 
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
@@ -84,11 +84,8 @@ def test_its_instances_end_when_it_is_killed(supervised):
 def test_one_that_cannot_begin_is_said_and_ends_it_all(tmp_path):
     (tmp_path / "caesura-2.sqlite").write_text("a letter to my mother " * 100)
     options = ["--listen", "tcp/127.0.0.1:0", "--instances", "2", "--journal", str(tmp_path)]
-    with start([*SERVE, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        try:
-            out, error = process.communicate(timeout=DEADLINE_S)
-        finally:
-            process.kill()
+    with started([*SERVE, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        out, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1
     assert out == ""
     assert "caesura-2.sqlite is no journal" in error

@@ -55,6 +55,16 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str] | For
     return (Forked if forked else subprocess.Popen)(command, text=True, **options)
 
 
+@contextmanager
+def started(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str] | Forked]:
+    """As `start`; what still runs in the end is killed, so that no test waits for it for ever."""
+    with start(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 def environment() -> dict[str, str]:
     """Ours, without the name of a test, by which NiceGUI would take itself for a test of its own."""
     return {name: value for name, value in os.environ.items() if name != PYTEST}

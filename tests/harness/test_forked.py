@@ -58,7 +58,9 @@ def test_a_signal_ends_it_as_any_other_process(number):
 
 
 def test_a_process_of_a_test_that_fails_is_killed():
-    with pytest.raises(AssertionError, match="of the test"):
-        with started([sys.executable, "-c", WAITS], stdout=PIPE) as process:
-            raise AssertionError("of the test")
+    with (
+        pytest.raises(AssertionError, match="of the test"),
+        started([sys.executable, "-c", WAITS], stdout=PIPE) as process,
+    ):
+        raise AssertionError("of the test")
     assert process.poll() == -signal.SIGKILL

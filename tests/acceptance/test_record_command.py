@@ -21,7 +21,7 @@ from caesura_clients.bridge import Bridge
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording
 from clients.examples import LiveSource, samples
-from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, start, teaching
+from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, started, teaching
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +35,9 @@ def recording(caesura: Caesura, station: str, out: Path) -> Iterator[subprocess.
     """`caesura record`, once it listens."""
     command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "record"]
     options = ("--station", station, "-o", str(out), "--connect", caesura.transport.endpoint)
-    with start([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        try:
-            assert "waiting for" in process.stderr.readline()
-            yield process
-        finally:
-            process.kill()
+    with started([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert "waiting for" in process.stderr.readline()
+        yield process
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "npz"])

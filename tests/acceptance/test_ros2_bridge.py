@@ -20,7 +20,7 @@ from clients.conftest import RouterNetwork
 from clients.test_ros2_source import LAYOUTS, publisher
 from harness import ros
 from harness.demonstrations import guided
-from harness.processes import DEADLINE_S, eventually, serving, snapshot, start
+from harness.processes import DEADLINE_S, eventually, serving, snapshot, started
 
 SESSION = "s1"
 ROWS = 100  # put at once
@@ -60,7 +60,7 @@ def test_the_segments_are_those_of_the_npz(caesura, ros_router: RouterNetwork, t
     first = list(islice(messages, 2))
     with (
         publisher(ros_router, layout) as node,
-        start([*command, *options, *where], stderr=subprocess.PIPE) as bridge,
+        started([*command, *options, *where], stderr=subprocess.PIPE) as bridge,
     ):
         opened = threading.Event()
         reading = threading.Thread(target=lambda: opened.set() if bridge.stderr.readline() else None)

@@ -1,38 +1,55 @@
-"""`caesura serve` as a process: its ready line, its options, and how it leaves."""
+"""`caesura serve` as a process: its ready line, its options, and how it leaves.
+
+How it leaves at a signal is tested with an interpreter of its own; every other process is forked.
+"""
 
 from __future__ import annotations
 
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 from typer.testing import CliRunner
 
 from caesura_service.__main__ import app
 from clients.conftest import RouterNetwork
+from harness.forked import Forked
 from harness.peer import Peer
+from harness.processes import start
 
 DEADLINE_S = 60.0
+Started = subprocess.Popen[str] | Forked
+Start = Callable[..., Started]
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
 
+PIPES: Mapping[str, int] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+
+
 @contextmanager
-def serving(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def running(*options: str, starting: Start = start) -> Iterator[Started]:
+    """A process, killed in the end."""
+    process = starting([*SERVE, *options], **PIPES)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=DEADLINE_S)
+
+
+@contextmanager
+def serving(*options: str, starting: Start = start) -> Iterator[tuple[Started, str]]:
     """A process and the endpoint of its ready line."""
     options = options if "--journal" in options else (*options, "--journal", "memory")
-    command = [*SERVE, *options]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
+    with running(*options, starting=starting) as process:
         assert process.stdout is not None
         words = process.stdout.readline().split()
         assert words[:3] == ["caesura", "ready", "at"], process.communicate(timeout=DEADLINE_S)
         yield process, words[3]
-    finally:
-        process.kill()
-        process.communicate(timeout=DEADLINE_S)
 
 
 def refused(*options: str) -> str:
@@ -45,7 +62,8 @@ def refused(*options: str) -> str:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number):
-    with serving("--listen", "tcp/127.0.0.1:0", "--instance", "cell-west") as (process, endpoint):
+    options = ("--listen", "tcp/127.0.0.1:0", "--instance", "cell-west")
+    with serving(*options, starting=partial(subprocess.Popen, text=True)) as (process, endpoint):
         with Peer(endpoint) as peer:
             assert peer.service_status("cell-west").instance == "cell-west"
         process.send_signal(number)
@@ -53,8 +71,7 @@ def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number):
 
 
 def test_it_can_be_stopped_while_it_waits_for_a_router():
-    command = [*SERVE, "--connect", "tcp/127.0.0.1:9", "--journal", "memory"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with running("--connect", "tcp/127.0.0.1:9", "--journal", "memory") as process:
         assert process.stderr is not None
         assert any("no router at tcp/127.0.0.1:9" in line for line in process.stderr)
         process.send_signal(signal.SIGTERM)
@@ -64,11 +81,11 @@ def test_it_can_be_stopped_while_it_waits_for_a_router():
 
 def test_a_second_one_on_the_same_endpoint_says_why_not():
     with RouterNetwork() as first:
-        command = [*SERVE, "--listen", first.endpoint, "--journal", "memory"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert done.returncode == 1
-    assert "Address already in use" in done.stderr
-    assert "Traceback" not in done.stderr
+        with running("--listen", first.endpoint, "--journal", "memory") as process:
+            said = process.communicate(timeout=DEADLINE_S)[1]
+        assert process.returncode == 1
+    assert "Address already in use" in said
+    assert "Traceback" not in said
 
 
 def test_a_name_that_is_no_name_is_refused():
@@ -77,13 +94,10 @@ def test_a_name_that_is_no_name_is_refused():
 
 def test_sessions_are_kept_in_the_users_state_directory_unless_told_otherwise(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    command = [*SERVE, "--listen", "tcp/127.0.0.1:0", "--instance", "west"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert "ready" in process.stdout.readline()
-        finally:
-            process.send_signal(signal.SIGTERM)
+    with running("--listen", "tcp/127.0.0.1:0", "--instance", "west") as process:
+        assert process.stdout is not None
+        assert "ready" in process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
         said = process.communicate(timeout=DEADLINE_S)[1]
     path = tmp_path / "caesura" / "west.sqlite"
     assert path.exists()

@@ -14,7 +14,7 @@ import pytest
 from caesura_clients import Caesura, connect
 from caesura_clients.query import services
 from caesura_service.commands.supervisor import credentials_of, names_of
-from harness.processes import DEADLINE_S, eventually
+from harness.processes import DEADLINE_S, eventually, start, started
 
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
@@ -26,7 +26,7 @@ class Supervised:
         options = ["--listen", "tcp/127.0.0.1:0", "--instances", "2", "--instance", "west"]
         options += ["--instance-silence-s", "8"]
         command = [*SERVE, *options, "--journal", str(journal), "--preset", "contact", "--log-level", "error"]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.process = start(command, stdout=subprocess.PIPE)
         assert self.process.stdout is not None
         self.line = self.process.stdout.readline()
         self.endpoint = self.line.split()[3] if self.line else ""
@@ -84,11 +84,12 @@ def test_its_instances_end_when_it_is_killed(supervised):
 def test_one_that_cannot_begin_is_said_and_ends_it_all(tmp_path):
     (tmp_path / "caesura-2.sqlite").write_text("a letter to my mother " * 100)
     options = ["--listen", "tcp/127.0.0.1:0", "--instances", "2", "--journal", str(tmp_path)]
-    done = subprocess.run([*SERVE, *options], capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert "caesura-2.sqlite is no journal" in done.stderr
-    assert "caesura serve: instance caesura-2 ended with 1 before it was ready" in done.stderr
+    with started([*SERVE, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        out, error = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert out == ""
+    assert "caesura-2.sqlite is no journal" in error
+    assert "caesura serve: instance caesura-2 ended with 1 before it was ready" in error
 
 
 def test_names_count_on_from_that_of_a_single_instance():

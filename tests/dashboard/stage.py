@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -17,10 +16,9 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
 from harness.demonstrations import RATE_HZ, guided
 from harness.forked import Forked
-from harness.processes import DEADLINE_S, Process, Service, running, start
+from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
 
-CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
-REST_S = 240.0  # for which the hand rests afterwards: as long as a test may take
+REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
 
 

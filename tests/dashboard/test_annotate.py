@@ -18,9 +18,8 @@ from playwright.sync_api import Browser, Page, expect
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
 from dashboard.browser import CHROMIUM, PATIENCE_MS, Theme, Visitor, chromium
-from dashboard.stage import CAESURA
 from harness.demonstrations import guided
-from harness.processes import Process, running
+from harness.processes import CAESURA, Process, running
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"

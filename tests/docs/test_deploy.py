@@ -9,23 +9,27 @@ from __future__ import annotations
 import os
 import re
 import select
+import shlex
 import signal
 import socket
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import chdir, suppress
 from pathlib import Path
 from subprocess import PIPE
 
 import pytest
 
 from clients.conftest import free_port
+from harness.forked import Forked
+from harness.processes import CAESURA, start
 
 PAGE = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text()
 DEADLINE_S = 60.0
 IN_TERMINALS_OF_THEIR_OWN = ("serve", "bridge", "watch")
+Started = subprocess.Popen[str] | Forked
 
 
 def commands(section: str) -> list[str]:
@@ -59,20 +63,22 @@ class Machine:
         self._router, self._metrics = free_port(), two_free_ports()
         path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         self._environment = {**os.environ, "PATH": path, "COLUMNS": "120"}
-        self.running: list[tuple[str, subprocess.Popen[str]]] = []
+        self.running: list[tuple[str, Started]] = []
 
-    def start(self, command: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(["sh", "-c", f"exec {self._here(command)}"], **self._options())
+    def start(self, command: str) -> Started:
+        process = self._start(self._here(command))
         self.running.append((verb(command), process))
         return process
 
     def run(self, command: str) -> str:
         """What it prints; fails unless its exit code is 0."""
-        done = subprocess.run(
-            self._here(command), shell=True, timeout=DEADLINE_S, check=False, **self._options()
-        )
-        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-        return done.stdout
+        process = self._start(self._here(command))
+        try:
+            out, error = process.communicate(timeout=DEADLINE_S)
+        finally:
+            process.kill()
+        assert process.returncode == 0, f"{command}\n{out}\n{error}"
+        return out
 
     def outputs(self, name: str) -> list[str]:
         """Wait for all that run under this name, and let go of them."""
@@ -87,8 +93,14 @@ class Machine:
                 process.send_signal(signal.SIGINT)
         return self.outputs(name)
 
-    def _options(self) -> dict:
-        return {"cwd": self._folder, "env": self._environment, "stdout": PIPE, "stderr": PIPE, "text": True}
+    def _start(self, command: str) -> Started:
+        """`caesura` in a forked process, what else there is by a shell."""
+        options = {"env": self._environment, "stdout": PIPE, "stderr": PIPE}
+        first, *words = shlex.split(command)
+        with chdir(self._folder):
+            if first == "caesura":
+                return start([*CAESURA, *words], **options)
+            return subprocess.Popen(["sh", "-c", command], text=True, **options)
 
     def _here(self, command: str) -> str:
         command = command.replace(":7447", f":{self._router}").replace(":9464", f":{self._metrics}")
@@ -107,7 +119,7 @@ def machine(tmp_path) -> Iterator[Machine]:
             process.communicate(timeout=DEADLINE_S)
 
 
-def ready(service: subprocess.Popen[str]) -> str:
+def ready(service: Started) -> str:
     assert service.stdout is not None
     if not select.select([service.stdout], [], [], DEADLINE_S)[0]:
         service.kill()  # it says below how far it came

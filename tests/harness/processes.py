@@ -28,6 +28,7 @@ from harness.demonstrations import guided
 from harness.forked import CAN_FORK, Forked
 
 PYTEST = "PYTEST_CURRENT_TEST"
+CAESURA = (sys.executable, "-c", "from caesura_clients.cli import main; main()")
 DEADLINE_S = 60.0
 PACE = 6.0  # times as fast as the hand: a demonstration takes a second
 QUICK = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, close_timeout_s=DEADLINE_S)
@@ -51,6 +52,16 @@ def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str] | For
     """A process; of a test a forked one, else, for what is measured, one as a user has it."""
     forked = PYTEST in os.environ and CAN_FORK
     return (Forked if forked else subprocess.Popen)(command, text=True, **options)
+
+
+@contextmanager
+def started(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str] | Forked]:
+    """As `start`; what still runs in the end is killed, so that no test waits for it for ever."""
+    with start(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def environment() -> dict[str, str]:

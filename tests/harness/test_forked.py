@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from harness.forked import CAN_FORK, PIPE, Forked
+from harness.processes import started
 
 pytestmark = pytest.mark.skipif(not CAN_FORK, reason="no pidfd_open on this system")
 DEADLINE_S = 60.0
@@ -54,3 +55,12 @@ def test_a_signal_ends_it_as_any_other_process(number):
         process.send_signal(number)
         assert process.wait(DEADLINE_S) == -number
         process.kill()  # one that has ended is no error
+
+
+def test_a_process_of_a_test_that_fails_is_killed():
+    with (
+        pytest.raises(AssertionError, match="of the test"),
+        started([sys.executable, "-c", WAITS], stdout=PIPE) as process,
+    ):
+        raise AssertionError("of the test")
+    assert process.poll() == -signal.SIGKILL

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from hypothesis import strategies as st
@@ -21,6 +22,7 @@ SCALARS: dict[Any, st.SearchStrategy[Any]] = {
 }
 
 
+@cache
 def messages(model: type[Message]) -> st.SearchStrategy[Message]:
     """Instances of a model that it accepts."""
     fields = {name: of(info.rebuild_annotation()) for name, info in model.model_fields.items()}

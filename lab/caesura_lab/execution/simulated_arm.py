@@ -29,7 +29,7 @@ from caesura_lab.teacher.plan import DT, TICKS_PER_S
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_protocol.paths import Curve
-from caesura_protocol.rotations import turning_of
+from caesura_protocol.rotations import cross, turning_of
 from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
@@ -39,6 +39,7 @@ POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it wa
 FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction that the controller makes up for
 LOOK_S, LEAST_SINGULAR = 0.02, 0.02  # between two looks at joint speeds; of the largest singular value
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
+_LEAST_MOBILITY = LEAST_MOBILITY * np.eye(6)
 
 
 @dataclass
@@ -133,7 +134,7 @@ class SimulatedArm:
         self._v = self._v + change
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
-        torque = turning + np.cross(lever, pressed)
+        torque = turning + cross(lever, pressed)
         self.felt = ArmMeasurement(
             arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque
         )
@@ -184,4 +185,4 @@ class SimulatedArm:
             mass = mass + self.load_kg * at_tip.T @ at_tip
         jacobian = arm.jacobian
         mobility = jacobian @ np.linalg.solve(mass, jacobian.T)
-        return np.asarray(np.linalg.inv(mobility + LEAST_MOBILITY * np.eye(6)))
+        return np.asarray(np.linalg.inv(mobility + _LEAST_MOBILITY))

@@ -20,7 +20,7 @@ from caesura_protocol.messages import App, AppKind, ScrewMotion
 from caesura_protocol.paths import Curve
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.rotations import matrix_of, turning_of
+from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.screw_motion import tight_nm
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
@@ -270,7 +270,7 @@ class Tight:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
         if self._most_nm is None:
             return False
-        about_point = felt.torque + np.cross(felt.position - self._point, felt.force)
+        about_point = felt.torque + cross(felt.position - self._point, felt.force)
         return -float(self._axis @ about_point) > self._most_nm
 
 

@@ -41,8 +41,10 @@ def log_mean_exp(values: Array, axis: int = -1) -> Array:
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
     """Logarithm of the sum of exp(values) over one axis; -inf where every entry is."""
-    peak = np.max(values, axis=axis, keepdims=True, initial=-np.inf)
+    # The reductions of the ufuncs themselves: np.max and np.sum take as long again over a few values.
+    peak = np.maximum.reduce(values, axis=axis, keepdims=True, initial=-np.inf)
     peak = np.where(np.isfinite(peak), peak, 0.0)
+    total = np.add.reduce(np.exp(values - peak), axis=axis)
     with np.errstate(divide="ignore"):
-        result: Array = np.log(np.sum(np.exp(values - peak), axis=axis)) + np.squeeze(peak, axis=axis)
+        result: Array = np.log(total) + peak.squeeze(axis)
     return result

@@ -102,7 +102,11 @@ def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
 
 def stopped(apps: tuple[App, ...], place: SimulatedCell, robot: Robot, safety: Safety = DEFAULT) -> str:
     """Past the check, so that the guard is what stops it."""
-    done = run(apps, place, safety, robot)
+    return why_stopped(run(apps, place, safety, robot))
+
+
+def why_stopped(done: RunResult) -> str:
+    """The app and the reason; the robot stands still."""
     assert done.stopped is not None
     assert np.linalg.norm(done.trace.twist[-1, :3]) < 0.02
     return f"{done.at}: {done.stopped}"
@@ -129,9 +133,18 @@ def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
 )
 def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, robot: Robot) -> None:
     down = (app("cartesian_motion", 0.0, 0.8, (-0.03, -0.62, 0.24)),)
-    assert re.match(said, stopped(down, PRESSING, robot, safety))
     done = run(down, PRESSING, safety, robot)
+    assert re.match(said, why_stopped(done))
     assert violations(done.trace, safety) == []
+
+
+ASIDE = app("cartesian_motion", 0.0, 2.0, (-0.03, -0.56, 0.33), orientation=(0.0, 1.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def aside(robot: Robot) -> RunResult:
+    """A movement as fast as it was taught."""
+    return execute((ASIDE,), PRESSING, robot=robot)
 
 
 @pytest.mark.parametrize(
@@ -139,10 +152,9 @@ def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, ro
     [(Safety(speed_m_per_s=0.02), slice(0, 3)), (Safety(turn_rad_per_s=0.5), slice(3, 6))],
 )
 def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
-    safety: Safety, axes: slice, robot: Robot
+    safety: Safety, axes: slice, aside: RunResult, robot: Robot
 ) -> None:
-    aside = app("cartesian_motion", 0.0, 2.0, (-0.03, -0.56, 0.33), orientation=(0.0, 1.0, 0.0, 0.0))
-    taught, slowed = (execute((aside,), PRESSING, one, robot=robot) for one in (DEFAULT, safety))
+    taught, slowed = aside, execute((ASIDE,), PRESSING, safety, robot=robot)
     fastest = [float(np.linalg.norm(done.trace.twist[:, axes], axis=1).max()) for done in (taught, slowed)]
     limit = safety.speed_m_per_s if axes.start == 0 else safety.turn_rad_per_s
     assert fastest[0] > limit > fastest[1] > 0.8 * limit

@@ -51,7 +51,7 @@ from caesura_service.signals import (
 )
 
 PHASES = Chain(PARAMETERS)
-LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
+LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on; and between programs
 # Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
 # work is long: segments every so many that are final, the program and all else every so many observations.
 SETTLE_EVERY = 25  # final segments
@@ -109,14 +109,22 @@ def observed(observation: Observation) -> Observed:
     return Observed(observation.position_base, force, holding(observation), rotation, torsion)
 
 
+class _Happened(NamedTuple):
+    """All that segments and program depend on, but how far the last segment reaches."""
+
+    outline: tuple[int, list[tuple[int, int]]] = (0, [])
+    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (0, (), None)  # grips, gaps, tare
+
+
 class _Looked(NamedTuple):
-    """When segments and program were last made: after how many observations, and all that had happened."""
+    """After how many observations segments were last made, and the program; all that had happened."""
 
-    observations: int
-    happened: tuple[object, ...]
+    observations: int = -LOOK_EVERY
+    program: int = -LOOK_EVERY
+    happened: _Happened = _Happened()
 
 
-_NEVER = _Looked(-LOOK_EVERY, ())
+_NEVER = _Looked()
 
 
 class SegmentationPipeline:
@@ -254,14 +262,18 @@ class SegmentationPipeline:
             self._division.step(len(self._history) - 1)
             self._keep_up()
             give_way()
-        happened = self._happened()
-        due = self._finished or self._division.online.count >= looked.observations + LOOK_EVERY
-        glances = happened == looked.happened and not due
-        self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
+        happened, count = self._happened(), self._division.online.count
+        due = self._finished or count >= looked.observations + LOOK_EVERY
+        if not due and happened == looked.happened:
+            self._view = self._view._replace(**self._newest())
+        elif self._finished or count >= looked.program + LOOK_EVERY or happened.beside != looked.happened.beside:
+            self._view = self._look(happened)
+        else:
+            self._view = self._look(happened, apps=self._view.apps)
 
     def _keep_up(self) -> None:
         """Make what has settled, where that is much by now."""
-        if self._division.online.count >= self._looked.observations + PROGRAM_EVERY:
+        if self._division.online.count >= self._looked.program + PROGRAM_EVERY:
             self._view = self._look(self._happened())
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()
@@ -275,9 +287,9 @@ class SegmentationPipeline:
             give_way()
         return parts
 
-    def _happened(self) -> tuple[object, ...]:
-        """All that segments and program depend on, but how far the last segment reaches."""
-        return self._division.outline(), len(self._grips), self._gaps.all, self._conditioner.tare
+    def _happened(self) -> _Happened:
+        beside = len(self._grips), self._gaps.all, self._conditioner.tare
+        return _Happened(self._division.outline(), beside)
 
     def _newest(self) -> dict[str, Any]:
         """What every observation changes of a view."""
@@ -293,11 +305,13 @@ class SegmentationPipeline:
             "capped": online.capped,
         }
 
-    def _look(self, happened: tuple[object, ...]) -> View:
+    def _look(self, happened: _Happened, *, apps: Sequence[App] | None = None) -> View:
+        """What is known now; apps: of a program that is not yet due again."""
         division = self._division
-        self._looked = _Looked(division.online.count, happened)
+        count, program = division.online.count, self._looked.program
+        self._looked = _Looked(count, count if apps is None else program, happened)
         parts = self._settle()
-        apps = self._apps(parts)
+        apps = self._apps(parts) if apps is None else apps
         give_way()
         phases = self._phases_with(parts)
         give_way()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -295,7 +295,7 @@ def test_what_was_shown_as_final_is_never_revised(
         assert divided[: len(segments)] == segments
         count = pipeline.view.observations
         programs[count] = program_of(pipeline)
-        assert any(programs.get(count - old) == pipeline.view.apps for old in range(LOOK_EVERY))
+        assert any(programs.get(count - old) == pipeline.view.apps for old in range(2 * LOOK_EVERY))
         changepoints, segments = now, divided
         assert list(pipeline.view.phases[: len(phases)]) == phases
         phases = [one for one in pipeline.view.phases if one.certainty == "final"]
@@ -343,6 +343,16 @@ def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_
     assert [view.t for view in now_and_then] == [view.t for view in always]
     assert [view.posterior_starts for view in now_and_then] == [view.posterior_starts for view in always]
     assert now_and_then[-1] == always[-1]
+
+
+def test_a_program_follows_another_after_one_to_two_seconds_where_the_gripper_does_nothing(taught: Recording):
+    signals = {name: values for name, values in taught.signals.items() if name != "gripper"}
+    shown = list(views(replace(taught, signals=MappingProxyType(signals))))[:-1]
+    made = [view.observations for before, view in pairwise(shown) if view.apps is not before.apps]
+    apart = np.diff(made)
+    assert len(apart) > 5
+    assert LOOK_EVERY <= apart.min()
+    assert apart.max() < 2 * LOOK_EVERY
 
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):

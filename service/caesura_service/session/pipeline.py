@@ -51,7 +51,9 @@ from caesura_service.signals import (
 )
 
 PHASES = Chain(PARAMETERS)
-LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on; and between programs
+# Observations from one look at segments to the next, while nothing happens but that the last one goes on or others
+# become final. So many at least from one program, with its phases, to the next.
+LOOK_EVERY = 10
 # Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
 # work is long: segments every so many that are final, the program and all else every so many observations.
 SETTLE_EVERY = 25  # final segments
@@ -114,6 +116,11 @@ class _Happened(NamedTuple):
 
     outline: tuple[int, list[tuple[int, int]]] = (0, [])
     beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (0, (), None)  # grips, gaps, tare
+
+    def is_like(self, before: Self) -> bool:
+        """Is nothing else than before, but that some segments have become final?"""
+        (known, growing_before), (final, growing) = before.outline, self.outline
+        return growing == growing_before[final - known :] and self.beside == before.beside
 
 
 class _Looked(NamedTuple):
@@ -264,12 +271,12 @@ class SegmentationPipeline:
             give_way()
         happened, count = self._happened(), self._division.online.count
         due = self._finished or count >= looked.observations + LOOK_EVERY
-        if not due and happened == looked.happened:
+        if not due and happened.is_like(looked.happened):
             self._view = self._view._replace(**self._newest())
         elif self._finished or count >= looked.program + LOOK_EVERY or happened.beside != looked.happened.beside:
             self._view = self._look(happened)
         else:
-            self._view = self._look(happened, apps=self._view.apps)
+            self._view = self._look(happened, before=self._view)
 
     def _keep_up(self) -> None:
         """Make what has settled, where that is much by now."""
@@ -305,15 +312,15 @@ class SegmentationPipeline:
             "capped": online.capped,
         }
 
-    def _look(self, happened: _Happened, *, apps: Sequence[App] | None = None) -> View:
-        """What is known now; apps: of a program that is not yet due again."""
+    def _look(self, happened: _Happened, *, before: View | None = None) -> View:
+        """What is known now; before: a view with program and phases that are not yet due again."""
         division = self._division
         count, program = division.online.count, self._looked.program
-        self._looked = _Looked(count, count if apps is None else program, happened)
+        self._looked = _Looked(count, count if before is None else program, happened)
         parts = self._settle()
-        apps = self._apps(parts) if apps is None else apps
+        apps = self._apps(parts) if before is None else before.apps
         give_way()
-        phases = self._phases_with(parts)
+        phases = self._phases_with(parts) if before is None else before.phases
         give_way()
         return View(
             **self._newest(),

@@ -251,10 +251,16 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
-def test_phases_hold_every_segment_and_a_final_one_is_never_revised():
+def test_phases_hold_every_segment_and_a_final_one_is_never_revised(monkeypatch: pytest.MonkeyPatch):
     wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
+    now_and_then = list(views(wiping))
+    monkeypatch.setattr("caesura_service.session.pipeline.LOOK_EVERY", 1)
+    always = list(views(wiping))
+    assert now_and_then[-1].phases == always[-1].phases
+    for count, view in enumerate(now_and_then):
+        assert any(view.phases == seen.phases for seen in always[max(count - 100, 0) : count + 1])
     final: tuple[wire.Phase, ...] = ()
-    for view in views(wiping):
+    for view in always:
         shown = tuple(view.phases)
         assert shown[: len(final)] == final
         final = tuple(one for one in shown if one.certainty == "final")
@@ -326,12 +332,14 @@ def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str,
 
 
 @pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
-def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
+def test_a_segment_is_shown_at_once_and_once_a_second_how_far_the_last_one_reaches_and_which_are_final(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
 ):
     def shown(view: View) -> tuple[object, ...]:
-        divided = [(one.t0, one.kind, one.certainty) for one in view.segments]
-        return divided, [(one.t, one.certainty) for one in view.changepoints], view.gaps
+        return [(one.t0, one.kind) for one in view.segments], [one.t for one in view.changepoints], view.gaps
+
+    def final(view: View) -> int:
+        return sum(one.certainty == "final" for one in (*view.segments, *view.changepoints))
 
     now_and_then = list(views(taught, preset, threshold=threshold))
     monkeypatch.setattr("caesura_service.session.pipeline.LOOK_EVERY", 1)
@@ -340,6 +348,9 @@ def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_
     pairs = zip(always, now_and_then, strict=True)
     late = [fresh.segments[-1].tn - view.segments[-1].tn for fresh, view in pairs if fresh.segments]
     assert 0.3 < max(late) < 0.1 * LOOK_EVERY
+    became = {final(view): view.observations for view in reversed(always)}
+    shown_final = {final(view): view.observations for view in reversed(now_and_then)}
+    assert 0 < max(shown_final[count] - became[count] for count in shown_final) < LOOK_EVERY
     assert [view.t for view in now_and_then] == [view.t for view in always]
     assert [view.posterior_starts for view in now_and_then] == [view.posterior_starts for view in always]
     assert now_and_then[-1] == always[-1]

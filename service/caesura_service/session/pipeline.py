@@ -52,12 +52,12 @@ from caesura_service.signals import (
 
 PHASES = Chain(PARAMETERS)
 # Observations from one look at segments to the next, while nothing happens but that the last one goes on or others
-# become final. So many at least from one program, with its phases, to the next.
-LOOK_EVERY = 10
+# become final; and, at least, from one program, with its phases, to the next.
+LOOK_EVERY, PROGRAM_EVERY = 10, 20
 # Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
 # work is long: segments every so many that are final, the program and all else every so many observations.
 SETTLE_EVERY = 25  # final segments
-PROGRAM_EVERY = 150  # observations
+ALL_EVERY = 150  # observations
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -127,7 +127,7 @@ class _Looked(NamedTuple):
     """After how many observations segments were last made, and the program; all that had happened."""
 
     observations: int = -LOOK_EVERY
-    program: int = -LOOK_EVERY
+    program: int = -PROGRAM_EVERY
     happened: _Happened = _Happened()
 
 
@@ -273,14 +273,14 @@ class SegmentationPipeline:
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
             self._view = self._view._replace(**self._newest())
-        elif self._finished or count >= looked.program + LOOK_EVERY or happened.beside != looked.happened.beside:
+        elif self._finished or count >= looked.program + PROGRAM_EVERY or happened.beside != looked.happened.beside:
             self._view = self._look(happened)
         else:
             self._view = self._look(happened, before=self._view)
 
     def _keep_up(self) -> None:
         """Make what has settled, where that is much by now."""
-        if self._division.online.count >= self._looked.program + PROGRAM_EVERY:
+        if self._division.online.count >= self._looked.program + ALL_EVERY:
             self._view = self._look(self._happened())
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()

@@ -46,8 +46,8 @@ class Lattice:
     as it is. Below 1 the posterior allows for models that are only nearly right (Miller & Dunson 2019).
 
     groups: (kinds,) the group of each kind; members: the numbers of the kinds of each group; log_weight:
-    (kinds,) log prior weight of each kind; log_transition: (groups, groups) log weight of the second after the
-    first, which replaces the prior weights of the kinds by those that may follow, normalised.
+    (kinds,) log prior weight of each kind; log_transition: (groups, groups) log weight of the second after
+    the first, which replaces the prior weights of the kinds by those that may follow, normalised.
     Raises ValueError where a kind names a channel that is not there.
     """
 

@@ -51,8 +51,8 @@ from caesura_service.signals import (
 )
 
 PHASES = Chain(PARAMETERS)
-# Observations from one look at segments to the next, while nothing happens but that the last one goes on or others
-# become final; and, at least, from one program, with its phases, to the next.
+# Observations from one look at segments to the next, while nothing happens but that the last one goes on or
+# others become final; and, at least, from one program, with its phases, to the next.
 LOOK_EVERY, PROGRAM_EVERY = 10, 20
 # Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
 # work is long: segments every so many that are final, the program and all else every so many observations.
@@ -115,7 +115,11 @@ class _Happened(NamedTuple):
     """All that segments and program depend on, but how far the last segment reaches."""
 
     outline: tuple[int, list[tuple[int, int]]] = (0, [])
-    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (0, (), None)  # grips, gaps, tare
+    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (
+        0,
+        (),
+        None,
+    )  # grips, gaps, tare
 
     def is_like(self, before: Self) -> bool:
         """Is nothing else than before, but that some segments have become final?"""
@@ -273,7 +277,11 @@ class SegmentationPipeline:
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
             self._view = self._view._replace(**self._newest())
-        elif self._finished or count >= looked.program + PROGRAM_EVERY or happened.beside != looked.happened.beside:
+        elif (
+            self._finished
+            or count >= looked.program + PROGRAM_EVERY
+            or happened.beside != looked.happened.beside
+        ):
             self._view = self._look(happened)
         else:
             self._view = self._look(happened, before=self._view)

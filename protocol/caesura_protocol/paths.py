@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ from caesura_protocol.rotations import align_signs, turned_along, turning_of
 Array = NDArray[np.float64]
 
 TOLD_TURN_RAD = math.radians(5.0)  # from which on a turn is named
+POWERS = 6  # of a share of a leg, from 0 on
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
 
@@ -70,19 +71,17 @@ class Curve:
     @cached_property
     def coefficients(self) -> Array:
         """(k − 1, 6, c): of the powers of a share of each leg, the lowest first."""
-        seconds = np.diff(self.t)[:, None]
-        first, way = self.values[:-1], np.diff(self.values, axis=0)
+        seconds = (self.t[1:] - self.t[:-1])[:, None]
+        squared = seconds**2
+        first, way = self.values[:-1], self.values[1:] - self.values[:-1]
         left, arrived = seconds * self.velocities[:-1], seconds * self.velocities[1:]
-        begun, ended = seconds**2 * self.accelerations[:-1], seconds**2 * self.accelerations[1:]
-        rows = (
-            first,
-            left,
-            0.5 * begun,
-            10.0 * way - 6.0 * left - 4.0 * arrived - 1.5 * begun + 0.5 * ended,
-            -15.0 * way + 8.0 * left + 7.0 * arrived + 1.5 * begun - ended,
-            6.0 * way - 3.0 * left - 3.0 * arrived - 0.5 * begun + 0.5 * ended,
-        )
-        return np.stack(rows, axis=1)
+        begun, ended = squared * self.accelerations[:-1], squared * self.accelerations[1:]
+        found = np.empty((len(first), POWERS, first.shape[1]))
+        found[:, 0], found[:, 1], found[:, 2] = first, left, 0.5 * begun
+        found[:, 3] = 10.0 * way - 6.0 * left - 4.0 * arrived - 1.5 * begun + 0.5 * ended
+        found[:, 4] = -15.0 * way + 8.0 * left + 7.0 * arrived + 1.5 * begun - ended
+        found[:, 5] = 6.0 * way - 3.0 * left - 3.0 * arrived - 0.5 * begun + 0.5 * ended
+        return found
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """Value, velocity and acceleration (c,) at a time; past the end it goes on as it arrived."""
@@ -97,8 +96,7 @@ class Curve:
 
     def sampled(self, parts: int) -> Array:
         """(parts · legs + 1, c) along the curve, each leg in even times; quaternions have unit length."""
-        shares = np.arange(parts) / parts
-        inner = (_powers(shares)[:, 0] @ self.coefficients).reshape(-1, self.values.shape[1])
+        inner = (_powers_of_parts(parts) @ self.coefficients).reshape(-1, self.values.shape[1])
         return unit(np.concatenate([inner, self.values[-1:]]))
 
     def peaks(self, parts: int = 17) -> tuple[float, float]:
@@ -124,8 +122,8 @@ def estimated_slopes(t: Array, values: Array) -> Array:
     slopes = np.zeros_like(values)
     if len(t) < 3:
         return slopes
-    seconds = np.diff(t)[:, None]
-    means = np.diff(values, axis=0) / seconds
+    seconds = (t[1:] - t[:-1])[:, None]
+    means = (values[1:] - values[:-1]) / seconds
     inner = (seconds[1:] * means[:-1] + seconds[:-1] * means[1:]) / (seconds[1:] + seconds[:-1])
     for part in (slice(0, 3), slice(3, None)):
         sizes = np.sqrt(np.vecdot(means[:, part], means[:, part]))
@@ -198,8 +196,14 @@ def turn_of(app: App) -> float:
 def unit(values: Array) -> Array:
     """The same values (n, c) with their quaternions at unit length."""
     if values.shape[1] == 7:
-        values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+        values[:, 3:] /= np.sqrt(np.square(values[:, 3:]).sum(axis=1, keepdims=True))
     return values
+
+
+@lru_cache
+def _powers_of_parts(parts: int) -> Array:
+    """(parts, POWERS): the powers of the shares at which a leg of so many parts is sampled."""
+    return _powers(np.arange(parts) / parts)[:, 0]
 
 
 def _powers(s: Array) -> Array:

@@ -3,8 +3,8 @@
 What the worker's thread does with a batch of a 1 kHz robot, from the payload to the results' payloads, many
 stations in turn, with the real journal and the real mathematics. The network, its threads and the thread in
 which the journal writes are not in it: `service_load.py` has the whole. A part's time is without that of
-parts within it.
-Usage: python tests/bench/batch_cost.py [--stations N] [--json DIR]
+parts within it. Varied: stations teach five tasks, begun at five places, as in `service_load.py`.
+Usage: python tests/bench/batch_cost.py [--stations N] [--varied] [--json DIR]
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 from machine import options, tell
-from service_load import prepared
+from service_load import PLACES, TASKS, prepared
 
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.fragments import in_pieces
@@ -54,6 +55,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "a step of the filter": ((CompiledRunLengthFilter, "step"),),
     "segments and changepoints": ((Segmenter, "look"), (Segmenter, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
+    "phases": ((SegmentationPipeline, "_phases_with"),),
     "what has changed, as messages": ((messages, "with_view"), (messages, "with_program")),
     "counting and logging": (
         (StationCounterSet, "take"),
@@ -91,8 +93,10 @@ def main() -> None:
     """Let all stations teach at once."""
     parser = options(__doc__)
     parser.add_argument("--stations", type=int, default=32)
+    parser.add_argument("--varied", action="store_true")
     asked = parser.parse_args()
-    content, opening = prepared()
+    taught = [prepared(*one) for one in (product(TASKS, range(PLACES)) if asked.varied else [(TASKS[0], 0)])]
+    opening = taught[0][1]
     command = decode(opening.payload, opening.encoding, Control).command
     clock = Clock()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
@@ -112,12 +116,12 @@ def main() -> None:
                 stack.enter_context(mock.patch.object(owner, name, timed))
         write = clock.timed("writing messages", lambda message: list(in_pieces(message)))
         whole = clock.timed(REST, lambda *given: take(registry, write, *given))
-        for seq, batch in enumerate(content):
+        for seq, batches in enumerate(zip(*(content for content, _ in taught), strict=True)):
             if seq == WARM_UP:
                 clock.spent.clear()
-            for name in names:
-                whole(name, batch, seq * BATCH_S)
-    count = (len(content) - WARM_UP) * len(names)
+            for place, name in enumerate(names):
+                whole(name, batches[place % len(batches)], seq * BATCH_S)
+    count = (len(taught[0][0]) - WARM_UP) * len(names)
     show(clock.spent, count, asked.stations, asked.json)
 
 

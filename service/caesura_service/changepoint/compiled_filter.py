@@ -129,10 +129,8 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
-        state, living = self._state, slice(self._living)
-        survived = self.hazard.log_survival(self.count - 1 - state.starts[living])
-        scores = (state.priors[1, :, living] + survived + state.plain[:, living]).T
-        best, group = map(int, np.unravel_index(int(np.argmax(scores)), scores.shape))
+        state = self._state
+        best, group = steps.best_pair(self._here)
         node, root = int(state.nodes[group, best]), int(state.counters["root"][0])
         before = int(state.node_group[node])
         path = [PathSegment(int(state.starts[best]), state.kinds[:, best].copy(), group, before)]

@@ -45,7 +45,8 @@ class SegmentModelSet:
     `power` is that of a segment's evidence in every probability; the best segmentation takes the evidence
     as it is. Below 1 the posterior allows for models that are only nearly right (Miller & Dunson 2019).
 
-    groups: (kinds,) the group of each kind; log_transition: (groups, groups) log weight of the second after
+    groups: (kinds,) the group of each kind; members: the numbers of the kinds of each group; log_weight:
+    (kinds,) log prior weight of each kind; log_transition: (groups, groups) log weight of the second after
     the first, which replaces the prior weights of the kinds by those that may follow, normalised.
     Raises ValueError where a kind names a channel that is not there.
     """
@@ -56,6 +57,8 @@ class SegmentModelSet:
     unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
     groups: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    members: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
+    log_weight: Array = field(init=False, repr=False, compare=False)
     log_transition: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -67,7 +70,11 @@ class SegmentModelSet:
         if not 0.0 < self.power <= 1.0:
             raise ValueError(f"power is {self.power}, expected 0 < power ≤ 1")
         groups = _groups(self.kinds, self.unrepeated)
+        members = tuple(tuple(np.flatnonzero(groups == group).tolist()) for group in range(groups.max() + 1))
+        weights = np.array([kind.weight for kind in self.kinds], np.float64)
         object.__setattr__(self, "groups", groups)
+        object.__setattr__(self, "members", members)
+        object.__setattr__(self, "log_weight", np.log(weights / weights.sum()))
         object.__setattr__(self, "log_transition", self._log_transition(groups))
 
     def _log_transition(self, groups: NDArray[np.int64]) -> Array:
@@ -108,19 +115,11 @@ class SegmentModelSet:
         ]
         return np.column_stack(columns)
 
-    @property
-    def log_weight(self) -> Array:
-        """(kinds,) log prior weight of each kind."""
-        weights = np.array([kind.weight for kind in self.kinds], np.float64)
-        result: Array = np.log(weights / weights.sum())
-        return result
-
     def temper(self, kind_log_evidence: Array) -> Array:
         """(…, kinds) the same with the evidence to its power; prior weights stay as they are."""
         if self.power == 1.0:
             return kind_log_evidence
-        log_weight = self.log_weight
-        tempered: Array = log_weight + self.power * (kind_log_evidence - log_weight)
+        tempered: Array = self.log_weight + self.power * (kind_log_evidence - self.log_weight)
         return tempered
 
     def combine(self, kind_log_evidence: Array) -> Array:

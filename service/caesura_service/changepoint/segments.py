@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from types import MappingProxyType
 
-import numpy as np
-
 from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
 from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
@@ -76,10 +74,8 @@ def verdict(lattice: SegmentModelSet, ended: PathSegment) -> Classification:
 
 def _best(lattice: SegmentModelSet, ended: PathSegment) -> int:
     """The number of a segment's kind: the most probable one of its group, or of all where it has no group."""
-    inside = (
-        range(len(lattice.kinds)) if ended.group is None else np.flatnonzero(lattice.groups == ended.group)
-    )
-    return max(map(int, inside), key=ended.kind_log_evidence.__getitem__)
+    inside = range(len(lattice.kinds)) if ended.group is None else lattice.members[ended.group]
+    return max(inside, key=ended.kind_log_evidence.tolist().__getitem__)
 
 
 def outline(

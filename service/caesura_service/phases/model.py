@@ -145,7 +145,8 @@ class Chain:
     the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
     interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
     ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands
-    apart, because where that happens counts.
+    apart, because where that happens counts. log_next_into: (states, states) log of both together, of the
+    first given the second. resuming: which of its entries resume a phase. states: (states,) their numbers.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -177,7 +178,8 @@ class Chain:
         self.next: Array = goes_on * inside + switches * ~after_aside * ends * enters
         self.resumes: Array = goes_on * after_aside * ~is_aside * resumed
         with np.errstate(divide="ignore"):
-            self.log_next = np.log(self.next + self.resumes)
+            self.log_next_into: Array = np.log(self.next + self.resumes).T.copy()
+        self.resuming, self.states = np.nonzero(self.resumes.T), np.arange(self.kind.size)
         self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
         self._own_state = [max(range(3), key=one.own.__getitem__) for one in parameters.kinds]
 
@@ -201,31 +203,27 @@ class Chain:
         before: the segments before it, the last one last.
         """
         earlier = before[: -self.parameters.memory - 1 : -1]
-        each = [
-            self._resumed(segment.start, earlier, kind, state)
-            for kind, state in zip(self.parameters.kinds, self._own_state, strict=True)
-        ]
-        weight: Array = np.array(each)[self.kind, self.age - 1]
-        return weight
+        weight = np.ones((len(self.parameters.kinds), self.parameters.memory))
+        for number, (kind, state) in enumerate(zip(self.parameters.kinds, self._own_state, strict=True)):
+            strokes = [age for age, one in enumerate(earlier) if one.state == state] if kind.repeats else []
+            if strokes:
+                gain = self._gain(segment.start, earlier, strokes)
+                weight[number, strokes[0] :] += kind.repeats * (gain - 1.0)
+        found: Array = weight[self.kind, self.age - 1]
+        return found
 
-    def _resumed(
-        self, start: Array, earlier: Sequence[SegmentFeatures], kind: PhaseKind, state: int
-    ) -> Array:
-        """(memory,) of phases of one kind, by age: how much more probable it is here than anywhere.
+    def _gain(self, start: Array, earlier: Sequence[SegmentFeatures], strokes: Sequence[int]) -> Array:
+        """How much more probable it is here than anywhere, by the age of a phase from its last stroke on.
 
-        earlier: the segments before it, the last one first.
+        earlier: the segments before it, the last one first; strokes: which of them are strokes of the phase.
         """
-        weight = np.ones(self.parameters.memory)
-        strokes = [number for number, one in enumerate(earlier) if one.state == state]
-        if not kind.repeats or not strokes:
-            return weight
-        places = np.array([(earlier[number].start, earlier[number].end) for number in strokes])
-        gain, count = np.zeros(weight.size), np.zeros(weight.size)
-        gain[strokes] = _gain(start, places, earlier[strokes[0]].end, self.parameters).sum(axis=1)
+        places = np.concatenate([(earlier[age].start, earlier[age].end) for age in strokes])
+        gain, count = np.zeros(self.parameters.memory), np.zeros(self.parameters.memory)
+        near = _gain(start, places, earlier[strokes[0]].end, self.parameters)
+        gain[strokes] = near.reshape(-1, 2).sum(axis=1)
         count[strokes] = 2.0
-        mean = gain.cumsum() / np.maximum(count.cumsum(), 1.0)
-        weight[strokes[0] :] += kind.repeats * (mean[strokes[0] :] - 1.0)
-        return weight
+        mean: Array = gain.cumsum() / np.maximum(count.cumsum(), 1.0)
+        return mean[strokes[0] :]
 
 
 def _log_step(kind: PhaseKind, segment: SegmentFeatures) -> float:

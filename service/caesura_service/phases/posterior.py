@@ -53,10 +53,10 @@ def next_step(
     """Return what is known after one more segment; before: those before it, the last one last."""
     emission, resumed = chain.emission(segment), chain.resumed(segment, before)
     share = emission * (last.share @ chain.next + (last.share * resumed) @ chain.resumes)
-    paths = last.log_best[:, None] + chain.log_next
-    np.add(paths, np.log(resumed)[:, None], out=paths, where=chain.resumes > 0.0)
-    come_from = paths.argmax(axis=0)
-    log_best = paths[come_from, np.arange(come_from.size)] + np.log(emission)
+    paths = last.log_best + chain.log_next_into
+    paths[chain.resuming] += np.log(resumed)[chain.resuming[1]]
+    come_from = paths.argmax(axis=1)
+    log_best = paths[chain.states, come_from] + np.log(emission)
     return ForwardStep(share / share.sum(), log_best - log_best.max(), come_from, emission, resumed)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
-from caesura_protocol.paths import Curve, unit
+from caesura_protocol.paths import Curve, estimated_slopes, unit
 from caesura_protocol.rotations import align_signs, angles
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Paths:
 
     def _made(self, t: Array, poses: Array) -> AppPath:
         knots, off_m, off_rad = reduced(t, poses, self.tolerance_m, self.tolerance_rad)
-        velocities = Curve.through(t, poses).velocities
+        velocities = estimated_slopes(t, poses[:, :3])
         points = [_point(float(t[i]), poses[i], velocities[i]) for i in knots]
         return AppPath(
             start=points[0].model_copy(update={"velocity": None}),
@@ -156,8 +156,9 @@ def deviations(
     piece = np.minimum(place.astype(np.int64), len(line) - 2)
     share = (place - piece)[:, None]
     left = seen - (1.0 - share) * line[piece] - share * line[piece + 1]
-    off_m = tolerance_m * np.linalg.norm(left[:, :3], axis=1)
-    half_chord = np.minimum(0.25 * tolerance_rad * np.linalg.norm(left[:, 3:], axis=1), 1.0)
+    square = np.square(left)
+    off_m = tolerance_m * np.sqrt(square[:, :3].sum(axis=1))
+    half_chord = np.minimum(0.25 * tolerance_rad * np.sqrt(square[:, 3:].sum(axis=1)), 1.0)
     return off_m, 4.0 * np.arcsin(half_chord)
 
 

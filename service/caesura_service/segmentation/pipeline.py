@@ -51,11 +51,13 @@ from caesura_service.signals import (
 )
 
 PHASES = Chain(PARAMETERS)
-LOOK_EVERY = 10  # observations, while nothing happens but that the last segment goes on
+# Observations from one look at segments to the next, while nothing happens but that the last one goes on or
+# others become final; and, at least, from one program, with its phases, to the next.
+LOOK_EVERY, PROGRAM_EVERY = 10, 20
 # Where many observations are taken at once, what has settled is made and kept on the way, so that no piece of
 # work is long: segments every so many that are final, the program and all else every so many observations.
 SETTLE_EVERY = 25  # final segments
-PROGRAM_EVERY = 150  # observations
+ALL_EVERY = 150  # observations
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
@@ -109,14 +111,31 @@ def observed(observation: Observation) -> ModelInput:
     return ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
 
 
+class _Happened(NamedTuple):
+    """All that segments and program depend on, but how far the last segment reaches."""
+
+    outline: tuple[int, list[tuple[int, int]]] = (0, [])
+    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (
+        0,
+        (),
+        None,
+    )  # grips, gaps, tare
+
+    def is_like(self, before: Self) -> bool:
+        """Is nothing else than before, but that some segments have become final?"""
+        (known, growing_before), (final, growing) = before.outline, self.outline
+        return growing == growing_before[final - known :] and self.beside == before.beside
+
+
 class _Looked(NamedTuple):
-    """When segments and program were last made: after how many observations, and all that had happened."""
+    """After how many observations segments were last made, and the program; all that had happened."""
 
-    observations: int
-    happened: tuple[object, ...]
+    observations: int = -LOOK_EVERY
+    program: int = -PROGRAM_EVERY
+    happened: _Happened = _Happened()
 
 
-_NEVER = _Looked(-LOOK_EVERY, ())
+_NEVER = _Looked()
 
 
 class SegmentationPipeline:
@@ -254,14 +273,22 @@ class SegmentationPipeline:
             self._division.step(len(self._history) - 1)
             self._keep_up()
             give_way()
-        happened = self._happened()
-        due = self._finished or self._division.online.count >= looked.observations + LOOK_EVERY
-        glances = happened == looked.happened and not due
-        self._view = self._view._replace(**self._newest()) if glances else self._look(happened)
+        happened, count = self._happened(), self._division.online.count
+        due = self._finished or count >= looked.observations + LOOK_EVERY
+        if not due and happened.is_like(looked.happened):
+            self._view = self._view._replace(**self._newest())
+        elif (
+            self._finished
+            or count >= looked.program + PROGRAM_EVERY
+            or happened.beside != looked.happened.beside
+        ):
+            self._view = self._look(happened)
+        else:
+            self._view = self._look(happened, before=self._view)
 
     def _keep_up(self) -> None:
         """Make what has settled, where that is much by now."""
-        if self._division.online.count >= self._looked.observations + PROGRAM_EVERY:
+        if self._division.online.count >= self._looked.program + ALL_EVERY:
             self._view = self._look(self._happened())
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()
@@ -275,9 +302,9 @@ class SegmentationPipeline:
             give_way()
         return parts
 
-    def _happened(self) -> tuple[object, ...]:
-        """All that segments and program depend on, but how far the last segment reaches."""
-        return self._division.outline(), len(self._grips), self._gaps.all, self._conditioner.tare
+    def _happened(self) -> _Happened:
+        beside = len(self._grips), self._gaps.all, self._conditioner.tare
+        return _Happened(self._division.outline(), beside)
 
     def _newest(self) -> dict[str, Any]:
         """What every observation changes of a view."""
@@ -293,13 +320,15 @@ class SegmentationPipeline:
             "capped": online.capped,
         }
 
-    def _look(self, happened: tuple[object, ...]) -> PipelineView:
+    def _look(self, happened: _Happened, *, before: PipelineView | None = None) -> PipelineView:
+        """What is known now; before: a view with program and phases that are not yet due again."""
         division = self._division
-        self._looked = _Looked(division.online.count, happened)
+        count, program = division.online.count, self._looked.program
+        self._looked = _Looked(count, count if before is None else program, happened)
         parts = self._settle()
-        apps = self._apps(parts)
+        apps = self._apps(parts) if before is None else before.apps
         give_way()
-        phases = self._phases_with(parts)
+        phases = self._phases_with(parts) if before is None else before.phases
         give_way()
         return PipelineView(
             **self._newest(),

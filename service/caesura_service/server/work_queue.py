@@ -2,9 +2,10 @@
 
 Whose turn it is: start-time fair queueing (Goyal, Vin & Cheng 1996). Every lane has a virtual time, to which
 the measured time of the work on its items is added; the lane that has had least is next. A lane that was
-empty begins at the virtual time of the lane in service, so being idle earns nothing. So a station that causes
-more work than its share waits behind the others, and they do not wait for it. Within a lane items keep their
-order.
+empty begins at the virtual time of the lane in service, so being idle earns nothing. So a station that
+causes more work than its share waits behind the others, and they do not wait for it. Lanes that have had
+more by less than `BURST_S` are served in order of arrival. A station that had a long look would else wait
+until no other has anything to do. Within a lane items keep their order.
 
 Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
@@ -28,6 +29,7 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+BURST_S = 0.1  # [s] of work that a lane may have had more than others: some long looks
 WHOLE = ""  # among what is pressed: the queue itself
 SOURCES = 1024  # whose drops are counted one by one; those of further ones count in the total alone
 
@@ -84,7 +86,7 @@ class _Lane(Generic[T]):
         # Each with what it counts for, if for anything, its size [bytes], and whether it is a command.
         self.items: deque[tuple[T, _Load | None, int, bool]] = deque()
         self.commands = 0
-        self.due = 0.0  # [s] virtual time
+        self.due = 0.0  # [s] virtual time; its turn comes BURST_S earlier
 
 
 class WorkQueue(Generic[T]):
@@ -240,7 +242,7 @@ class WorkQueue(Generic[T]):
     def _queue(self, lane: _Lane[T]) -> None:
         """It waits for its turn, and has no claim to what it did not use before."""
         lane.due = max(lane.due, self._virtual_s)
-        heappush(self._turns, (lane.due, next(self._count), lane))
+        heappush(self._turns, (max(lane.due - BURST_S, self._virtual_s), next(self._count), lane))
 
     def _end_turn(self) -> None:
         lane, self._served = self._served, None

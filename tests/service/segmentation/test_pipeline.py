@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,6 +22,7 @@ from caesura_service.offline_segmentation import batches, opening_of, segment_re
 from caesura_service.program import Paths, ProgramSegment, task_program
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
+    PROGRAM_EVERY,
     SegmentationPipeline,
     make_pipeline,
 )
@@ -254,10 +255,17 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
-def test_phases_hold_every_segment_and_a_final_one_is_never_revised():
+def test_phases_hold_every_segment_and_a_final_one_is_never_revised(monkeypatch: pytest.MonkeyPatch):
     wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
+    now_and_then = list(views(wiping))
+    monkeypatch.setattr("caesura_service.segmentation.pipeline.PROGRAM_EVERY", 1)
+    monkeypatch.setattr("caesura_service.segmentation.pipeline.LOOK_EVERY", 1)
+    always = list(views(wiping))
+    assert now_and_then[-1].phases == always[-1].phases
+    for count, view in enumerate(now_and_then):
+        assert any(view.phases == seen.phases for seen in always[max(count - 150, 0) : count + 1])
     final: tuple[wire.Phase, ...] = ()
-    for view in views(wiping):
+    for view in always:
         shown = tuple(view.phases)
         assert shown[: len(final)] == final
         final = tuple(one for one in shown if one.certainty == "final")
@@ -285,7 +293,7 @@ def test_what_was_shown_as_final_is_never_revised(
     changepoints: list[float] = []
     segments: list[wire.Segment] = []
     phases: list[wire.Phase] = []
-    programs: dict[int, tuple[wire.App, ...]] = {}  # by how many observations they were made of
+    programs: dict[int, tuple[wire.App, ...]] = {0: ()}  # by how many observations they were made of
     for cut in cycle(cuts):
         pipeline.push(samples[:cut])
         samples = samples[cut:]
@@ -298,7 +306,9 @@ def test_what_was_shown_as_final_is_never_revised(
         assert divided[: len(segments)] == segments
         count = pipeline.view.observations
         programs[count] = program_of(pipeline)
-        assert any(programs.get(count - old) == pipeline.view.apps for old in range(LOOK_EVERY))
+        assert any(
+            programs.get(count - old) == pipeline.view.apps for old in range(PROGRAM_EVERY + LOOK_EVERY)
+        )
         changepoints, segments = now, divided
         assert list(pipeline.view.phases[: len(phases)]) == phases
         phases = [one for one in pipeline.view.phases if one.certainty == "final"]
@@ -329,23 +339,41 @@ def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str,
 
 
 @pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
-def test_whatever_happens_is_shown_at_once_and_how_far_the_last_segment_reaches_once_a_second(
+def test_a_segment_is_shown_at_once_and_once_a_second_how_far_the_last_one_reaches_and_which_are_final(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None
 ):
     def shown(view: PipelineView) -> tuple[object, ...]:
-        divided = [(one.t0, one.kind, one.certainty) for one in view.segments]
-        return divided, [(one.t, one.certainty) for one in view.changepoints], view.gaps
+        return [(one.t0, one.kind) for one in view.segments], [one.t for one in view.changepoints], view.gaps
+
+    def final(view: PipelineView) -> int:
+        return sum(one.certainty == "final" for one in (*view.segments, *view.changepoints))
 
     now_and_then = list(views(taught, preset, threshold=threshold))
     monkeypatch.setattr("caesura_service.segmentation.pipeline.LOOK_EVERY", 1)
+    monkeypatch.setattr("caesura_service.segmentation.pipeline.PROGRAM_EVERY", 1)
     always = list(views(taught, preset, threshold=threshold))
     assert [shown(view) for view in now_and_then] == [shown(view) for view in always]
     pairs = zip(always, now_and_then, strict=True)
     late = [fresh.segments[-1].tn - view.segments[-1].tn for fresh, view in pairs if fresh.segments]
     assert 0.3 < max(late) < 0.1 * LOOK_EVERY
+    became = {final(view): view.observations for view in reversed(always)}
+    shown_final = {final(view): view.observations for view in reversed(now_and_then)}
+    assert 0 < max(shown_final[count] - became[count] for count in shown_final) < LOOK_EVERY
     assert [view.t for view in now_and_then] == [view.t for view in always]
     assert [view.posterior_starts for view in now_and_then] == [view.posterior_starts for view in always]
     assert now_and_then[-1] == always[-1]
+
+
+def test_a_program_follows_another_after_two_to_three_seconds_where_the_gripper_does_nothing(
+    taught: Recording,
+):
+    signals = {name: values for name, values in taught.signals.items() if name != "gripper"}
+    shown = list(views(replace(taught, signals=MappingProxyType(signals))))[:-1]
+    made = [view.observations for before, view in pairwise(shown) if view.apps is not before.apps]
+    apart = np.diff(made)
+    assert len(apart) > 3
+    assert apart.min() >= PROGRAM_EVERY
+    assert apart.max() < PROGRAM_EVERY + LOOK_EVERY
 
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):

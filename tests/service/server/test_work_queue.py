@@ -81,7 +81,16 @@ def test_the_lane_that_has_used_least_is_next_and_within_one_nothing_overtakes()
         inbox.offer(item, "dense")
     for item in (20, 21, 22):
         inbox.offer(item, "honest")
-    assert taken(inbox, spent_s={10: 0.1, 11: 0.1}) == [10, 20, 21, 22, 11, 12]
+    assert taken(inbox, spent_s={10: 0.2, 11: 0.2}) == [10, 20, 21, 22, 11, 12]
+
+
+def test_a_lane_that_has_had_little_more_than_others_is_served_in_order_of_arrival():
+    inbox = inbox_of()
+    for item in (10, 11, 12):
+        inbox.offer(item, "busy")
+    for item in (20, 21, 22):
+        inbox.offer(item, "calm")
+    assert taken(inbox, spent_s={10: 0.05, 11: 0.06}) == [10, 20, 11, 21, 22, 12]
 
 
 def test_a_lane_that_was_idle_waits_for_no_work_that_was_done_before_and_has_no_claim_to_it():

@@ -21,8 +21,16 @@ from typing import Self
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
+from caesura_service.decimation import SampleReader
 from caesura_service.edge import Edge, NetworkError
-from caesura_service.journal import Journal, MemoryJournal, Siblings, SqliteJournal
+from caesura_service.journal import (
+    FileBatches,
+    Journal,
+    JournalBatches,
+    MemoryJournal,
+    Siblings,
+    SqliteJournal,
+)
 from caesura_service.observing.health import alive, web_of
 from caesura_service.observing.metrics import MetricsSource
 from caesura_service.observing.watched import WatchedRegistry
@@ -52,11 +60,12 @@ class Service:
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
+        kept = journal or self._file or MemoryJournal()
         self.registry = WatchedRegistry(
             owner=owner,
             pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
-            journal=journal or self._file or MemoryJournal(),
+            journal=kept,
             limits=self.config.limits,
             siblings=Siblings(self.config.journal_path if journal is None else None),
         )
@@ -65,6 +74,9 @@ class Service:
             owner,
             self.config.network,
             version=installed_version(),
+            samples=SampleReader(
+                JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent)
+            ),
             queue=self.config.queue,
             rates=self.config.rates,
             clock=steady_clock(),

@@ -27,10 +27,11 @@ from caesura_clients.transport import ZenohTransport
 from caesura_protocol.keys import session_key, station_key
 from caesura_protocol.messages import Changepoints, Heartbeat, Posterior, SampleBatch, Segments
 from caesura_service.app import SWITCH_INTERVAL_S
+from caesura_service.decimation import SampleReader
 from caesura_service.edge import Edge, NetworkSettings
 from caesura_service.edge.inbox import QueueSettings
 from caesura_service.edge.network import join
-from caesura_service.journal import MemoryJournal
+from caesura_service.journal import JournalBatches, MemoryJournal
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from caesura_service.session.limits import Limits
 from caesura_service.session.ports import Output, Owner, Publish, ReplayEnded
@@ -105,7 +106,8 @@ def main() -> None:
         network = NetworkSettings(connect=heard.get())
     registry = Answering(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with Edge(registry, OWNER, network, version="bench", queue=QueueSettings()) as edge:
+    reader = SampleReader(JournalBatches(MemoryJournal()))
+    with Edge(registry, OWNER, network, version="bench", samples=reader, queue=QueueSettings()) as edge:
         names = [f"cell-{number}" for number in range(asked.stations)]
         others = context.Process(
             target=robots, args=(edge.endpoint, names, asked.seconds, heard), daemon=True

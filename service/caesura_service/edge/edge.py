@@ -24,6 +24,7 @@ import zenoh
 from caesura_clients.transport import direct
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
+from caesura_service.decimation import SampleReader
 from caesura_service.edge.announcer import Announcer
 from caesura_service.edge.answers import Answers
 from caesura_service.edge.arrivals import UNKNOWN, Arrival, Content, Samples, Watching, sender_of
@@ -35,6 +36,7 @@ from caesura_service.edge.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.edge.outgoing import Outgoing, publisher_of, put
 from caesura_service.edge.presence import watching, who_is_there
 from caesura_service.edge.rates import COMPLAINTS, RateLimit, RateSettings
+from caesura_service.edge.samples import SampleServer
 from caesura_service.edge.scope import Scope
 from caesura_service.edge.steward import Steward
 from caesura_service.edge.worker import Worker
@@ -54,12 +56,13 @@ class Edge:
         network: NetworkSettings,
         *,
         version: str,
+        samples: SampleReader,
         queue: QueueSettings | None = None,
         rates: RateSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
     ) -> None:
-        """stop: set when the process no longer waits for a router."""
+        """samples: answers for the journal; stop: set when the process no longer waits for a router."""
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
@@ -74,6 +77,7 @@ class Edge:
         self.budgets = Budgets(rates)
         self._complaints = RateLimit(COMPLAINTS)
         self._answers = Answers(registry, self._inbox, self.status, self.budgets, rates.questions)
+        self._samples = SampleServer(samples, lambda: registry.board, rates.questions)
         self._gathering = Gathering(self._take_samples)
         self._stack = ExitStack()
 
@@ -82,6 +86,7 @@ class Edge:
         with ExitStack() as stack:
             stack.callback(network.close)
             stack.enter_context(self._answers)
+            stack.enter_context(self._samples)
             scope = Scope(
                 network,
                 samples=self._gathering,
@@ -137,6 +142,7 @@ class Edge:
         stack.enter_context(Announcer(self._inbox, lambda: put(announced, self.status())))
         for asked, callback in (
             (session_key("*", "*", "snapshot"), self._answers.snapshot),
+            (session_key("*", "*", "samples"), self._samples.take),
             (key, self._answers.status),
         ):
             stack.callback(network.declare_queryable(asked, direct(callback)).undeclare)

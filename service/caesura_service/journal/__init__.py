@@ -14,24 +14,38 @@ from caesura_service.journal.journal import (
 )
 from caesura_service.journal.keeping import JournalSettings
 from caesura_service.journal.memory import MemoryJournal
+from caesura_service.journal.reading import (
+    BatchSource,
+    FileBatches,
+    JournalBatches,
+    Lost,
+    SessionExtent,
+    StoredBatch,
+)
 from caesura_service.journal.siblings import PeerCopy, Siblings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
+    "BatchSource",
     "Copy",
     "Edit",
+    "FileBatches",
     "Journal",
+    "JournalBatches",
     "JournalBusyError",
     "JournalDamagedError",
     "JournalError",
     "JournalSettings",
     "Key",
+    "Lost",
     "MemoryJournal",
     "Outcome",
     "PeerCopy",
     "Record",
     "Recordable",
     "Resolution",
+    "SessionExtent",
     "Siblings",
     "SqliteJournal",
+    "StoredBatch",
 ]

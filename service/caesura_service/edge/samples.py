@@ -1,0 +1,86 @@
+"""Answers queries for the samples of sessions, in a thread of its own.
+
+Reading a long session takes a second, once: neither the worker nor other queries wait for it. Stations take
+turns, and what waits has a bound; past it a query is refused as `overloaded`. An instance answers for the
+sessions that it holds, as for snapshots.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import zenoh
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_samples_parameters, parse_session_key
+from caesura_service.decimation import SampleReader
+from caesura_service.decimation.reader import Owned
+from caesura_service.edge.inbox import QueueSettings, WorkQueue
+from caesura_service.edge.outgoing import answer, refuse
+from caesura_service.edge.rates import COMPLAINTS, Rate, RateLimit
+from caesura_service.edge.threaded import Threaded
+from caesura_service.journal import JournalError
+from caesura_service.session.board import Board
+
+logger = logging.getLogger(__name__)
+
+QUERIES = 64  # that may wait; half of them of one station
+TICK_S = 0.1
+
+
+class SampleServer(Threaded):
+    """Answers while the context lasts."""
+
+    def __init__(self, reader: SampleReader, board: Callable[[], Board], questions: Rate) -> None:
+        """board: the sessions of this instance; questions: how many are answered, of all readers together."""
+        self._reader, self._board = reader, board
+        self._questions, self._complaints = RateLimit(questions), RateLimit(COMPLAINTS)
+        self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
+        super().__init__("caesura-samples", self._queue.wake)
+
+    def take(self, query: zenoh.Query) -> None:
+        """Enqueue a query. Called by the network's threads."""
+        try:
+            station, session, _ = parse_session_key(str(query.key_expr))
+        except ProtocolError as error:  # a wildcard: of all sessions it would be too much
+            with query:
+                refuse(query, error)
+            return
+        if not self._questions.allows("every reader") or not self._queue.offer(
+            (query, station, session), station
+        ):
+            with query:
+                refuse(query, ProtocolError("overloaded", "too many queries for samples", limit=QUERIES))
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            if (found := self._queue.get(TICK_S)) is None:
+                continue
+            query, station, session = found
+            try:
+                with query:
+                    self._answer(query, station, session)
+            except Exception:
+                if self._complaints.allows(station):
+                    logger.exception("a query for samples of %s/%s was not answered", station, session)
+
+    def _answer(self, query: zenoh.Query, station: str, session: str) -> None:
+        owned = self._owned(station, session)
+        if owned is None:
+            return  # another instance may have it
+        try:
+            wanted = parse_samples_parameters(str(query.parameters))
+            answer(query, str(query.key_expr), self._reader.read(owned, wanted))
+        except ProtocolError as error:
+            refuse(query, error)
+        except JournalError as error:
+            refuse(query, ProtocolError("internal", str(error)))
+
+    def _owned(self, station: str, session: str) -> Owned | None:
+        for held in self._board().sessions.get(station, ()):
+            standing = held.standing
+            if standing.session == session:
+                owner = standing.owner
+                return Owned(station, session, owner.instance, owner.epoch, standing.is_open)
+        return None

@@ -288,6 +288,7 @@ def examples() -> dict[str, Message]:
             t0=12.0,
             tn=13.0,
             bin_s=0.5,
+            available=("px", "py", "pz", "fx", "fy", "fz", "speed"),
             columns=("px", "fz"),
             **packed([np.array([[12.5, 0.5], [12.501953125, 0.5078125]]), np.array([[12.5, -9.5]])]),
             first=0.0,

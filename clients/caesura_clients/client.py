@@ -20,6 +20,7 @@ from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.extremes import unpack_points
+from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -82,11 +83,11 @@ class Caesura:
     ) -> dict[str, NDArray[np.float64]]:
         """The samples of a session from t0 to tn [s] by column, each an array (n, 2) of times and values.
 
-        Of each of `bins` bins the least and the greatest sample of every column; `query.samples` says which
-        columns there are, and returns the answer with its holes.
+        Of each of `bins` bins the least and the greatest sample of every column. columns: such as `px`, `fz`,
+        `speed`; all that the session has where none is named. `query.samples` also states the holes.
         """
-        recorded = query.samples(self.transport, station, session, t0, tn, bins=bins, columns=columns)
-        return unpack_points(recorded)
+        wanted = SampleRange(t0, tn, bins, tuple(columns))
+        return unpack_points(query.samples(self.transport, station, session, wanted))
 
     def insert(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None

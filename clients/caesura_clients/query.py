@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, TypeVar
@@ -84,23 +84,12 @@ def program(transport: Transport, station: str) -> Program:
     return found
 
 
-def samples(
-    transport: Transport,
-    station: str,
-    session: str,
-    t0: float,
-    tn: float,
-    *,
-    bins: int = 1000,
-    columns: Sequence[str] = (),
-) -> RecordedSamples:
-    """The samples of a session from t0 to tn [s], of each of `bins` bins the extremes of every column.
+def samples(transport: Transport, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
+    """The samples of a session in a range, of each bin the extremes of every column.
 
-    columns: such as `px`, `fz`, `speed`; all that there are where none is named. `unpack_points` of
-    `caesura_protocol.extremes` makes arrays of the answer. Raises Absent, which names what there is,
-    Unreachable, or ProtocolError.
+    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises Absent, which names what
+    there is, Unreachable, or ProtocolError.
     """
-    wanted = SampleRange(t0, tn, bins, tuple(columns))
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
     found = _asked(transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S)
     if not found:

@@ -1,7 +1,7 @@
 """Decimation that keeps what was measured: of each bin and column the least and the greatest sample.
 
-Bins begin at multiples of their width (`bins_of`). Every point of the result is a sample, at its own time. Bins
-of a finer grid make those of a coarser one exactly, so the bins of a session may stand for its samples.
+Bins begin at multiples of their width (`bins_of`). Every point is a sample, at its own time. The
+bins of a finer grid make those of a coarser one exactly, so bins of a session may stand for its samples.
 """
 
 from __future__ import annotations

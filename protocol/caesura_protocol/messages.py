@@ -529,7 +529,8 @@ class RecordedSamples(Message):
     t0: Seconds  # [s] the range that was asked for
     tn: Seconds  # [s]
     bin_s: Amount  # [s] width of a bin
-    columns: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # that there are of those asked for
+    available: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # columns that the session has
+    columns: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # those of them that were asked for
     counts: Annotated[Listed[Count], Field(max_length=MAX_COLUMNS)]  # points of each column
     points: bytes  # little-endian float64, a pair (t, value) a point, column by column
     first: Seconds | None  # [s] the first sample of the session; None where it has none

@@ -90,10 +90,10 @@ def test_segments_appear_while_they_are_taught(stage: Stage, visitor: Visitor):
 
 def test_run_lengths_are_shown_when_they_are_asked_for(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/station/cell-1")
-    button = page.get_by_role("button", name="Run lengths")
+    button = page.get_by_role("button", name="run lengths")
     button.click()
     expect(button).to_have_attribute("aria-pressed", "true")
-    expect(page.locator("canvas.tall")).to_be_visible()
+    expect(page.locator("canvas.lengths")).to_be_visible()
     visitor.picture("run-lengths")
     assert visitor.errors == []
 

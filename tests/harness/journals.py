@@ -40,7 +40,7 @@ def written(
     columns: tuple[str, ...] = COLUMNS,
 ) -> None:
     """A session in the journal of an instance. lost: batches that never came; closed: how it ended."""
-    opening = Open(session=session, columns=columns, wrench_source="flange_sensor", preset="fake")
+    opening = Open(session=session, columns=columns, wrench_source="flange_sensor", preset="default")
     gone, count = set(lost), -(-len(matrix) // BATCH)
     folder.mkdir(exist_ok=True, parents=True)
     with SqliteJournal(folder / f"{instance}.sqlite", UNLIMITED) as journal:

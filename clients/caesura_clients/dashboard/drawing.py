@@ -1,8 +1,8 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
-[px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint
-[t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
+A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation], where the start is
+[px, py, pz] [m] and the last two are [kg] or None; a phase [t0, tn, kind, probability, final, strokes]; a
+changepoint [t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
 [t, [[length, probability], …]].
 """
 
@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from caesura_clients.dashboard.glance import reached
-from caesura_clients.dashboard.signals import SCALE, Rows, drawn
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment, Vector
+from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -27,10 +26,9 @@ class Sent:
 
     session: str = ""
     update: Update | None = None
-    rows: int = 0  # of signals
 
 
-def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[str, Any]]:
+def delta(sent: Sent, update: Update | None) -> tuple[Sent, dict[str, Any]]:
     """What a browser with `sent` lacks, and what it has then; nothing at all where nothing is new."""
     if update is None:
         return Sent(), ({"reset": True} if sent.session else {})
@@ -39,13 +37,7 @@ def delta(sent: Sent, update: Update | None, signals: Rows) -> tuple[Sent, dict[
         sent, payload = Sent(update.session), {"reset": True, "session": update.session}
     if update is not sent.update:
         payload |= _changes(sent.update, update)
-    seen = sent.rows
-    if signals.session == update.session and signals.next > seen:
-        scale = SCALE[update.status.length_unit]
-        payload["signals"] = [drawn(row, scale) for row in signals.rows]
-        payload["unit"] = signals.unit
-        seen = signals.next
-    return Sent(update.session, update, seen), payload
+    return Sent(update.session, update), payload
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:
@@ -87,8 +79,9 @@ def segment_row(one: Segment) -> Cells:
         one.certainty == "final",
         one.corrected,
         one.runner_up,
-        _end(one.position_start, one.force_start),
-        _end(one.position_end, one.force_end),
+        [round(value, 4) for value in one.position_start],
+        one.load_kg,
+        one.load_sd_kg,
     ]
 
 
@@ -96,10 +89,6 @@ def phase_row(one: Phase) -> Cells:
     """As the module says."""
     final = one.certainty == "final"
     return [round(one.t0, 3), round(one.tn, 3), one.kind, round(one.probability, 3), final, one.strokes]
-
-
-def _end(position: Vector, force: Vector) -> Cells:
-    return [*(round(value, 4) for value in position), *(round(value, 2) for value in force)]
 
 
 def changepoint_row(one: Changepoint) -> Cells:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.extremes import Extremes, bins_of, extremes_of, joined, nothing
 from caesura_protocol.messages import Gap, Open
-from caesura_service.decimation.assembly import Assembly, Speed, columns_of
+from caesura_protocol.runs import Speed, drawn_columns
+from caesura_service.decimation.assembly import Assembly
 from caesura_service.journal import Key, Lost, SessionExtent, StoredBatch
 from caesura_service.session.limits import Limits
 
@@ -41,12 +42,12 @@ class SessionOverview:
         self.key = key
         self.extent = extent  # the copy that it is of
         self.read_up_to = -1  # place of the last record
-        self.columns = columns_of(extent.opening)
+        self.columns = drawn_columns(extent.opening.columns)
         self.bin_s = 0.0  # [s]; 0 before the first samples
         self.first: float | None = None  # [s] the first sample
         self.holes: list[Gap] = []
         self.pages: list[PageTimes] = []
-        self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening)
+        self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening.columns)
         self._parts: list[Extremes] = []
         self._held: dict[int, StoredBatch] = {}
         self._next_seq: int | None = None
@@ -108,15 +109,15 @@ class SessionOverview:
         return [*found, *self._ready()]
 
     def _take(self, batches: list[StoredBatch]) -> None:
-        for stretch in self._assembly.push(batches):
+        for run in self._assembly.push(batches):
             if self.first is None:
-                self.first = float(stretch.t[0])
+                self.first = float(run.t[0])
             if not self.bin_s:
-                self.bin_s = _width(stretch.t)
-            if stretch.after is not None:
-                self.holes.append(stretch.after)
-            values = self._speed.beside(stretch)
-            self._parts.append(extremes_of(bins_of(stretch.t, self.bin_s), stretch.t, values))
+                self.bin_s = _width(run.t)
+            if run.after is not None:
+                self.holes.append(run.after)
+            values = self._speed.beside(run)
+            self._parts.append(extremes_of(bins_of(run.t, self.bin_s), run.t, values))
         if len(self._parts) > PARTS:
             self._parts = [joined(self._parts)]
 

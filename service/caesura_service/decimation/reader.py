@@ -24,7 +24,8 @@ from caesura_protocol.extremes import (
 )
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
-from caesura_service.decimation.assembly import SPEED_WINDOW_S, Assembly, Speed
+from caesura_protocol.runs import SPEED_WINDOW_S, Speed
+from caesura_service.decimation.assembly import Assembly
 from caesura_service.decimation.overview import SessionOverview
 from caesura_service.journal import BatchSource, Key, SessionExtent, StoredBatch
 
@@ -69,6 +70,7 @@ class SampleReader:
             t0=wanted.t0,
             tn=wanted.tn,
             bin_s=bin_s,
+            available=overview.columns,
             columns=columns,
             **packed(points),
             first=overview.first,
@@ -131,13 +133,13 @@ class SampleReader:
             beyond, up_to = min(page.first for page in pages) - 1, max(page.last for page in pages)
             for page in self._source.pages(overview.key, overview.extent, beyond, up_to):
                 batches |= {one.seq: one for one in page if isinstance(one, StoredBatch)}
-        assembly, speed = Assembly(overview.opening), Speed(overview.opening)
+        assembly, speed = Assembly(overview.opening), Speed(overview.opening.columns)
         parts = []
-        for stretch in assembly.push([batches[seq] for seq in sorted(batches)]):
-            values, index = speed.beside(stretch), bins_of(stretch.t, bin_s)
+        for run in assembly.push([batches[seq] for seq in sorted(batches)]):
+            values, index = speed.beside(run), bins_of(run.t, bin_s)
             inside = slice(*np.searchsorted(index, (first, last + 1)))
             if inside.start < inside.stop:
-                parts.append(extremes_of(index[inside], stretch.t[inside], values[inside]))
+                parts.append(extremes_of(index[inside], run.t[inside], values[inside]))
         return joined(parts) if parts else nothing(len(overview.columns))
 
 

@@ -14,7 +14,7 @@ from caesura_clients import Caesura, query
 from caesura_clients.errors import Absent
 from caesura_clients.transport import ZenohTransport
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import session_key
+from caesura_protocol.keys import SampleRange, session_key
 from caesura_protocol.messages import Posterior, RecordedSamples
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -49,7 +49,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory, hour: np.ndarray) -> Iterat
 
 def test_every_point_of_an_hour_is_a_sample_of_the_journal_after_a_restart(reader, hour):
     for t0, tn in ((0.0, HOUR_S), (1000.0, 1600.0), (1234.0, 1240.0)):
-        recorded = query.samples(reader.transport, "cell-1", "s1", t0, tn, bins=1200)
+        recorded = query.samples(reader.transport, "cell-1", "s1", SampleRange(t0, tn, 1200))
         assert check(recorded, hour, COLUMNS) > 6 * 500
         assert (recorded.first, recorded.last) == (0.0, hour[-1, 0])
 
@@ -87,7 +87,7 @@ def test_all_sessions_at_once_are_refused(reader):
 
 def test_an_unknown_session_is_absent_and_those_that_are_there_are_named(reader):
     with pytest.raises(Absent, match="cell-1"):
-        query.samples(reader.transport, "cell-1", "s9", 0.0, 1.0)
+        query.samples(reader.transport, "cell-1", "s9", SampleRange(0.0, 1.0, 100))
 
 
 def test_a_session_in_memory_is_answered_while_it_is_taught(peer: Peer, service: Service):
@@ -96,11 +96,11 @@ def test_a_session_in_memory_is_answered_while_it_is_taught(peer: Peer, service:
         peer.send(made)
     peer.until_service(lambda status: status.messages >= 20)
     with ZenohTransport(service.endpoint) as transport:
-        half = query.samples(transport, "cell-1", "s1", 0.0, 10.0, bins=1000)
+        half = query.samples(transport, "cell-1", "s1", SampleRange(0.0, 10.0, 1000))
         for seq in range(20, 30):
             peer.send(batch(seq))
         peer.command(closing(29))
-        whole = query.samples(transport, "cell-1", "s1", 0.0, 10.0, bins=1000)
+        whole = query.samples(transport, "cell-1", "s1", SampleRange(0.0, 10.0, 1000))
     assert (half.counts, whole.counts) == ((400,), (600,))
     assert (half.last, whole.last) == (3.99, 5.99)
 
@@ -133,17 +133,17 @@ def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service:
 
 def _ask(transport: ZenohTransport) -> None:
     with pytest.raises(ProtocolError, match="not today"):
-        query.samples(transport, "cell-1", "s1", 0.0, 1.0)
+        query.samples(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 100))
 
 
 def test_the_first_picture_of_an_hour_and_a_zoom_are_quick(reader):
     """Median of five zooms; the hour has been read by the test above, or is read here once."""
     began = time.monotonic()
-    query.samples(reader.transport, "cell-1", "s1", 0.0, HOUR_S, bins=1200)
+    query.samples(reader.transport, "cell-1", "s1", SampleRange(0.0, HOUR_S, 1200))
     assert time.monotonic() - began < FIRST_PICTURE_S
     took = []
     for t0 in (100.0, 700.0, 1500.0, 2500.0, 3500.0):
         began = time.monotonic()
-        query.samples(reader.transport, "cell-1", "s1", t0, t0 + 60.0, bins=1200)
+        query.samples(reader.transport, "cell-1", "s1", SampleRange(t0, t0 + 60.0, 1200))
         took.append(time.monotonic() - began)
     assert np.median(took) < ZOOM_S

@@ -1,8 +1,8 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation], where the start is
-[px, py, pz] [m] and the last two are [kg] or None; a phase [t0, tn, kind, probability, final, strokes]; a
-changepoint [t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
+A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
+[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes], a
+changepoint [t, probability, final, t_low, t_high, corrected], a gap [t0, tn, reason], a column of run lengths
 [t, [[length, probability], …]].
 """
 

@@ -1,6 +1,6 @@
 """The newest samples of a station as points to draw, and the form in which points go to a browser.
 
-A ring holds the newest SPAN_S of one session in bins of BIN_S: of each bin and column the least and the greatest
+A ring holds the newest SPAN_S of one session in bins of BIN_S: of each bin and column the least and greatest
 sample. So a live view asks the service nothing. Everything older comes from the journal.
 """
 

@@ -1,6 +1,7 @@
 // What a pointer does in the plots: a press sets the time or takes a changepoint along; a drag elsewhere marks the range
 // to zoom to, with shift or a finger it moves the view; two fingers zoom.
 const MOVED = 4; // pixels, from which on a press is a drag
+const ROOM = 30;
 
 export const pointer = {
   methods: {
@@ -14,11 +15,11 @@ export const pointer = {
       this.fingers.set(event.pointerId, x);
       event.currentTarget.setPointerCapture(event.pointerId);
       if (this.fingers.size === 2) return Object.assign(this, { drag: "pinch", ghost: null, marked: null });
-      const found = scale.near(x, this.changepoints.map(([t]) => t), event.pointerType);
+      const times = this.changepoints.map(([t]) => t), found = scale.near(x, times, event.pointerType);
       this.selected = found < 0 ? null : this.changepoints[found][0];
       this.cursor = this.selected ?? this.within(scale.t(x));
       this.pressedAt = x;
-      const takes = this.selected !== null && this.editable;
+      const takes = this.selected !== null && this.editable && this.room(times, found, scale) > ROOM;
       this.drag = takes ? "changepoint" : event.shiftKey || event.pointerType === "touch" ? "pan" : "mark";
     },
     dragged(event) {
@@ -34,6 +35,9 @@ export const pointer = {
         this.panned = true;
         this.pan((before - x) / (scale.x1 - scale.x0));
       }
+    },
+    room(times, i, scale) { // pixels to the nearest other changepoint: those that lie close are selected, not dragged
+      return Math.min(...[times[i - 1], times[i + 1]].map((t) => (t === undefined ? Infinity : Math.abs(scale.x(t) - scale.x(times[i])))));
     },
     pinched(id, x) {
       const other = [...this.fingers].find(([one]) => one !== id)[1];

@@ -163,7 +163,7 @@ def test_wheel_drag_buttons_and_keys_move_what_is_in_sight(visitor: Visitor):
     eventually(lambda: view(page)[1] - view(page)[0] > 0.99 * HOUR_S)
     box = page.locator(".plots").bounding_box()  # the page has scrolled to the button
     assert box is not None
-    y = box["y"] + 150
+    y = box["y"] + box["height"] - 100
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 100, y)

@@ -25,7 +25,7 @@ from caesura_service.session.board import Board
 
 logger = logging.getLogger(__name__)
 
-QUERIES = 64  # that may wait; half of them of one station
+QUERIES = 64  # that may wait; a quarter of them of one station
 TICK_S = 0.1
 
 

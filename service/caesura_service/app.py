@@ -24,6 +24,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
 from caesura_service.edge import Edge, NetworkError
 from caesura_service.journal import (
+    BatchSource,
     FileBatches,
     Journal,
     JournalBatches,
@@ -74,9 +75,7 @@ class Service:
             owner,
             self.config.network,
             version=installed_version(),
-            samples=SampleReader(
-                JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent)
-            ),
+            samples=SampleReader(self._batches(kept)),
             queue=self.config.queue,
             rates=self.config.rates,
             clock=steady_clock(),
@@ -115,6 +114,10 @@ class Service:
     def is_alive(self) -> bool:
         """Does its work go on, or is it not ready yet?"""
         return alive(self._observed).well
+
+    def _batches(self, kept: Journal) -> BatchSource:
+        """Where samples are read: all journals of the directory, or the one in memory."""
+        return JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent, self._file)
 
     def status(self) -> ServiceStatus:
         """How it is doing."""

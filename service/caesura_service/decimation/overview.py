@@ -1,4 +1,4 @@
-"""Everything of a session in bins of about a hundred samples, built once and continued while it grows.
+"""Everything of a session in bins of about fifty samples, built once and continued while it grows.
 
 A view whose bins are wider is made from it. For a narrower one the samples themselves are read: the overview
 has the places in the journal at which each time stands.
@@ -6,9 +6,12 @@ has the places in the journal at which each time stands.
 
 from __future__ import annotations
 
+import json
 from bisect import bisect_left
+from io import BytesIO
 from struct import unpack_from
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +23,11 @@ from caesura_service.decimation.assembly import Assembly
 from caesura_service.journal import Key, Lost, SessionExtent, StoredBatch
 from caesura_service.session.limits import Limits
 
-SAMPLES_PER_BIN = 100
+SAMPLES_PER_BIN = 50
 WIDTHS_S = tuple(m * 10.0**e for e in range(-3, 3) for m in (1.0, 2.0, 5.0))
 PARTS = 64  # pages that are joined at once
+VERSION = 1  # of what is kept of an overview; another one is made anew
+KEPT = ("bin_s", "first", "last", "read_up_to")
 HELD = Limits().held_batches  # that may come before their turn
 
 
@@ -45,6 +50,8 @@ class SessionOverview:
         self.columns = drawn_columns(extent.opening.columns)
         self.bin_s = 0.0  # [s]; 0 before the first samples
         self.first: float | None = None  # [s] the first sample
+        self.last: float | None = None  # [s] the last one
+        self.is_kept = False  # does the journal have it as it is?
         self.holes: list[Gap] = []
         self.pages: list[PageTimes] = []
         self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening.columns)
@@ -56,11 +63,6 @@ class SessionOverview:
     def opening(self) -> Open:
         """What the session was opened with."""
         return self.extent.opening
-
-    @property
-    def last(self) -> float | None:
-        """[s] the last sample."""
-        return None if self.first is None else self._assembly.latest
 
     @property
     def nbytes(self) -> int:
@@ -116,6 +118,7 @@ class SessionOverview:
                 self.bin_s = _width(run.t)
             if run.after is not None:
                 self.holes.append(run.after)
+            self.last = float(run.t[-1])
             values = self._speed.beside(run)
             self._parts.append(extremes_of(bins_of(run.t, self.bin_s), run.t, values))
         if len(self._parts) > PARTS:
@@ -128,6 +131,40 @@ class SessionOverview:
             return
         times = [_time(one, row) for one in batches for row in (0, one.n - 1)]
         self.pages.append(PageTimes(min(times), max(times), batches[0].place, batches[-1].place))
+
+    def as_bytes(self) -> bytes:
+        """All of it, to be kept beside a session that has ended."""
+        fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
+        fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
+        header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
+        content = BytesIO()
+        np.savez(content, header=header, pages=np.array(self.pages), **self.extremes()._asdict())
+        return content.getvalue()
+
+    @classmethod
+    def restored(cls, key: Key, extent: SessionExtent, content: bytes) -> SessionOverview | None:
+        """What `as_bytes` has made of the same copy; None of another, or of another version."""
+        overview = cls(key, extent)
+        try:
+            with np.load(BytesIO(content), allow_pickle=False) as kept:
+                fields = json.loads(kept["header"].tobytes())
+                if (fields.pop("version"), fields.pop("identity")) != (VERSION, overview._identity()):
+                    return None
+                overview.holes = [Gap.model_validate(hole) for hole in fields.pop("holes")]
+                overview.pages = [
+                    PageTimes(t0, tn, int(first), int(last)) for t0, tn, first, last in kept["pages"].tolist()
+                ]
+                overview._parts = [Extremes(*(kept[name] for name in Extremes._fields))]
+        except (ValueError, KeyError, OSError, BadZipFile):
+            return None
+        for name in KEPT:
+            setattr(overview, name, fields[name])
+        overview.is_kept = True
+        return overview
+
+    def _identity(self) -> str:
+        """Of this copy of the session in its file, which may be moved; and of what is drawn of it."""
+        return repr((self.extent.identity[1:], self.columns))
 
     def places(self, t0: float, tn: float) -> list[PageTimes]:
         """The pages that may have samples from t0 to tn [s]."""

@@ -6,6 +6,7 @@ MAX_BINS times its samples a bin. All of it is work of the thread that calls.
 
 from __future__ import annotations
 
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,9 @@ from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.runs import SPEED_WINDOW_S, Speed
 from caesura_service.decimation.assembly import Assembly
 from caesura_service.decimation.overview import SessionOverview
-from caesura_service.journal import BatchSource, Key, SessionExtent, StoredBatch
+from caesura_service.journal import BatchSource, JournalError, Key, SessionExtent, StoredBatch
+
+logger = logging.getLogger(__name__)
 
 LEAD_S = 4 * SPEED_WINDOW_S  # read before a range, for the speed at its beginning
 HELD_BYTES = 1 << 27  # of overviews; past it the one that was asked for longest ago goes
@@ -89,13 +92,28 @@ class SampleReader:
             raise ProtocolError("unknown_session", "the journal has no sample of it", value="/".join(key))
         overview = self._overviews.pop(key, None)
         if overview is None or overview.extent.identity != extent.identity:
-            overview = SessionOverview(key, extent)
+            kept = None if owned.is_open else self._source.overview(extent)
+            overview = (kept and SessionOverview.restored(key, extent, kept)) or SessionOverview(key, extent)
         self._read(key, overview, extent)
         if not owned.is_open:
             overview.finish()
+            self._keep(key, overview)
         self._overviews[key] = overview
         self._let_go()
         return overview
+
+    def prepare(self, owned: Owned) -> None:
+        """Make the overview of a session that has just ended, and keep it. Raises as `read`."""
+        self._overview(owned)
+
+    def _keep(self, key: Key, overview: SessionOverview) -> None:
+        if overview.is_kept or not overview.bin_s:
+            return
+        overview.is_kept = True
+        try:
+            self._source.keep_overview(key, overview.extent, overview.as_bytes())
+        except JournalError as error:  # full, for example: it is made again when it is asked for
+            logger.warning("the overview of %s is not kept: %s", "/".join(key), error)
 
     def _read(self, key: Key, overview: SessionOverview, extent: SessionExtent) -> None:
         if extent.last <= overview.read_up_to:

@@ -8,6 +8,7 @@ sessions that it holds, as for snapshots.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 
 import zenoh
@@ -20,13 +21,15 @@ from caesura_service.edge.inbox import QueueSettings, WorkQueue
 from caesura_service.edge.outgoing import answer, refuse
 from caesura_service.edge.rates import COMPLAINTS, Rate, RateLimit
 from caesura_service.edge.threaded import Threaded
-from caesura_service.journal import JournalError
+from caesura_service.journal import JournalError, Key
 from caesura_service.session.board import Board
+from caesura_service.session.standing import Standing
 
 logger = logging.getLogger(__name__)
 
 QUERIES = 64  # that may wait; a quarter of them of one station
 TICK_S = 0.1
+LOOK_S = 1.0  # between two looks for sessions that have ended
 
 
 class SampleServer(Threaded):
@@ -34,7 +37,9 @@ class SampleServer(Threaded):
 
     def __init__(self, reader: SampleReader, board: Callable[[], Board], questions: Rate) -> None:
         """board: the sessions of this instance; questions: how many are answered, of all readers together."""
-        self._reader, self._board = reader, board
+        self._reader, self._board, self._clock = reader, board, time.monotonic
+        self._open: set[Key] = set()  # at the last look
+        self._looks_at = 0.0  # [s]
         self._questions, self._complaints = RateLimit(questions), RateLimit(COMPLAINTS)
         self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
@@ -56,6 +61,7 @@ class SampleServer(Threaded):
     def _run(self) -> None:
         while not self._stopped.is_set():
             if (found := self._queue.get(TICK_S)) is None:
+                self._prepare()
                 continue
             query, station, session = found
             try:
@@ -64,6 +70,22 @@ class SampleServer(Threaded):
             except Exception:
                 if self._complaints.allows(station):
                     logger.exception("a query for samples of %s/%s was not answered", station, session)
+
+    def _prepare(self) -> None:
+        """Make the overview of a session that has ended, so that no reader waits for it."""
+        if self._clock() < self._looks_at:
+            return
+        self._looks_at = self._clock() + LOOK_S
+        standings = {(one.station, one.session): one for one in self._board().standings()}
+        ended = {key for key in self._open & standings.keys() if not standings[key].is_open}
+        self._open = {key for key, one in standings.items() if one.is_open} | ended
+        for key in sorted(ended)[:1]:
+            self._open.discard(key)
+            try:
+                self._reader.prepare(_owned(standings[key]))
+            except (ProtocolError, JournalError) as error:
+                if self._complaints.allows(key[0]):
+                    logger.warning("no overview of %s: %s", "/".join(key), error)
 
     def _answer(self, query: zenoh.Query, station: str, session: str) -> None:
         owned = self._owned(station, session)
@@ -79,8 +101,11 @@ class SampleServer(Threaded):
 
     def _owned(self, station: str, session: str) -> Owned | None:
         for held in self._board().sessions.get(station, ()):
-            standing = held.standing
-            if standing.session == session:
-                owner = standing.owner
-                return Owned(station, session, owner.instance, owner.epoch, standing.is_open)
+            if held.standing.session == session:
+                return _owned(held.standing)
         return None
+
+
+def _owned(standing: Standing) -> Owned:
+    owner = standing.owner
+    return Owned(standing.station, standing.session, owner.instance, owner.epoch, standing.is_open)

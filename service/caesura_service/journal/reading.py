@@ -14,10 +14,12 @@ import msgpack  # type: ignore[import-untyped]
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Error, Open, SampleBatch
+from caesura_service.journal.checksums import is_intact
 from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
 from caesura_service.journal.rows import SessionRow, Stored, copies_in, verified
-from caesura_service.journal.schema import SELECT_EXTENT, SELECT_PAGE
+from caesura_service.journal.schema import HAS_OVERVIEWS, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 from caesura_service.journal.siblings import opened_for_reading
+from caesura_service.journal.sqlite import SqliteJournal
 
 PAGE = 250  # records read at once
 _BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)
@@ -59,12 +61,18 @@ class BatchSource(Protocol):
     ) -> Iterator[list[StoredBatch | Lost]]:
         """Its batches behind the place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
 
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """The overview that was kept of a copy, whole and as it was written; None without one."""
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """Keep one, where that is possible. Raises JournalError."""
+
 
 class FileBatches:
-    """Batches from every journal in a directory."""
+    """Batches from every journal in a directory. own: the one that is written here, which keeps overviews."""
 
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
+    def __init__(self, directory: Path, own: SqliteJournal | None = None) -> None:
+        self._directory, self._own = directory, own
 
     def find(self, key: Key) -> SessionExtent | None:
         """As BatchSource. A journal that cannot be read is passed over where another has the session."""
@@ -105,6 +113,28 @@ class FileBatches:
                 yield [one for row in stored for one in _read(row.place, row.encoding, row.payload)]
                 beyond = stored[-1].place
 
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """As BatchSource."""
+        path, session_id, _ = extent.identity
+        assert isinstance(path, Path)
+        assert isinstance(session_id, int)
+        with opened_for_reading(path) as kept:
+            if not kept.execute(HAS_OVERVIEWS).fetchone():
+                return None
+            rows = kept.execute(SELECT_OVERVIEW, (session_id,)).fetchall()
+        payloads = [
+            payload
+            for number, (part, parts, payload, crc) in enumerate(rows)
+            if (number, len(rows)) == (part, parts) and is_intact(crc, session_id, part, parts, payload)
+        ]
+        return b"".join(payloads) if payloads and len(payloads) == len(rows) else None
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """As BatchSource; the journal of another instance is left as it is."""
+        path, session_id, _ = extent.identity
+        if self._own is not None and path == self._own.path and isinstance(session_id, int):
+            self._own.keep_overview(key, session_id, content)
+
 
 class JournalBatches:
     """Batches from the journal of this process, as one in memory."""
@@ -136,6 +166,12 @@ class JournalBatches:
                     case Error(limit=int() as target) if record.message.code == "evicted":
                         page.append(Lost(target))
             yield page
+
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """None: what is in memory is read at once."""
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """Nothing is kept."""
 
 
 def _read(place: int, encoding: str, payload: bytes) -> Iterator[StoredBatch | Lost]:

@@ -13,6 +13,7 @@ from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, JournalBatches, MemoryJournal, Record, SqliteJournal
 from harness.journals import COLUMNS, ended, taught, written
+from harness.processes import eventually
 from harness.sessions import opening
 from service.decimation.oracle import check
 
@@ -141,6 +142,33 @@ def test_a_session_without_records_is_refused_by_name(tmp_path):
     with pytest.raises(ProtocolError, match="unknown_session") as refused:
         SampleReader(FileBatches(tmp_path)).read(CLOSED._replace(session="s2"), SampleRange(0.0, 1.0, 10))
     assert refused.value.value == "cell-1/s2"
+
+
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_a_kept_overview_answers_alike_and_a_damaged_one_is_made_again(tmp_path, hurdles, spoilt):
+    written(tmp_path, hurdles, lost=(50, 51, 900), closed=ended("motion", t=64.0))
+    ranges = (SampleRange(0.0, 64.0, 100), SampleRange(19.0, 25.0, 900))
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        made = SampleReader(FileBatches(tmp_path, journal))
+        before = [made.read(CLOSED, wanted) for wanted in ranges]
+        if spoilt:
+            journal._database.execute("UPDATE overviews SET payload = zeroblob(length(payload))")
+    source, reads = FileBatches(tmp_path), []
+    pages = source.pages
+    source.pages = lambda *args: reads.append(args) or pages(*args)
+    again = SampleReader(source)
+    assert [again.read(CLOSED, wanted) for wanted in ranges] == before
+    assert len(reads) == (2 if spoilt else 1), "the whole session only where no overview can be used"
+
+
+def test_an_overview_goes_with_its_session(tmp_path):
+    written(tmp_path, taught(20.0), closed=ended("motion", t=20.0))
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        SampleReader(FileBatches(tmp_path, journal)).read(CLOSED, SampleRange(0.0, 20.0, 10))
+        count = "SELECT count(*) FROM overviews"
+        assert journal._database.execute(count).fetchone() == (1,)
+        journal.forget("cell-1", "s1")
+        eventually(lambda: journal._database.execute(count).fetchone() == (0,))
 
 
 def test_of_many_overviews_only_the_newest_are_kept(tmp_path):

@@ -19,9 +19,11 @@ from caesura_protocol.messages import Posterior, RecordedSamples
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
+from caesura_service.journal import FileBatches
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.journals import COLUMNS, ended, taught, written
 from harness.peer import Peer
+from harness.processes import eventually
 from harness.sessions import batch, batches, closing, opening
 from service.decimation.oracle import check
 
@@ -134,6 +136,18 @@ def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service:
 def _ask(transport: ZenohTransport) -> None:
     with pytest.raises(ProtocolError, match="not today"):
         query.samples(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 100))
+
+
+def test_the_overview_of_a_session_is_made_when_it_ends(tmp_path):
+    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", journal=tmp_path)
+    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+        peer.command(opening())
+        for made in batches(20):
+            peer.send(made)
+        eventually(lambda: ("cell-1", "s1") in service._edge._samples._open)
+        peer.command(closing(19))
+        source = FileBatches(tmp_path)
+        eventually(lambda: source.overview(source.find(("cell-1", "s1"))) is not None)
 
 
 def test_the_first_picture_of_an_hour_and_a_zoom_are_quick(reader):

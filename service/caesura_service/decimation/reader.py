@@ -7,6 +7,7 @@ MAX_BINS times its samples a bin. All of it is work of the thread that calls.
 from __future__ import annotations
 
 import logging
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from caesura_service.journal import BatchSource, JournalError, Key, SessionExten
 logger = logging.getLogger(__name__)
 
 LEAD_S = 4 * SPEED_WINDOW_S  # read before a range, for the speed at its beginning
+SLICE_S = 0.1  # of reading, before another station has its turn
 HELD_BYTES = 1 << 27  # of overviews; past it the one that was asked for longest ago goes
 
 
@@ -60,7 +62,7 @@ class SampleReader:
         Columns that the session lacks are left out. Raises ProtocolError `unknown_session` where the journal
         has none of it; JournalError.
         """
-        overview = self._overview(owned)
+        overview, _ = self._overview(owned)
         columns = _chosen(wanted.columns, overview.columns)
         bin_s, extremes = self._extremes(overview, wanted)
         points = [points_of(extremes, overview.columns.index(name)) for name in columns]
@@ -83,8 +85,12 @@ class SampleReader:
             force_frame=overview.opening.force_frame,
         )
 
-    def _overview(self, owned: Owned) -> SessionOverview:
-        """All of the session up to now."""
+    def advance(self, owned: Owned, slice_s: float = SLICE_S) -> bool:
+        """Read a session's overview for about slice_s; returns whether it is complete. Raises as `read`."""
+        return self._overview(owned, time.monotonic() + slice_s)[1]
+
+    def _overview(self, owned: Owned, until: float = float("inf")) -> tuple[SessionOverview, bool]:
+        """All of the session up to now, and whether it is; until: [s] when it stops reading."""
         key = (owned.station, owned.session)
         extent = self._source.find(key)
         if extent is None:
@@ -94,17 +100,13 @@ class SampleReader:
         if overview is None or overview.extent.identity != extent.identity:
             kept = None if owned.is_open else self._source.overview(extent)
             overview = (kept and SessionOverview.restored(key, extent, kept)) or SessionOverview(key, extent)
-        self._read(key, overview, extent)
-        if not owned.is_open:
+        self._overviews[key] = overview
+        is_complete = self._read(key, overview, extent, until)
+        if is_complete and not owned.is_open:
             overview.finish()
             self._keep(key, overview)
-        self._overviews[key] = overview
         self._let_go()
-        return overview
-
-    def prepare(self, owned: Owned) -> None:
-        """Make the overview of a session that has just ended, and keep it. Raises as `read`."""
-        self._overview(owned)
+        return overview, is_complete
 
     def _keep(self, key: Key, overview: SessionOverview) -> None:
         if overview.is_kept or not overview.bin_s:
@@ -115,13 +117,16 @@ class SampleReader:
         except JournalError as error:  # full, for example: it is made again when it is asked for
             logger.warning("the overview of %s is not kept: %s", "/".join(key), error)
 
-    def _read(self, key: Key, overview: SessionOverview, extent: SessionExtent) -> None:
+    def _read(self, key: Key, overview: SessionOverview, extent: SessionExtent, until: float) -> bool:
         if extent.last <= overview.read_up_to:
-            return
+            return True
         for page in self._source.pages(key, extent, overview.read_up_to, extent.last):
             places = [one.place for one in page if isinstance(one, StoredBatch)]
             overview.push(page, max(places, default=overview.read_up_to))
+            if time.monotonic() > until:
+                return False
         overview.read_up_to = extent.last
+        return True
 
     def _let_go(self) -> None:
         while len(self._overviews) > 1 and self._bytes() > self._held_bytes:

@@ -1,8 +1,8 @@
 """Answers queries for the samples of sessions, in a thread of its own.
 
-Reading a long session takes a second, once: neither the worker nor other queries wait for it. Stations take
-turns, and what waits has a bound; past it a query is refused as `overloaded`. An instance answers for the
-sessions that it holds, as for snapshots.
+Reading a long session takes seconds, once. Neither the worker nor other queries wait for it: stations take
+turns, in slices. What waits has a bound; past it a query is refused as `overloaded`. An instance answers for
+the sessions that it holds, as for snapshots.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import zenoh
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_samples_parameters, parse_session_key
+from caesura_protocol.messages import RecordedSamples
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.edge.inbox import QueueSettings, WorkQueue
@@ -39,6 +40,7 @@ class SampleServer(Threaded):
         """board: the sessions of this instance; questions: how many are answered, of all readers together."""
         self._reader, self._board, self._clock = reader, board, time.monotonic
         self._open: set[Key] = set()  # at the last look
+        self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
         self._looks_at = 0.0  # [s]
         self._questions, self._complaints = RateLimit(questions), RateLimit(COMPLAINTS)
         self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
@@ -63,41 +65,57 @@ class SampleServer(Threaded):
             if (found := self._queue.get(TICK_S)) is None:
                 self._prepare()
                 continue
-            query, station, session = found
+            began = self._clock()
             try:
-                with query:
-                    self._answer(query, station, session)
+                self._step(*found)
             except Exception:
-                if self._complaints.allows(station):
-                    logger.exception("a query for samples of %s/%s was not answered", station, session)
+                if self._complaints.allows(found[1]):
+                    logger.exception("a query for samples of %s/%s was not answered", *found[1:])
+            self._queue.spent(self._clock() - began)
 
     def _prepare(self) -> None:
         """Make the overview of a session that has ended, so that no reader waits for it."""
-        if self._clock() < self._looks_at:
+        if not self._ended and self._clock() < self._looks_at:
             return
         self._looks_at = self._clock() + LOOK_S
         standings = {(one.station, one.session): one for one in self._board().standings()}
-        ended = {key for key in self._open & standings.keys() if not standings[key].is_open}
-        self._open = {key for key, one in standings.items() if one.is_open} | ended
-        for key in sorted(ended)[:1]:
-            self._open.discard(key)
+        self._ended |= {key for key in self._open & standings.keys() if not standings[key].is_open}
+        self._ended &= standings.keys()
+        self._open = {key for key, one in standings.items() if one.is_open}
+        for key in sorted(self._ended)[:1]:
             try:
-                self._reader.prepare(_owned(standings[key]))
+                is_made = self._reader.advance(_owned(standings[key]))
             except (ProtocolError, JournalError) as error:
+                is_made = True
                 if self._complaints.allows(key[0]):
                     logger.warning("no overview of %s: %s", "/".join(key), error)
+            if is_made:
+                self._ended.discard(key)
 
-    def _answer(self, query: zenoh.Query, station: str, session: str) -> None:
+    def _step(self, query: zenoh.Query, station: str, session: str) -> None:
+        """Answer a query, or read some more of the session that it is for, and let other stations go on."""
         owned = self._owned(station, session)
         if owned is None:
+            query.drop()  # type: ignore[no-untyped-call]
             return  # another instance may have it
+        reply = self._reply(owned, str(query.parameters))
+        if reply is None and self._queue.insist((query, station, session), station):
+            return
+        with query:
+            if isinstance(reply, RecordedSamples):
+                answer(query, str(query.key_expr), reply)
+            else:
+                refuse(query, reply or ProtocolError("overloaded", "too many queries for samples"))
+
+    def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
+        """None: more of the session has to be read before."""
         try:
-            wanted = parse_samples_parameters(str(query.parameters))
-            answer(query, str(query.key_expr), self._reader.read(owned, wanted))
+            wanted = parse_samples_parameters(parameters)
+            return self._reader.read(owned, wanted) if self._reader.advance(owned) else None
         except ProtocolError as error:
-            refuse(query, error)
+            return error
         except JournalError as error:
-            refuse(query, ProtocolError("internal", str(error)))
+            return ProtocolError("internal", str(error))
 
     def _owned(self, station: str, session: str) -> Owned | None:
         for held in self._board().sessions.get(station, ()):

@@ -144,6 +144,16 @@ def test_a_session_without_records_is_refused_by_name(tmp_path):
     assert refused.value.value == "cell-1/s2"
 
 
+def test_a_session_that_is_read_in_slices_is_answered_alike(tmp_path, hurdles):
+    written(tmp_path, hurdles, lost=(50, 51, 900))
+    wanted = SampleRange(0.0, 64.0, 100)
+    reader, slices = SampleReader(FileBatches(tmp_path)), 1
+    while not reader.advance(CLOSED, slice_s=0.0):
+        slices += 1
+    assert slices > 5
+    assert reader.read(CLOSED, wanted) == SampleReader(FileBatches(tmp_path)).read(CLOSED, wanted)
+
+
 @pytest.mark.parametrize("spoilt", [False, True])
 def test_a_kept_overview_answers_alike_and_a_damaged_one_is_made_again(tmp_path, hurdles, spoilt):
     written(tmp_path, hurdles, lost=(50, 51, 900), closed=ended("motion", t=64.0))

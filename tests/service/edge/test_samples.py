@@ -19,6 +19,7 @@ from caesura_protocol.messages import Posterior, RecordedSamples
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
+from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches
 from caesura_service.session.fake_pipeline import make_fake_pipeline
 from harness.journals import COLUMNS, ended, taught, written
@@ -131,6 +132,35 @@ def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service:
         finally:
             over.set()
             asking.join(30.0)
+
+
+def test_a_long_session_is_read_in_slices_between_which_other_stations_are_answered(
+    peer: Peer, service: Service, monkeypatch
+):
+    """The overview of cell-1 is not complete before cell-2 has been answered."""
+    advance, is_answered, turns = SampleReader.advance, threading.Event(), []
+
+    def slow(reader: SampleReader, owned: Owned) -> bool:
+        turns.append(owned.station)
+        return advance(reader, owned) and (owned.station != "cell-1" or is_answered.is_set())
+
+    monkeypatch.setattr(SampleReader, "advance", slow)
+    for station in ("cell-1", "cell-2"):
+        peer.command(opening(), station)
+        peer.send(batch(0), station)
+    with ZenohTransport(service.endpoint) as transport:
+        asking = threading.Thread(
+            target=query.samples, args=(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 10))
+        )
+        asking.start()
+        try:
+            eventually(lambda: turns.count("cell-1") > 1)
+            other = query.samples(transport, "cell-2", "s1", SampleRange(0.0, 1.0, 10))
+            assert other.station == "cell-2"
+        finally:
+            is_answered.set()
+            asking.join(30.0)
+    assert not asking.is_alive()
 
 
 def _ask(transport: ZenohTransport) -> None:

@@ -157,6 +157,8 @@ export default {
     },
     moved() {
       this.redraw();
+      clearTimeout(this.waiting);
+      this.waiting = 0;
       this.want();
     },
     paint() {

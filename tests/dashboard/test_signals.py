@@ -76,6 +76,15 @@ def test_a_hole_is_stated_and_has_no_speed_behind_it(pause_s, skipped, reason):
     assert not ((times > 0.999) & (times < 1.08 + pause_s)).any()
 
 
+def test_batches_that_did_not_arrive_are_not_covered_until_they_are_past():
+    ring = SignalRing()
+    sent(ring, moving(1.0))
+    assert ring.covers("s1", 0.0)
+    sent(ring, moving(1.0, t0=1.1), first=55)
+    assert not ring.covers("s1", 0.0)
+    assert ring.covers("s1", 1.2)
+
+
 def test_what_comes_late_or_twice_is_no_point():
     ring, matrix = SignalRing(), moving(1.0)
     sent(ring, matrix)

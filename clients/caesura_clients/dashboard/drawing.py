@@ -2,8 +2,8 @@
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
 [px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes], a
-changepoint [t, probability, final, t_low, t_high, corrected], a gap [t0, tn, reason], a column of run lengths
-[t, [[length, probability], …]].
+changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
+[t, [[length, probability], …]]. Signals go another way: a page asks for those that it shows (`signals.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 from caesura_clients.dashboard.glance import reached
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment
+from caesura_protocol.messages import Changepoint, Phase, Posterior, Segment
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -55,8 +55,6 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
         first = common(known, after.changepoints)
         rows = [changepoint_row(one) for one in after.changepoints[first:]]
         changes["changepoints"] = {"first": first, "rows": rows}
-    if before is None or after.status.gaps != before.status.gaps:
-        changes["gaps"] = [gap_row(one) for one in after.status.gaps]
     wrench = after.status.wrench
     if before is None or wrench != before.status.wrench:
         changes |= {"frame": wrench.frame, "tare": wrench.tare if wrench.frame == "base" else None}
@@ -95,11 +93,6 @@ def changepoint_row(one: Changepoint) -> Cells:
     """As the module says. Times are exact: a correction names the changepoint by its time."""
     final = one.certainty == "final"
     return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
-
-
-def gap_row(one: Gap) -> Cells:
-    """As the module says."""
-    return [round(one.t0, 3), round(one.tn, 3), one.reason]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

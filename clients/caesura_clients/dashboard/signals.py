@@ -67,10 +67,14 @@ class SignalRing:
                 self._fold()
 
     def covers(self, session: str, t0: float) -> bool:
-        """Is everything from t0 [s] on here that the station has sent of a session?"""
+        """Is everything from t0 [s] on here that the station has sent of a session?
+
+        Batches that did not arrive here are asked for: the journal may have them.
+        """
         with self._lock:
             self._fold()
-            return session == self._session and (self._has_beginning or self._first <= t0)
+            is_whole = all(hole.reason == "source" or hole.tn <= t0 for hole in self._holes)
+            return is_whole and session == self._session and (self._has_beginning or self._first <= t0)
 
     def read(
         self, station: str, wanted: SampleRange, unit: LengthUnit, frame: ForceFrame

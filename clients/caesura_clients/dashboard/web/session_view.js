@@ -16,7 +16,7 @@ const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const PLAY_S = 0.1;
 
 const empty = () => ({
-  segments: [], phases: [], changepoints: [], gaps: [], data: null, available: [],
+  segments: [], phases: [], changepoints: [], data: null, available: [],
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
 const chosen = () => {
@@ -113,7 +113,7 @@ export default {
     percent,
     apply(payload) {
       if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
-      for (const name of ["t", "closed", "session", "gaps", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
+      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "phases", "changepoints"]) {

@@ -26,6 +26,8 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,15}(\.[0-9]{1,20})?(e[+-]?[0-9]{1,3})?")
 _COLUMN = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MAX_PARAMETERS = 1000  # characters
 MAX_BINS = 4096  # of the answer to a `samples` query
+MIN_BIN_S = 1e-6
+MAX_TIME_S = 1e10  # magnitude of a sample's time
 _AT_HAND = 4096  # keys, which are asked for again with every message
 
 StationPart = Literal["samples", "replay", "alive", "control", "program"]
@@ -161,6 +163,9 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
         raise ProtocolError("malformed", "samples: the range ends before it begins", value=tn, limit=t0)
     if not 1 <= bins <= MAX_BINS:
         raise ProtocolError("malformed", "samples: number of bins", value=bins, limit=MAX_BINS)
+    if (tn - t0) / bins < MIN_BIN_S:
+        why = "samples: the bins are narrower than a sample can be"
+        raise ProtocolError("malformed", why, value=(tn - t0) / bins, limit=MIN_BIN_S)
     columns = tuple(fields["columns"].split(",")) if fields.get("columns") else ()
     for column in columns:
         if not _COLUMN.fullmatch(column):
@@ -178,7 +183,9 @@ def _fields(parameters: str, query: str) -> dict[str, str]:
 def _number(text: str | None, name: str) -> float:
     if text is None or not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
         raise ProtocolError("malformed", f"samples: {name} is not a finite number", value=text)
-    return float(text)
+    if abs(number := float(text)) > MAX_TIME_S:
+        raise ProtocolError("malformed", f"samples: {name} is absurd", value=number, limit=MAX_TIME_S)
+    return number
 
 
 def _count(text: str | None, name: str, query: str = "replay") -> int:

@@ -207,6 +207,20 @@ def test_signals_are_switched_and_values_read(visitor: Visitor, hour):
     expect(page.locator("[data-signal=changepoints]")).to_be_visible()
 
 
+@pytest.mark.parametrize(
+    ("asked", "status", "named"),
+    [
+        ("cell-1/s1?from=3&to=1&bins=5", 400, "the range ends before it begins"),
+        ("cell-1/s1?from=0&to=1&bins=many", 400, "bins is not a count"),
+        ("cell-1/s9?from=0&to=1&bins=5", 404, "no samples of session cell-1/s9"),
+        ("cell-1/../s1?from=0&to=1&bins=5", 404, ""),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_by_name(visitor: Visitor, stage: Stage, asked, status, named):
+    answer = visitor.page.request.get(f"{stage.dashboard.url}/samples/{asked}")
+    assert (answer.status, named in answer.text()) == (status, True)
+
+
 @pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
 def test_a_phone_shows_it_without_scrolling_sideways(visitor: Visitor):
     page = visitor.page

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from caesura_protocol.codec import encode, pack_samples
+from caesura_protocol.extremes import packed
 from caesura_protocol.messages import (
     Ack,
     App,
@@ -42,6 +43,7 @@ from caesura_protocol.messages import (
     Piece,
     Posterior,
     Program,
+    RecordedSamples,
     Redo,
     Refusal,
     Relabel,
@@ -277,6 +279,21 @@ def examples() -> dict[str, Message]:
             journal=journal,
             time=1767225600.25,
             budgets=(budgets,),
+        ),
+        RecordedSamples(
+            station="cell-1",
+            session=SESSION,
+            instance="caesura-0",
+            epoch=2,
+            t0=12.0,
+            tn=13.0,
+            bin_s=0.5,
+            available=("px", "py", "pz", "fx", "fy", "fz", "speed"),
+            columns=("px", "fz"),
+            **packed([np.array([[12.5, 0.5], [12.501953125, 0.5078125]]), np.array([[12.5, -9.5]])]),
+            first=0.0,
+            last=12.501953125,
+            holes=(gap,),
         ),
         Piece(encoding="application/msgpack;caesura.Ack.v1", whole=7, number=1, count=2, payload=b"\x01\x02"),
         Error(code="evicted", message="the ring no longer has these samples", value=3, limit=17),

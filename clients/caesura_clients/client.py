@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from caesura_clients import query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
@@ -14,6 +17,8 @@ from caesura_clients.editing import edit
 from caesura_clients.following import follow
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
+from caesura_protocol.extremes import unpack_points
+from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -65,6 +70,24 @@ class Caesura:
     def snapshot(self, station: str, session: str | None = None) -> Snapshot:
         """Everything about one session; without a name the one that `program` speaks of."""
         return query.snapshot(self.transport, station, session)
+
+    def samples(
+        self,
+        station: str,
+        session: str,
+        t0: float,
+        tn: float,
+        *,
+        bins: int = 1000,
+        columns: Sequence[str] = (),
+    ) -> dict[str, NDArray[np.float64]]:
+        """The samples of a session from t0 to tn [s] by column, each an array (n, 2) of times and values.
+
+        Of each of `bins` bins the least and the greatest sample of every column. columns: such as `px`, `fz`,
+        `speed`; all that the session has where none is named. `query.samples` also states the holes.
+        """
+        wanted = SampleRange(t0, tn, bins, tuple(columns))
+        return unpack_points(query.samples(self.transport, station, session, wanted))
 
     def insert(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None

@@ -10,13 +10,29 @@ from typing import Literal, TypeVar
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
-from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, session_key, station_key
-from caesura_protocol.messages import MAX_WHOLE_BYTES, Message, Program, ServiceStatus, Snapshot
-from caesura_protocol.transport.network import IncompleteAnswerError, QueryReplies, Transport
+from caesura_protocol.keys import (
+    SampleRange,
+    parse_service_key,
+    parse_station_key,
+    samples_parameters,
+    service_key,
+    session_key,
+    station_key,
+)
+from caesura_protocol.messages import (
+    MAX_WHOLE_BYTES,
+    Message,
+    Program,
+    RecordedSamples,
+    ServiceStatus,
+    Snapshot,
+)
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S, IncompleteAnswerError, QueryReplies, Transport
 
 M = TypeVar("M", bound=Message)
 
 ASKED = 3  # times at most
+SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whole session
 
 
 @dataclass(frozen=True)
@@ -65,6 +81,19 @@ def program(transport: Transport, station: str) -> Program:
     if found is None:
         raise _nothing(transport, f"station {station!r} has no program")
     return found
+
+
+def samples(transport: Transport, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
+    """The samples of a session in a range, of each bin the extremes of every column.
+
+    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises Absent, which names what
+    there is, Unreachable, or ProtocolError.
+    """
+    key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
+    found = _asked(transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S)
+    if not found:
+        raise _nothing(transport, f"no samples of session {station}/{session}")
+    return max(found, key=lambda one: one.epoch)
 
 
 def current_sessions(transport: Transport) -> dict[str, str]:
@@ -134,15 +163,28 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
-def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
+def _asked(
+    transport: Transport,
+    key: str,
+    model: type[M],
+    *,
+    complete: bool = False,
+    parameters: str = "",
+    timeout_s: float = QUERY_TIMEOUT_S,
+) -> list[M]:
     """The answers to a query. Asks again, ASKED times in all, where pieces of a long answer were lost, or it
     took longer than the query lasts. What the service itself refuses as `overloaded` is not asked again: that
     would add to its load.
     """
+
+    def ask() -> list[M]:
+        replies = transport.query(key, parameters=parameters, timeout_s=timeout_s)
+        return decoded(replies, model, complete=complete)
+
     for _ in range(ASKED - 1):
         with suppress(IncompleteAnswerError):
-            return decoded(transport.query(key), model, complete=complete)
-    return decoded(transport.query(key), model, complete=complete)
+            return ask()
+    return ask()
 
 
 def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) -> list[M]:

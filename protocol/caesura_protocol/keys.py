@@ -10,6 +10,7 @@ A station, session or instance name is `[a-z0-9][a-z0-9_-]{0,63}`.
 
 from __future__ import annotations
 
+import math
 import re
 from functools import lru_cache
 from typing import Literal, NamedTuple, TypeVar, get_args
@@ -21,11 +22,16 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
 _COUNT = re.compile(r"[0-9]{1,15}")
+_NUMBER = re.compile(r"[+-]?[0-9]{1,15}(\.[0-9]{1,20})?(e[+-]?[0-9]{1,3})?")
+_COLUMN = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MAX_PARAMETERS = 1000  # characters
+MAX_BINS = 4096  # of the answer to a `samples` query
+MIN_BIN_S = 1e-6
+MAX_TIME_S = 1e10  # magnitude of a sample's time
 _AT_HAND = 4096  # keys, which are asked for again with every message
 
 StationPart = Literal["samples", "replay", "alive", "control", "program"]
-SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapshot"]
+SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapshot", "samples"]
 ServicePart = Literal["alive", "status"]
 
 
@@ -109,10 +115,7 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
     >>> parse_replay_parameters("from=3;to=9;max=100")
     ReplayRange(first=3, last=9, limit=100, session='')
     """
-    if len(parameters) > MAX_PARAMETERS:
-        why = "replay: too many parameters"
-        raise ProtocolError("malformed", why, value=len(parameters), limit=MAX_PARAMETERS)
-    fields = dict(part.partition("=")[::2] for part in parameters.split(";"))
+    fields = _fields(parameters, "replay")
     first, last, limit = (_count(fields.get(name), name) for name in ("from", "to", "max"))
     wanted = ReplayRange(first, last, limit, fields.get("session", ""))
     if wanted.last < wanted.first:
@@ -122,10 +125,73 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
     return wanted
 
 
-def _count(text: str | None, name: str) -> int:
+class SampleRange(NamedTuple):
+    """Which samples a `samples` query asks for.
+
+    t0, tn: [s] session time; bins: of equal width between them, of each the extremes are answered;
+    columns: which ones, all where none is named.
+    """
+
+    t0: float
+    tn: float
+    bins: int
+    columns: tuple[str, ...] = ()
+
+
+def samples_parameters(wanted: SampleRange) -> str:
+    """Parameters of a `samples` query, after its `?`.
+
+    >>> samples_parameters(SampleRange(0.0, 60.0, bins=1200, columns=("px", "speed")))
+    'from=0.0;to=60.0;bins=1200;columns=px,speed'
+    """
+    columns = f";columns={','.join(wanted.columns)}" if wanted.columns else ""
+    return f"from={float(wanted.t0)!r};to={float(wanted.tn)!r};bins={wanted.bins}{columns}"
+
+
+def parse_samples_parameters(parameters: str) -> SampleRange:
+    """The range that `samples` parameters ask for; unknown ones are ignored.
+
+    Raises ProtocolError `malformed`.
+
+    >>> parse_samples_parameters("from=0;to=60.5;bins=100")
+    SampleRange(t0=0.0, tn=60.5, bins=100, columns=())
+    """
+    fields = _fields(parameters, "samples")
+    t0, tn = (_number(fields.get(name), name) for name in ("from", "to"))
+    bins = _count(fields.get("bins"), "bins", "samples")
+    if not t0 < tn:
+        raise ProtocolError("malformed", "samples: the range ends before it begins", value=tn, limit=t0)
+    if not 1 <= bins <= MAX_BINS:
+        raise ProtocolError("malformed", "samples: number of bins", value=bins, limit=MAX_BINS)
+    if (tn - t0) / bins < MIN_BIN_S:
+        why = "samples: the bins are narrower than a sample can be"
+        raise ProtocolError("malformed", why, value=(tn - t0) / bins, limit=MIN_BIN_S)
+    columns = tuple(fields["columns"].split(",")) if fields.get("columns") else ()
+    for column in columns:
+        if not _COLUMN.fullmatch(column):
+            raise ProtocolError("malformed", "samples: not a column", value=column, expected=_COLUMN.pattern)
+    return SampleRange(t0, tn, bins, columns)
+
+
+def _fields(parameters: str, query: str) -> dict[str, str]:
+    if len(parameters) > MAX_PARAMETERS:
+        why = f"{query}: too many parameters"
+        raise ProtocolError("malformed", why, value=len(parameters), limit=MAX_PARAMETERS)
+    return dict(part.partition("=")[::2] for part in parameters.split(";"))
+
+
+def _number(text: str | None, name: str) -> float:
+    if text is None or not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+        raise ProtocolError("malformed", f"samples: {name} is not a finite number", value=text)
+    if abs(number := float(text)) > MAX_TIME_S:
+        raise ProtocolError("malformed", f"samples: {name} is absurd", value=number, limit=MAX_TIME_S)
+    return number
+
+
+def _count(text: str | None, name: str, query: str = "replay") -> int:
     if text is None or not _COUNT.fullmatch(text):
         raise ProtocolError(
-            "malformed", f"replay: {name} is not a count", value=text, expected=_COUNT.pattern
+            "malformed", f"{query}: {name} is not a count", value=text, expected=_COUNT.pattern
         )
     return int(text)
 

@@ -25,6 +25,7 @@ MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
 MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
+MAX_HOLES = 2048  # that recorded samples list
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
@@ -507,6 +508,36 @@ class Snapshot(Message):
     segments: Segments
     posterior: Posterior | None
     program: Program
+
+
+class RecordedSamples(Message):
+    """Samples of a session in a range of time, as the journal has them: nothing is computed between two.
+
+    Of each bin and column the first sample with the least value, and the first with the greatest, in the
+    order of time; one point where both are the same sample. A bin without samples has no point. Bins begin
+    at multiples of `bin_s`; those at the ends of the range are whole.
+
+    Positions are in metres; forces and torques as they were sent (see `force_frame`). Only `speed` is
+    computed: the distance between the mean position of the last 40 ms and that of the 40 ms before, by the
+    time between them. Without positions it is that of all joints together [rad/s].
+    """
+
+    station: Name
+    session: Name
+    instance: Name
+    epoch: Count  # of the session's owner; readers keep the highest
+    t0: Seconds  # [s] the range that was asked for
+    tn: Seconds  # [s]
+    bin_s: Amount  # [s] width of a bin
+    available: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # columns that the session has
+    columns: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # those of them that were asked for
+    counts: Annotated[Listed[Count], Field(max_length=MAX_COLUMNS)]  # points of each column
+    points: bytes  # little-endian float64, a pair (t, value) a point, column by column
+    first: Seconds | None  # [s] the first sample of the session; None where it has none
+    last: Seconds | None  # [s] its last one in the journal: what comes later is not recorded, or not yet
+    holes: Annotated[Listed[Gap], Field(max_length=MAX_HOLES)] = ()  # in the range, from sample to sample
+    holes_more: Count = 0  # shorter ones that are not listed
+    force_frame: ForceFrame = "base"
 
 
 class JournalReport(Message):

@@ -21,7 +21,16 @@ from typing import Self
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
-from caesura_service.journal import Journal, MemoryJournal, PeerJournals, SqliteJournal
+from caesura_service.decimation import SampleReader
+from caesura_service.journal import (
+    BatchSource,
+    FileBatches,
+    Journal,
+    JournalBatches,
+    MemoryJournal,
+    PeerJournals,
+    SqliteJournal,
+)
 from caesura_service.monitoring.health import alive, web_of
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource
@@ -52,11 +61,12 @@ class Service:
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
+        kept = journal or self._file or MemoryJournal()
         self.registry = InstrumentedRegistry(
             owner=owner,
             pipeline_factory=pipeline_factory or segmenting_pipeline(),
             default_preset=self.config.preset,
-            journal=journal or self._file or MemoryJournal(),
+            journal=kept,
             limits=self.config.limits,
             siblings=PeerJournals(self.config.journal_path if journal is None else None),
         )
@@ -65,6 +75,7 @@ class Service:
             owner,
             self.config.network,
             version=installed_version(),
+            samples=SampleReader(self._batches(kept)),
             queue=self.config.queue,
             rates=self.config.rates,
             clock=steady_clock(),
@@ -103,6 +114,10 @@ class Service:
     def is_alive(self) -> bool:
         """Does its work go on, or is it not ready yet?"""
         return alive(self._observed).well
+
+    def _batches(self, kept: Journal) -> BatchSource:
+        """Where samples are read: all journals of the directory, or the one in memory."""
+        return JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent, self._file)
 
     def status(self) -> ServiceStatus:
         """How it is doing."""

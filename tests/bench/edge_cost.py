@@ -27,7 +27,8 @@ from caesura_protocol.messages import Changepoints, Heartbeat, Posterior, Sample
 from caesura_protocol.transport.inbox import Inbox
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import SWITCH_INTERVAL_S
-from caesura_service.journal import MemoryJournal
+from caesura_service.decimation import SampleReader
+from caesura_service.journal import JournalBatches, MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
@@ -105,7 +106,10 @@ def main() -> None:
         network = NetworkSettings(connect=heard.get())
     registry = Answering(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with ZenohServer(registry, OWNER, network, version="bench", queue=QueueSettings()) as edge:
+    reader = SampleReader(JournalBatches(MemoryJournal()))
+    with ZenohServer(
+        registry, OWNER, network, version="bench", samples=reader, queue=QueueSettings()
+    ) as edge:
         names = [f"cell-{number}" for number in range(asked.stations)]
         others = context.Process(
             target=robots, args=(edge.endpoint, names, asked.seconds, heard), daemon=True

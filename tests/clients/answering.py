@@ -37,6 +37,7 @@ class Answering:
         self._stack.callback(self._over.set)
         for key in (
             session_key("*", "*", "snapshot"),
+            session_key("*", "*", "samples"),
             station_key("*", "program"),
             service_key("*", "status"),
         ):

@@ -90,12 +90,35 @@ def test_segments_appear_while_they_are_taught(stage: Stage, visitor: Visitor):
 
 def test_run_lengths_are_shown_when_they_are_asked_for(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/station/cell-1")
-    button = page.get_by_role("button", name="Run lengths")
+    button = page.get_by_role("button", name="run lengths")
     button.click()
     expect(button).to_have_attribute("aria-pressed", "true")
-    expect(page.locator("canvas.tall")).to_be_visible()
+    expect(page.locator("canvas.lengths")).to_be_visible()
     visitor.picture("run-lengths")
     assert visitor.errors == []
+
+
+def test_what_is_live_is_drawn_sample_by_sample_on_an_axis_that_stands_still(stage: Stage, visitor: Visitor):
+    taught = patient(seed=3)
+    stage.teach("cell-7", taught)
+    page = goto(stage, visitor, "/station/cell-7")
+    shown, plots = page.locator(".scrub output"), page.locator(".plots")
+    for least_s in (1.5, 3.0, 4.5):
+        eventually(lambda least_s=least_s: float(shown.inner_text().split()[0]) > least_s)
+        assert [plots.get_attribute(f"data-{name}") for name in ("from", "to")] == ["0", "30"]
+    points = page.evaluate(
+        """() => {
+          const { state, plots } = document.querySelector(".plots").plots;
+          const [times, ...columns] = plots.get("position").plot.data;
+          const points = columns.map((values) => [...times].map((t, i) => [t, values[i]]));
+          return [state.origin, points.map((column) => column.filter(([, value]) => value !== undefined))];
+        }"""
+    )
+    for k, (origin, column) in enumerate(zip(*points, strict=True)):
+        samples = dict(zip(taught.t, taught.signals["pos"][:, k] - origin, strict=True))
+        assert len(column) > 100
+        assert all(samples.get(t) == value for t, value in column)
+    stage.kill("cell-7")
 
 
 def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visitor):

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
 expect.set_options(timeout=PATIENCE_MS)
 
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
-SHOWN_S = 5.0  # what the plot shows while somebody points into it: 0 to 5 s
+SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
@@ -59,22 +59,27 @@ class Operator:
             expect(rows.nth(-1 - index)).to_contain_text("final")
 
     def look_at_the_beginning(self) -> None:
-        """What is shown stands still: 0 to SHOWN_S."""
+        """What is shown stands still: 0 to 7.5 s, found up to SHOWN_S."""
         self.page.get_by_label("Your name").fill("Ann")
         slider = self.page.get_by_role("slider", name="Show until")
         eventually(lambda: float(slider.get_attribute("max") or 0.0) >= SHOWN_S)
+        for _ in range(2):
+            self.page.get_by_role("button", name="Zoom in").click()
         slider.fill(str(SHOWN_S))
+        eventually(lambda: float(self.plot.get_attribute("data-to") or 0.0) == 7.5)
 
     @property
     def plot(self) -> Locator:
-        return self.page.locator("canvas.plot")
+        return self.page.locator(".plots")
 
     def place(self, t: float) -> tuple[float, float]:
         """Where a time is on the screen."""
         box = self.plot.bounding_box()
         assert box is not None
         inside = box["width"] - 2 - LEFT - RIGHT  # the border is one pixel wide
-        return box["x"] + 1 + LEFT + inside * t / SHOWN_S, box["y"] + box["height"] / 2
+        start, end = (float(self.plot.get_attribute(f"data-{name}") or 0.0) for name in ("from", "to"))
+        share = (t - start) / (end - start)
+        return box["x"] + 1 + LEFT + inside * share, box["y"] + box["height"] / 2
 
     def click(self, t: float) -> None:
         self.page.mouse.click(*self.place(t))

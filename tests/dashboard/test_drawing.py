@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from caesura_clients.dashboard.drawing import SentState, delta, phase_row, run_lengths, segment_row
-from caesura_clients.dashboard.signals import Rows, SignalRing
 from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
-
-NOTHING = Rows("", "m/s", 0, ())
-COLUMNS = ("t", "px", "py", "pz")
 
 
 class Browser:
@@ -23,7 +18,6 @@ class Browser:
         self.segments: list = []
         self.phases: list = []
         self.changepoints: list = []
-        self.signals: list = []
         self.session = ""
 
     def apply(self, payload: dict) -> None:
@@ -34,7 +28,6 @@ class Browser:
             if name in payload:
                 part = payload[name]
                 setattr(self, name, getattr(self, name)[: part["first"]] + part["rows"])
-        self.signals += payload.get("signals", [])
 
 
 @pytest.fixture
@@ -55,7 +48,7 @@ def updates(update):
 def test_a_browser_that_takes_every_difference_has_everything(updates):
     browser, sent = Browser(), SentState()
     for one in updates:
-        sent, payload = delta(sent, one, NOTHING)
+        sent, payload = delta(sent, one)
         browser.apply(payload)
         assert browser.session == one.session
         assert browser.segments == [segment_row(part) for part in one.segments]
@@ -65,40 +58,29 @@ def test_a_browser_that_takes_every_difference_has_everything(updates):
 
 def test_a_browser_that_missed_some_catches_up_at_once(updates):
     browser = Browser()
-    sent, payload = delta(SentState(), updates[0], NOTHING)
+    sent, payload = delta(SentState(), updates[0])
     browser.apply(payload)
-    _, payload = delta(sent, updates[3], NOTHING)
+    _, payload = delta(sent, updates[3])
     browser.apply(payload)
     assert browser.segments == [segment_row(part) for part in updates[3].segments]
 
 
 def test_nothing_new_is_nothing_to_send(updates):
-    sent, _ = delta(SentState(), updates[1], NOTHING)
-    assert delta(sent, updates[1], NOTHING) == (sent, {})
+    sent, _ = delta(SentState(), updates[1])
+    assert delta(sent, updates[1]) == (sent, {})
 
 
 def test_only_what_changed_is_sent(updates):
-    sent, _ = delta(SentState(), updates[0], NOTHING)
-    _, payload = delta(sent, updates[1], NOTHING)
+    sent, _ = delta(SentState(), updates[0])
+    _, payload = delta(sent, updates[1])
     assert payload["segments"]["first"] == 1
     assert len(payload["segments"]["rows"]) == 1
 
 
-def test_signals_are_sent_once_and_only_those_of_the_session(updates):
-    ring, session = SignalRing(), updates[0].session
-    t = np.arange(1000) / 1000.0
-    ring.receive(session, COLUMNS, np.column_stack([t, t, t, t]))
-    sent, payload = delta(SentState(), updates[0], ring.after(0))
-    assert len(payload["signals"]) == 24
-    assert delta(sent, updates[0], ring.after(sent.rows))[1] == {}
-    other = ring.after(0)._replace(session="another")
-    assert "signals" not in delta(SentState(), updates[0], other)[1]
-
-
 def test_a_session_that_is_gone_leaves_nothing_behind(updates):
-    sent, _ = delta(SentState(), updates[0], NOTHING)
-    assert delta(sent, None, NOTHING) == (SentState(), {"reset": True})
-    assert delta(SentState(), None, NOTHING) == (SentState(), {})
+    sent, _ = delta(SentState(), updates[0])
+    assert delta(sent, None) == (SentState(), {"reset": True})
+    assert delta(SentState(), None) == (SentState(), {})
 
 
 def test_run_lengths_are_times_back_from_their_observation():
@@ -108,19 +90,14 @@ def test_run_lengths_are_times_back_from_their_observation():
     assert run_lengths([one]) == [[2.0, [[1.5, 1.0]]]]
 
 
-def test_signals_are_in_metres_whatever_the_bridge_sends(updates):
-    status = updates[0].status.model_copy(update={"length_unit": "mm"})
-    one = replace(updates[0], status=status)
-    ring = SignalRing()
-    t = np.arange(1000) / 1000.0
-    ring.receive(one.session, COLUMNS, np.column_stack([t, t + 250.0, t, t]))
-    _, payload = delta(SentState(), one, ring.after(0))
-    assert payload["signals"][0][1] == pytest.approx(0.25, abs=0.001)
+def test_a_segment_has_its_start_and_its_load_and_no_end_to_draw_a_line_to(updates):
+    row = segment_row(updates[0].segments[0])
+    assert row[7:] == [[0.5, -0.25, 0.125], 0.5, 0.0625]
 
 
 @pytest.mark.parametrize(("frame", "tare"), [("base", (0.5, -1.0, 2.0)), ("flange", None)])
 def test_a_bias_is_taken_off_where_it_and_the_samples_are_in_one_frame(updates, frame, tare):
     wrench = updates[0].status.wrench.model_copy(update={"frame": frame, "tare": (0.5, -1.0, 2.0)})
     one = replace(updates[0], status=updates[0].status.model_copy(update={"wrench": wrench}))
-    _, payload = delta(SentState(), one, NOTHING)
+    _, payload = delta(SentState(), one)
     assert (payload["frame"], payload["tare"]) == (frame, tare)

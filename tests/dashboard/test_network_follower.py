@@ -9,8 +9,8 @@ from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.query import services, stations
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import service_key, station_key
-from caesura_protocol.messages import Heartbeat, Posterior, Program, ServiceStatus
+from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, Program, RecordedSamples, ServiceStatus
 from clients.answering import Answering
 from clients.examples import example, segments, snapshot
 from clients.fake_service import eventually
@@ -63,10 +63,20 @@ def test_what_is_published_is_known(gateway, answering):
 
 def test_samples_become_signals_and_an_age(gateway, memory):
     memory.transport().put(station_key("cell-7", "samples"), samples())
-    eventually(lambda: gateway.signals("cell-7").rows)
+    eventually(lambda: "cell-7" in gateway.heard)
     assert gateway.heard["cell-7"].t == pytest.approx(0.499)
-    assert gateway.signals("cell-7").session == "s1"
-    assert gateway.signals("cell-8").rows == ()
+
+
+def test_the_newest_samples_are_read_here_and_others_asked_for(gateway, memory, answering):
+    wanted = SampleRange(0.0, 0.5, 100, ("px",))
+    robot, session = memory.transport(), snapshot(1).status.session
+    robot.put(station_key(station(), "samples"), samples(session=session))
+    eventually(lambda: station() in gateway.heard)
+    found = gateway.samples(station(), session, wanted)
+    assert (found.instance, found.last) == ("dashboard", pytest.approx(0.499))
+    key = session_key(station(), "older", "samples")
+    answering.answers[key] = encode(example(RecordedSamples))
+    assert gateway.samples(station(), "older", wanted) == example(RecordedSamples)
 
 
 def test_rubbish_and_heartbeats_are_no_samples(gateway, memory):

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from caesura_clients import editing
+from caesura_clients import editing, query
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_protocol.keys import SampleRange
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -45,7 +46,9 @@ def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
         with Bridge(robot, "cell-1", FileSource(guided(), pace=math.inf), session="s1") as bridge:
             bridge.run()
         eventually(lambda: gateway.world.update("cell-1") and gateway.world.update("cell-1").closed)
-        assert gateway.signals("cell-1").rows, "samples are let through to a reader"
+        eventually(lambda: "cell-1" in gateway.heard)  # samples are let through to a reader
+        past = query.samples(wall, "cell-1", "s1", SampleRange(0.0, 10.0, 100))
+        assert past.counts[0] > 100, "and those of the journal"
 
         with pytest.raises(EditRefused, match="or it is forbidden"):
             correct(corrector(wall), "cell-1", INSERT)

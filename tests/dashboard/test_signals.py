@@ -1,129 +1,163 @@
-"""Samples at any rate become few rows, each once, and the ring keeps the newest."""
+"""What a ring gives a plot: samples of the station and nothing else, the newest minute of them."""
 
 from __future__ import annotations
 
+import json
+import struct
 import tracemalloc
 
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.signals import CAPACITY, RATE_HZ, CellMeans, Decimator, SignalRing, drawn
+from caesura_clients.dashboard.signals import BIN_S, SPAN_S, SignalRing, as_bytes
+from caesura_protocol.extremes import unpack_points
+from caesura_protocol.keys import SampleRange
+from caesura_protocol.messages import RecordedSamples
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+ALL = SampleRange(-1e6, 1e6, 10)
 
 
-def moving(seconds: float, rate_hz: float = 1000.0, t0: float = 0.0) -> np.ndarray:
-    """0.2 m/s along x, 3 N along z."""
+def moving(seconds: float, *, t0: float = 0.0, rate_hz: float = 1000.0) -> np.ndarray:
+    """A hand that moves along x at 0.2 m/s under noise of force."""
     t = t0 + np.arange(round(seconds * rate_hz)) / rate_hz
-    zero = np.zeros_like(t)
-    return np.column_stack([t, 0.2 * t, zero, zero, zero, zero, zero + 3.0])
+    force = np.random.default_rng(7).normal(0.0, 1.0, (t.size, 3))
+    return np.column_stack([t, 0.2 * t, 0.0 * t, 0.0 * t, force])
 
 
-@pytest.mark.parametrize("cut", [1, 7, 20, 999])
-def test_rows_do_not_depend_on_how_samples_are_cut(cut):
-    whole, matrix = Decimator(), moving(2.0)
-    expected = whole.receive(COLUMNS, matrix)
-    cutting = Decimator()
-    found = [row for i in range(0, len(matrix), cut) for row in cutting.receive(COLUMNS, matrix[i : i + cut])]
-    assert len(found) == len(expected) == 2.0 * RATE_HZ - 1  # the last cell may still get samples
-    for one, other in zip(found, expected, strict=True):
-        assert one.t == other.t
-        assert one.position == pytest.approx(other.position)
+def sent(ring: SignalRing, matrix: np.ndarray, *, session: str = "s1", first: int = 0, columns=COLUMNS):
+    for seq, start in enumerate(range(0, len(matrix), 20), first):
+        ring.receive(session, columns, seq, matrix[start : start + 20])
 
 
-def test_while_time_stands_still_samples_take_no_memory():
-    decimator, still = Decimator(), np.column_stack([np.zeros(1000), np.ones((1000, 6))])
-    decimator.receive(COLUMNS, still)
-    tracemalloc.start()
-    for value in range(100):
-        decimator.receive(COLUMNS, np.column_stack([np.zeros(1000), np.full((1000, 6), float(value % 2))]))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 500_000
-    (row,) = decimator.receive(COLUMNS, moving(0.01, t0=1.0))
-    assert row.position == pytest.approx((51 / 101,) * 3)
+def read(ring: SignalRing, wanted: SampleRange = ALL, unit: str = "m") -> RecordedSamples:
+    found = ring.read("cell-1", wanted, unit, "base")
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("wanted", [ALL, SampleRange(0.3, 0.6, 100, ("fz", "px"))])
+def test_every_point_is_a_sample_and_of_every_bin_both_extremes_are_there(wanted):
+    ring, matrix = SignalRing(), moving(2.0)
+    sent(ring, matrix)
+    found = read(ring, wanted)
+    samples = dict(zip(matrix[:, 0], matrix[:, 6], strict=True))
+    points = unpack_points(found)["fz"]
+    assert all(samples[t] == value for t, value in points)
+    bins = np.floor(matrix[:, 0] / BIN_S + 1e-6)
+    whole = matrix[bins == np.floor(0.4 / BIN_S + 1e-6), 6]
+    assert {whole.min(), whole.max()} <= set(points[:, 1].tolist())
+    assert found.columns == ((*COLUMNS[1:], "speed") if wanted is ALL else ("px", "fz"))
+
+
+def test_the_speed_is_that_of_the_hand():
+    ring = SignalRing()
+    sent(ring, moving(1.0))
+    assert unpack_points(read(ring))["speed"][5:, 1] == pytest.approx(0.2)
+
+
+def test_joints_alone_have_a_speed_of_their_own():
+    ring, t = SignalRing(), np.arange(1000) / 1000.0
+    columns = ("t", *(f"q{i}" for i in range(1, 8)))
+    sent(ring, np.column_stack([t, 0.5 * t, *np.zeros((6, t.size))]), columns=columns)
+    assert unpack_points(read(ring))["speed"][5:, 1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("pause_s", "skipped", "reason"), [(2.0, 0, "source"), (0.1, 3, "evicted")])
+def test_a_hole_is_stated_and_has_no_speed_behind_it(pause_s, skipped, reason):
+    ring = SignalRing()
+    sent(ring, moving(1.0))
+    sent(ring, moving(1.0, t0=1.0 + pause_s), first=50 + skipped)
+    found = read(ring)
+    assert [(hole.t0, hole.tn, hole.reason) for hole in found.holes] == [
+        (0.999, pytest.approx(1.0 + pause_s), reason)
+    ]
+    times = unpack_points(found)["speed"][:, 0]
+    assert not ((times > 0.999) & (times < 1.08 + pause_s)).any()
+
+
+def test_batches_that_did_not_arrive_are_not_covered_until_they_are_past():
+    ring = SignalRing()
+    sent(ring, moving(1.0))
+    assert ring.covers("s1", 0.0)
+    sent(ring, moving(1.0, t0=1.1), first=55)
+    assert not ring.covers("s1", 0.0)
+    assert ring.covers("s1", 1.2)
+
+
+def test_what_comes_late_or_twice_is_no_point():
+    ring, matrix = SignalRing(), moving(1.0)
+    sent(ring, matrix)
+    before = read(ring)
+    sent(ring, matrix)
+    assert read(ring).points == before.points
 
 
 @pytest.mark.parametrize("t0", [1e308, -1e308, 1e300, 1e18])
 def test_a_time_that_is_none_is_left_out(t0):
-    decimator = Decimator()
-    assert decimator.receive(COLUMNS, moving(1.0, t0=t0)) == []
-    assert len(decimator.receive(COLUMNS, moving(1.0))) == RATE_HZ - 1
-
-
-def test_a_row_is_the_mean_of_its_cell():
-    rows = Decimator().receive(COLUMNS, moving(1.0))
-    assert rows[5].t == pytest.approx(5.5 / RATE_HZ)
-    assert rows[5].position == pytest.approx((0.2 * (rows[5].t - 0.0005), 0.0, 0.0))
-    assert rows[5].force == pytest.approx((0.0, 0.0, 3.0))
-    assert rows[0].speed is None
-    assert rows[5].speed == pytest.approx(0.2)
-
-
-def test_what_comes_late_or_twice_makes_no_second_row():
-    decimator, matrix = Decimator(), moving(1.0)
-    first = decimator.receive(COLUMNS, matrix)
-    again = decimator.receive(COLUMNS, matrix)
-    assert first
-    assert again == []
-
-
-def test_there_is_no_speed_across_a_hole():
-    decimator = Decimator()
-    decimator.receive(COLUMNS, moving(0.5))
-    rows = decimator.receive(COLUMNS, moving(0.5, t0=3.0))
-    assert [row.speed is None for row in rows if row.t > 2.0][:2] == [True, False]
-
-
-def test_joints_alone_give_a_speed_and_no_position():
-    t = np.arange(200) / 1000.0
-    columns = ("t", *(f"q{i}" for i in range(1, 8)))
-    matrix = np.column_stack([t, 0.5 * t, *np.zeros((6, t.size))])
-    rows = Decimator().receive(columns, matrix)
-    assert rows[2].position is None
-    assert rows[2].force is None
-    assert rows[2].speed == pytest.approx(0.5)
-
-
-def test_a_ring_gives_what_somebody_has_not_seen():
     ring = SignalRing()
-    ring.receive("s1", COLUMNS, moving(1.0))
-    first = ring.after()
-    ring.receive("s1", COLUMNS, moving(1.0, t0=1.0))
-    second = ring.after(first.next)
-    assert first.session == second.session == "s1"
-    assert [row.t for row in (*first.rows, *second.rows)] == [row.t for row in ring.after().rows]
-    assert ring.after(second.next).rows == ()
+    sent(ring, moving(1.0, t0=t0))
+    assert ring.read("cell-1", ALL, "m", "base") is None
+    sent(ring, moving(1.0))
+    assert read(ring).last == 0.999
 
 
-def test_a_ring_holds_a_minute_and_says_how_many_there_were():
+def test_samples_whose_time_stands_still_are_not_kept():
+    ring = SignalRing()
+    tracemalloc.start()
+    for _ in range(100):
+        ring.receive("s1", COLUMNS, 0, np.zeros((1000, 7)))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_000_000
+
+
+def test_a_ring_holds_a_minute_and_says_what_it_covers():
     ring = SignalRing()
     for t0 in range(80):
-        ring.receive("s1", COLUMNS, moving(1.0, rate_hz=100.0, t0=float(t0)))
-    held = ring.after()
-    assert len(held.rows) == CAPACITY
-    assert held.next == 80 * RATE_HZ - 1
-    assert held.rows[-1].t > 79.9
+        sent(ring, moving(1.0, rate_hz=100.0, t0=float(t0)), first=5 * t0)
+        assert ring.covers("s1", 0.0) == (t0 < SPAN_S + 5) or SPAN_S - 5 < t0 < SPAN_S + 25
+    assert not ring.covers("s1", 0.0)
+    assert ring.covers("s1", 80.0 - SPAN_S + 1.0)
+    assert not ring.covers("s2", 79.0)
+    found = read(ring)
+    assert found.first is None, "its beginning is not here any more"
+    assert found.last == 79.99
 
 
-def test_who_has_seen_another_session_gets_all_of_this_one():
+def test_who_joins_late_does_not_have_the_beginning():
     ring = SignalRing()
-    ring.receive("s1", COLUMNS, moving(2.0))
-    seen = ring.after().next
-    ring.receive("s2", COLUMNS, moving(1.0))
-    assert ring.after(seen, "s1").rows == ring.after().rows != ()
+    sent(ring, moving(1.0, t0=5.0), first=250)
+    assert not ring.covers("s1", 0.0)
+    assert read(ring).first is None
 
 
-def test_another_session_begins_anew():
+def test_another_session_begins_anew_and_so_do_other_columns():
     ring = SignalRing()
-    ring.receive("s1", COLUMNS, moving(1.0, t0=50.0))
-    ring.receive("s2", COLUMNS, moving(1.0))
-    held = ring.after()
-    assert held.session == "s2"
-    assert held.rows[0].t < 0.1
+    sent(ring, moving(1.0, t0=50.0))
+    sent(ring, moving(1.0), session="s2")
+    assert (read(ring).session, read(ring).last) == ("s2", 0.999)
+    sent(ring, moving(1.0, t0=2.0)[:, :4], session="s2", columns=COLUMNS[:4])
+    assert "fx" not in read(ring).available
 
 
-def test_a_row_is_drawn_in_metres():
-    row = CellMeans(1.0, (300.0, 0.0, 250.0), 120.0, (0.0, 1.0, 2.0))
-    assert drawn(row, 0.001) == [1.0, 0.3, 0.0, 0.25, 0.12, 0.0, 1.0, 2.0]
-    assert drawn(CellMeans(1.0, None, 0.4, None), 0.001) == [1.0, None, None, None, 0.4, None, None, None]
+def test_lengths_are_metres_whatever_the_bridge_sends():
+    ring, matrix = SignalRing(), moving(1.0)
+    matrix[:, 1:4] = matrix[:, 1:4] * 1000.0 + 250.0
+    sent(ring, matrix)
+    points = unpack_points(read(ring, unit="mm"))
+    assert points["py"][:, 1] == pytest.approx(0.25)
+    assert points["speed"][5:, 1] == pytest.approx(0.2)
+
+
+def test_the_form_for_browsers_keeps_every_bit():
+    ring = SignalRing()
+    sent(ring, moving(1.0))
+    found = read(ring)
+    content = as_bytes(found)
+    (length,) = struct.unpack_from("<I", content)
+    header = json.loads(content[4 : 4 + length])
+    assert (4 + length) % 8 == 0
+    assert content[4 + length :] == found.points
+    assert header["counts"] == list(found.counts)
+    assert header["holes"] == []

@@ -1,9 +1,9 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, end], where the last two are
-[px, py, pz, fx, fy, fz]; a phase [t0, tn, kind, probability, final, strokes]; a changepoint
-[t, probability, final, t_low, t_high, corrected]; a gap [t0, tn, reason]; a column of run lengths
-[t, [[length, probability], …]].
+A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
+[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes], a
+changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
+[t, [[length, probability], …]]. Signals go another way: a page asks for those that it shows (`signals.py`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from caesura_clients.dashboard.signals import SCALE, Rows, drawn
 from caesura_clients.dashboard.station_summary import reached
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Gap, Phase, Posterior, Segment, Vector
+from caesura_protocol.messages import Changepoint, Phase, Posterior, Segment
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -27,10 +26,9 @@ class SentState:
 
     session: str = ""
     update: Update | None = None
-    rows: int = 0  # of signals
 
 
-def delta(sent: SentState, update: Update | None, signals: Rows) -> tuple[SentState, dict[str, Any]]:
+def delta(sent: SentState, update: Update | None) -> tuple[SentState, dict[str, Any]]:
     """What a browser with `sent` lacks, and what it has then; nothing at all where nothing is new."""
     if update is None:
         return SentState(), ({"reset": True} if sent.session else {})
@@ -39,13 +37,7 @@ def delta(sent: SentState, update: Update | None, signals: Rows) -> tuple[SentSt
         sent, payload = SentState(update.session), {"reset": True, "session": update.session}
     if update is not sent.update:
         payload |= _changes(sent.update, update)
-    seen = sent.rows
-    if signals.session == update.session and signals.next > seen:
-        scale = SCALE[update.status.length_unit]
-        payload["signals"] = [drawn(row, scale) for row in signals.rows]
-        payload["unit"] = signals.unit
-        seen = signals.next
-    return SentState(update.session, update, seen), payload
+    return SentState(update.session, update), payload
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:
@@ -63,8 +55,6 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
         first = common(known, after.changepoints)
         rows = [changepoint_row(one) for one in after.changepoints[first:]]
         changes["changepoints"] = {"first": first, "rows": rows}
-    if before is None or after.status.gaps != before.status.gaps:
-        changes["gaps"] = [gap_row(one) for one in after.status.gaps]
     wrench = after.status.wrench
     if before is None or wrench != before.status.wrench:
         changes |= {"frame": wrench.frame, "tare": wrench.tare if wrench.frame == "base" else None}
@@ -87,8 +77,9 @@ def segment_row(one: Segment) -> Cells:
         one.certainty == "final",
         one.corrected,
         one.runner_up,
-        _end(one.position_start, one.force_start),
-        _end(one.position_end, one.force_end),
+        [round(value, 4) for value in one.position_start],
+        one.load_kg,
+        one.load_sd_kg,
     ]
 
 
@@ -98,19 +89,10 @@ def phase_row(one: Phase) -> Cells:
     return [round(one.t0, 3), round(one.tn, 3), one.kind, round(one.probability, 3), final, one.strokes]
 
 
-def _end(position: Vector, force: Vector) -> Cells:
-    return [*(round(value, 4) for value in position), *(round(value, 2) for value in force)]
-
-
 def changepoint_row(one: Changepoint) -> Cells:
     """As the module says. Times are exact: a correction names the changepoint by its time."""
     final = one.certainty == "final"
     return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
-
-
-def gap_row(one: Gap) -> Cells:
-    """As the module says."""
-    return [round(one.t0, 3), round(one.tn, 3), one.reason]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

@@ -17,7 +17,6 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.drawing import SentState, delta
-from caesura_clients.dashboard.signals import Rows
 from caesura_clients.results import Update
 
 UNSEEN = 3  # payloads that a browser may be behind
@@ -85,21 +84,21 @@ class SessionView(LiveElement, component="web/session_view.js"):
     """Signals, segments and tools. on_edit: what an operator asks for, as the browser says it."""
 
     def __init__(
-        self, *, editable: bool, replay: bool, on_edit: Callable[[GenericEventArguments], Any]
+        self, station: str, *, editable: bool, replay: bool, on_edit: Callable[[GenericEventArguments], Any]
     ) -> None:
         super().__init__()
-        self._props["editable"], self._props["replay"] = editable, replay
+        self._props |= {"station": station, "editable": editable, "replay": replay}
         self._known = SentState()
         self._stands: dict[str, Any] = {}
         self.wants_run_lengths = False
         self.on("edit", on_edit)
         self.on("run-lengths", self._want)
 
-    def follow(self, update: Update | None, signals: Rows, more: dict[str, Any]) -> None:
+    def follow(self, update: Update | None, more: dict[str, Any]) -> None:
         """Send what is new in a session. more: goes with whatever is sent."""
         if not self.is_free:
             return
-        known, payload = delta(self._known, update, signals)
+        known, payload = delta(self._known, update)
         if payload or more:
             self.send(payload | more)
         self._known = known
@@ -112,16 +111,6 @@ class SessionView(LiveElement, component="web/session_view.js"):
             return {}
         self._stands = stands
         return dict(stands)
-
-    @property
-    def seen_rows(self) -> int:
-        """How many rows of signals were sent."""
-        return self._known.rows
-
-    @property
-    def seen_session(self) -> str:
-        """Of which session."""
-        return self._known.session
 
     def answered(self, message: str, *, failed: bool) -> None:
         """Say what became of a correction."""

@@ -19,16 +19,16 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
-from caesura_clients.dashboard.signals import Rows, SignalRing
+from caesura_clients.dashboard.signals import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
 from caesura_clients.following import Event, SessionRemoved, events
-from caesura_clients.query import current_sessions, service_status
+from caesura_clients.query import current_sessions, samples, service_status
 from caesura_clients.results import Update
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
-from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
+from caesura_protocol.keys import SampleRange, parse_service_key, parse_station_key, service_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, RecordedSamples, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
@@ -83,10 +83,18 @@ class NetworkFollower:
     ) -> None:
         self._stack.close()
 
-    def signals(self, station: str, seen: int = 0, session: str | None = None) -> Rows:
-        """What is held of a station's signals, from row number `seen` on, or all of another session's."""
-        ring = self._rings.get(station)
-        return Rows("", "m/s", 0, ()) if ring is None else ring.after(seen, session)
+    def samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
+        """The samples of a session in a range: the newest ones as they came, others from the journal.
+
+        Raises Absent, Unreachable or ProtocolError.
+        """
+        ring, update = self._rings.get(station), self.world.update(station, session)
+        if ring is not None and update is not None and ring.covers(session, wanted.t0):
+            status = update.status
+            found = ring.read(station, wanted, status.length_unit, status.wrench.frame)
+            if found is not None and found.session == session:
+                return found
+        return samples(self.transport, station, session, wanted)
 
     def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
         """The newest posteriors of a session, in order."""
@@ -189,7 +197,7 @@ class NetworkFollower:
         if station not in self._rings and len(self._rings) >= STATIONS:
             return
         self.heard[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
-        self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, matrix)
+        self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 
     # --- services ---
 

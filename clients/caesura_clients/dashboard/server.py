@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from fastapi import HTTPException
+from fastapi import HTTPException, Request, Response
+from fastapi.responses import PlainTextResponse
 from nicegui import app, background_tasks, ui
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
@@ -16,9 +17,12 @@ from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.pages import lists, overview
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
-from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.keys import check_name
+from caesura_clients.dashboard.signals import as_bytes
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
+from caesura_protocol.keys import check_name, parse_samples_parameters
 
+SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
+REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
 LOOK_S = 0.02  # between two looks whether the socket is bound
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
@@ -124,9 +128,26 @@ def declare(site: Site) -> None:
     def _session(station: str, session: str) -> None:
         SessionPage(site, _checked(station), _checked(session))
 
+    @app.get(f"{SAMPLES}/{{station}}/{{session}}")
+    async def _samples(station: str, session: str, request: Request) -> Response:
+        wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
+        return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
+
     @ui.page("/system")
     def _system() -> None:
         lists.build_system(site)
+
+
+def _signals(site: Site, station: str, session: str, parameters: str) -> Response:
+    """The samples of a session for its plots; a refusal as text that says why."""
+    try:
+        wanted = parse_samples_parameters(parameters)
+        content = as_bytes(site.gateway.samples(station, session, wanted))
+    except ProtocolError as error:
+        return PlainTextResponse(str(error), status_code=REFUSED.get(error.code, 503))
+    except CaesuraError as error:
+        return PlainTextResponse(str(error), status_code=404 if isinstance(error, NotFound) else 503)
+    return Response(content, media_type="application/octet-stream", headers={"cache-control": "no-store"})
 
 
 def _checked(name: str) -> str:

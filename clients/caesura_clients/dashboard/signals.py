@@ -1,139 +1,152 @@
-"""Position, speed and force for the plot, as means over cells of 1/25 s.
+"""The newest samples of a station as points to draw, and the form in which points go to a browser.
 
-A ring holds the newest SPAN_S of one session. Who draws asks for what came after the rows it has.
+A ring holds the newest SPAN_S of one session in bins of BIN_S: of each bin and column the least and greatest
+sample. So a live view asks the service nothing. Everything older comes from the journal.
 """
 
 from __future__ import annotations
 
+import json
+import struct
 import threading
 from collections import deque
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.extremes import Extremes, between, bins_of, extremes_of, joined, packed, points_of
+from caesura_protocol.keys import SampleRange
+from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, RecordedSamples
+from caesura_protocol.runs import RunSplitter, Speed, drawn_columns, in_metres
 
-RATE_HZ = 25.0
+BIN_S = 0.04
 SPAN_S = 60.0
-CAPACITY = round(RATE_HZ * SPAN_S)  # rows a station
-LONGEST_STEP_S = 0.5  # between rows that belong together; a longer one is drawn as a hole
+FOLD_ROWS = 200  # samples that are folded at once
+PARTS = 64  # joined at once
 FARTHEST_S = 1e10  # a session time beyond it is none; a service refuses it as well
-SCALE = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+PADDING = 8  # [bytes] points begin at a multiple of it
 
 Array = NDArray[np.float64]
 
 
-class CellMeans(NamedTuple):
-    """Means over one cell of the grid; None where the robot does not say."""
-
-    t: float  # [s] session time, the middle of the cell
-    position: tuple[float, float, float] | None  # [m]
-    speed: float | None  # [m/s], or [rad/s] of all joints together where there is no position
-    force: tuple[float, float, float] | None  # [N] as measured
-
-
-class Rows(NamedTuple):
-    """The rows of a ring that a browser has not received yet."""
-
-    session: str
-    unit: str  # of the speed
-    next: int  # to be given the next time
-    rows: tuple[CellMeans, ...]
-
-
 class SignalRing:
-    """The newest rows of one station; written by one thread, read by others."""
+    """The newest samples of one station; written by one thread, read by others."""
 
     def __init__(self) -> None:
-        self._rows: deque[CellMeans] = deque(maxlen=CAPACITY)
         self._lock = threading.Lock()
-        self._decimator = Decimator()
-        self._session, self._unit = "", "m/s"
-        self._columns: tuple[str, ...] = ()
-        self._count = 0  # rows ever made of this session
+        self._begin("", ())
 
-    def receive(self, session: str, columns: tuple[str, ...], matrix: Array) -> None:
-        """Take samples (n, columns), session time [s] first. Another session begins anew."""
+    def _begin(self, session: str, columns: tuple[str, ...]) -> None:
+        self._session, self._columns = session, columns
+        self._splitter, self._speed = RunSplitter(), Speed(columns)
+        self._waiting: list[tuple[int, Array]] = []
+        self._rows = 0  # that wait
+        self._parts: list[Extremes] = []
+        self._holes: deque[Gap] = deque(maxlen=256)
+        self._first = self._last = float("nan")  # [s]
+        self._has_beginning = False  # is the session's first sample the first here?
+
+    @property
+    def session(self) -> str:
+        """Which session it holds."""
+        return self._session
+
+    def receive(self, session: str, columns: tuple[str, ...], seq: int, matrix: Array) -> None:
+        """Take a batch of samples (n, columns), session time [s] first.
+
+        Another session begins anew, and so do other columns.
+        """
         with self._lock:
-            if session != self._session:
-                self._rows.clear()
-                self._decimator, self._session, self._count = Decimator(), session, 0
-            elif columns != self._columns:
-                self._decimator = Decimator()
-            self._columns = columns
-            self._unit = "m/s" if "px" in columns else "rad/s"
-            made = self._decimator.receive(columns, matrix)
-            self._rows.extend(made)
-            self._count += len(made)
+            if (session, columns) != (self._session, self._columns):
+                self._begin(session, columns)
+            matrix = matrix[np.abs(matrix[:, 0]) < FARTHEST_S]
+            self._waiting.append((seq, matrix))
+            self._rows += len(matrix)
+            if self._rows > FOLD_ROWS:
+                self._fold()
 
-    def after(self, seen: int = 0, session: str | None = None) -> Rows:
-        """The rows that are held of those from number `seen` on; of all, if that was another session's."""
+    def covers(self, session: str, t0: float) -> bool:
+        """Is everything from t0 [s] on here that the station has sent of a session?
+
+        Batches that did not arrive here are asked for: the journal may have them.
+        """
         with self._lock:
-            seen = seen if session in {None, self._session} else 0
-            missing = min(max(0, self._count - seen), len(self._rows))
-            rows = tuple(self._rows)[len(self._rows) - missing :]
-            return Rows(self._session, self._unit, self._count, rows)
+            self._fold()
+            is_whole = all(hole.reason == "source" or hole.tn <= t0 for hole in self._holes)
+            return is_whole and session == self._session and (self._has_beginning or self._first <= t0)
+
+    def read(
+        self, station: str, wanted: SampleRange, unit: LengthUnit, frame: ForceFrame
+    ) -> RecordedSamples | None:
+        """The points of a range, as a service answers; `first` is None where the beginning was not received.
+
+        unit: of the session's positions; frame: of its force.
+        """
+        with self._lock:
+            self._fold()
+            if not self._parts:
+                return None
+            self._parts = [joined(self._parts)]
+            first, last = bins_of(np.array([wanted.t0, wanted.tn]), BIN_S).tolist()
+            some, held = between(self._parts[0], first, last), tuple(self._holes)
+            session, columns, newest = self._session, self._columns, self._last
+            first_s = self._first if self._has_beginning else None
+        known = drawn_columns(columns)
+        scale = dict(zip(columns, in_metres(columns, unit), strict=True))
+        scale["speed"] = scale.get("px", 1.0)
+        chosen = tuple(name for name in known if not wanted.columns or name in wanted.columns)
+        points = [points_of(some, known.index(name)) * (1.0, scale[name]) for name in chosen]
+        return RecordedSamples(
+            station=station,
+            session=session,
+            instance="dashboard",
+            epoch=0,
+            t0=wanted.t0,
+            tn=wanted.tn,
+            bin_s=BIN_S,
+            available=known,
+            columns=chosen,
+            **packed(points),
+            first=first_s,
+            last=newest,
+            holes=tuple(hole for hole in held if hole.tn > wanted.t0 and hole.t0 < wanted.tn),
+            force_frame=frame,
+        )
+
+    def _fold(self) -> None:
+        """Take what waits into the bins, and drop what is older than SPAN_S."""
+        if not self._rows:
+            return
+        matrix = np.concatenate([rows for _, rows in self._waiting])
+        seqs = np.concatenate([np.full(len(rows), seq) for seq, rows in self._waiting])
+        self._waiting, self._rows = [], 0
+        for run in self._splitter.push(matrix, seqs):
+            if run.after is not None:
+                self._holes.append(run.after)
+            if not self._parts:
+                self._first, self._has_beginning = float(run.t[0]), int(seqs[0]) == 0
+            self._parts.append(extremes_of(bins_of(run.t, BIN_S), run.t, self._speed.beside(run)))
+            self._last = float(run.t[-1])
+        if len(self._parts) > PARTS:
+            self._drop_old()
+
+    def _drop_old(self) -> None:
+        whole = joined(self._parts)
+        newest = int(whole.number[-1])
+        oldest = newest - round(SPAN_S / BIN_S)
+        self._parts = [between(whole, oldest, newest)]
+        if whole.number[0] < oldest:
+            self._first, self._has_beginning = float(self._parts[0].number[0]) * BIN_S, False
 
 
-class Decimator:
-    """Samples of one session into rows: a fold that holds back the cell that may still get samples."""
+def as_bytes(recorded: RecordedSamples) -> bytes:
+    """The form that `signals.js` reads: length of the header, header as JSON, points as float64.
 
-    def __init__(self) -> None:
-        self._cell = -(1 << 62)  # the one that is being filled
-        self._sum: Array | None = None  # of its samples, which have no end while time stands still
-        self._samples = 0
-        self._before: tuple[float, Array] | None = None  # time and place of the last row
-
-    def receive(self, columns: tuple[str, ...], matrix: Array) -> list[CellMeans]:
-        """The rows that are complete. What comes late or again is left out."""
-        matrix = matrix[np.abs(matrix[:, 0]) < FARTHEST_S]
-        cells = np.floor(matrix[:, 0] * RATE_HZ).astype(np.int64)
-        rows = []
-        for cell in np.unique(cells[cells >= self._cell]).tolist():
-            if cell > self._cell:
-                rows += self._finish(columns)
-                self._cell = cell
-            some = matrix[cells == cell]
-            total = some.sum(axis=0)
-            self._sum = total if self._sum is None else self._sum + total
-            self._samples += len(some)
-        return rows
-
-    def _finish(self, columns: tuple[str, ...]) -> list[CellMeans]:
-        if self._sum is None:
-            return []
-        mean = self._sum / self._samples
-        self._sum, self._samples = None, 0
-        named = dict(zip(columns, mean.tolist(), strict=True))
-        t = (self._cell + 0.5) / RATE_HZ
-        place = _vector(named, "pos")
-        joints = _vector(named, "q")
-        where = place if place is not None else joints
-        speed = None if where is None else self._speed(t, np.array(where))
-        return [CellMeans(t, _three(place), speed, _three(_vector(named, "force")))]
-
-    def _speed(self, t: float, where: Array) -> float | None:
-        before, self._before = self._before, (t, where)
-        if before is None or t - before[0] > LONGEST_STEP_S or before[1].shape != where.shape:
-            return None
-        return float(np.linalg.norm(where - before[1])) / (t - before[0])
-
-
-def _vector(named: Mapping[str, float], signal: str) -> tuple[float, ...] | None:
-    columns = COLUMNS_OF_SIGNAL[signal]
-    return tuple(named[column] for column in columns) if set(columns) <= named.keys() else None
-
-
-def _three(values: tuple[float, ...] | None) -> tuple[float, float, float] | None:
-    return None if values is None else (values[0], values[1], values[2])
-
-
-def drawn(row: CellMeans, scale: float = 1.0) -> list[Any]:
-    """A row as the browser takes it: t, x, y, z [m], speed, fx, fy, fz [N]. scale: of lengths, to metres."""
-    position = (None,) * 3 if row.position is None else tuple(round(v * scale, 4) for v in row.position)
-    force = (None,) * 3 if row.force is None else tuple(round(v, 2) for v in row.force)
-    metres = scale if row.position is not None else 1.0
-    speed = None if row.speed is None else round(row.speed * metres, 4)
-    return [round(row.t, 3), *position, speed, *force]
+    Points are pairs (t, value), column by column, and begin at a multiple of PADDING bytes.
+    """
+    fields: dict[str, Any] = recorded.model_dump(exclude={"points", "holes"})
+    fields["holes"] = [[hole.t0, hole.tn, hole.reason] for hole in recorded.holes]
+    header = json.dumps(fields, allow_nan=False).encode()
+    header += b" " * (-(4 + len(header)) % PADDING)
+    return struct.pack("<I", len(header)) + header + recorded.points

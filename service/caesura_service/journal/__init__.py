@@ -14,18 +14,30 @@ from caesura_service.journal.journal import (
 )
 from caesura_service.journal.memory import MemoryJournal
 from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
+from caesura_service.journal.reading import (
+    BatchSource,
+    FileBatches,
+    JournalBatches,
+    Lost,
+    SessionExtent,
+    StoredBatch,
+)
 from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
+    "BatchSource",
     "Copy",
     "Edit",
+    "FileBatches",
     "Journal",
+    "JournalBatches",
     "JournalBusyError",
     "JournalDamagedError",
     "JournalError",
     "JournalSettings",
     "Key",
+    "Lost",
     "MemoryJournal",
     "Outcome",
     "PeerCopy",
@@ -33,5 +45,7 @@ __all__ = [
     "Record",
     "Recordable",
     "Resolution",
+    "SessionExtent",
     "SqliteJournal",
+    "StoredBatch",
 ]

@@ -96,7 +96,7 @@ class PeerJournals:
         wanted = {"station": found.copy.station, "session": found.copy.session, "first_seq": first_seq}
         place = -1
         try:
-            with _opened(found.path) as kept:
+            with opened_for_reading(found.path) as kept:
                 while page := kept.execute(SELECT_BEYOND, {**wanted, "place": place}).fetchall():
                     for row in page:
                         yield record_of(found.copy.key, verified(found.copy.key, Stored(*row)))
@@ -110,7 +110,7 @@ class PeerJournals:
 
     def _ask(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
-            with _opened(path) as kept:
+            with opened_for_reading(path) as kept:
                 return question(kept)
         except JournalError as error:
             self._say(error)
@@ -124,7 +124,7 @@ class PeerJournals:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
     """A journal for reading, which is not made where there is none. Raises JournalError."""
     with translated(path):
         where = (

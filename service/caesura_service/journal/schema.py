@@ -65,6 +65,16 @@ CREATE TABLE IF NOT EXISTS stations (
 # What came with version 3: records may be edits, which are few and have to be counted.
 SCHEMA_3 = f"""
 CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
+# Overviews of closed sessions, for plots: a cache, made again where it is missing. So it has no version.
+SCHEMA_OVERVIEWS = """
+CREATE TABLE IF NOT EXISTS overviews (
+    session_id INTEGER NOT NULL REFERENCES sessions (id) ON DELETE CASCADE,
+    part INTEGER NOT NULL,
+    parts INTEGER NOT NULL,
+    payload BLOB NOT NULL,
+    crc INTEGER NOT NULL,
+    PRIMARY KEY (session_id, part)
+)"""
 # What came with version 4, at the end of each row: rows of older journals are read without it (`SELECT *`).
 COLUMNS_4 = (
     ("sessions", "record_count", "INTEGER"),  # none where some were written before version 4
@@ -149,6 +159,11 @@ UPDATE sessions SET session = session || '.damaged-' || id, damage = ?, closed =
         id, station, session || '.damaged-' || id, opened, touched, 1, size, record_count
     )
 WHERE id = ? RETURNING session"""
+INSERT_OVERVIEW = """
+INSERT OR REPLACE INTO overviews (session_id, part, parts, payload, crc)
+SELECT id, ?, ?, ?, ? FROM sessions WHERE id = ? AND station = ? AND session = ?"""
+SELECT_OVERVIEW = "SELECT part, parts, payload, crc FROM overviews WHERE session_id = ? ORDER BY part"
+HAS_OVERVIEWS = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'overviews'"
 SELECT_EPOCH = "SELECT * FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?, ?, ?)"
 
@@ -285,6 +300,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     with transaction(database):  # a process that cannot write fails here
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
+        database.execute(SCHEMA_OVERVIEWS)
         for table, column, kind in COLUMNS_4:
             if not database.execute(HAS_COLUMN, (table, column)).fetchone():
                 database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")

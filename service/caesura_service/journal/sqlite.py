@@ -50,6 +50,7 @@ from caesura_service.journal.rows import (
 from caesura_service.journal.schema import (
     INSERT_EPOCH,
     INSERT_OUTCOME,
+    INSERT_OVERVIEW,
     SELECT_CLOSED,
     SELECT_EDITS,
     SELECT_EXTENT,
@@ -82,6 +83,7 @@ DROPS = 32  # sessions at one look
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
+OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
@@ -276,6 +278,14 @@ class SqliteJournal:
         with self._writing, translated(self.path):
             found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
+
+    def keep_overview(self, key: Key, session_id: int, content: bytes) -> None:
+        """Keep an overview of a session; records are written between its parts. Raises JournalError."""
+        parts = [content[at : at + OVERVIEW_PART] for at in range(0, len(content), OVERVIEW_PART)]
+        for part, payload in enumerate(parts):
+            crc = checksum(session_id, part, len(parts), payload)
+            with self._writing, translated(self.path), transaction(self._database):
+                self._database.execute(INSERT_OVERVIEW, (part, len(parts), payload, crc, session_id, *key))
 
     def release(self, station: str, session: str) -> None:
         """It stays until it is too old or too much."""

@@ -33,6 +33,7 @@ RESULTS = tuple(session_key("*", "*", part) for part in ("changepoints", "segmen
 PROGRAMS = station_key("*", "program")
 SAMPLES = station_key("*", "samples")
 SNAPSHOTS = session_key("*", "*", "snapshot")
+SAMPLES_OF_SESSIONS = session_key("*", "*", "samples")
 SERVICES_ALIVE = service_key("*", "alive")
 STATIONS_ALIVE = station_key("*", "alive")
 
@@ -43,7 +44,13 @@ def _service(instance: str) -> Access:
         put=(*RESULTS, PROGRAMS, service_key(instance, "status")),
         subscribe=(SAMPLES,),
         query=(station_key("*", "replay"),),
-        answer=(station_key("*", "control"), PROGRAMS, SNAPSHOTS, service_key(instance, "status")),
+        answer=(
+            station_key("*", "control"),
+            PROGRAMS,
+            SNAPSHOTS,
+            SAMPLES_OF_SESSIONS,
+            service_key(instance, "status"),
+        ),
         asked=(service_key("*", "status"),),
         hold=(service_key(instance, "alive"),),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
@@ -65,7 +72,7 @@ def _dashboard(_name: str) -> Access:
     """Return the access of a viewer: samples and results of every station, and no change."""
     return Access(
         subscribe=(*RESULTS, PROGRAMS, SAMPLES, service_key("*", "status")),
-        query=(SNAPSHOTS, PROGRAMS, service_key("*", "status")),
+        query=(SNAPSHOTS, SAMPLES_OF_SESSIONS, PROGRAMS, service_key("*", "status")),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
     )
 

@@ -24,6 +24,7 @@ import zenoh
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_protocol.transport.zenoh_transport import direct
+from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.budgets import Budgets
@@ -35,6 +36,7 @@ from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer
 from caesura_service.server.rates import COMPLAINTS, RateLimit, RateSettings
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
+from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.subscriber_poller import SubscriberPoller
@@ -54,12 +56,13 @@ class ZenohServer:
         network: NetworkSettings,
         *,
         version: str,
+        samples: SampleReader,
         queue: QueueSettings | None = None,
         rates: RateSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
     ) -> None:
-        """stop: set when the process no longer waits for a router."""
+        """samples: answers for the journal; stop: set when the process no longer waits for a router."""
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
@@ -74,6 +77,7 @@ class ZenohServer:
         self.budgets = Budgets(rates)
         self._complaints = RateLimit(COMPLAINTS)
         self._answers = QueryServer(registry, self._inbox, self.status, self.budgets, rates.questions)
+        self._samples = SampleServer(samples, lambda: registry.board, rates.questions)
         self._gathering = SubscriberPoller(self._take_samples)
         self._stack = ExitStack()
 
@@ -82,6 +86,7 @@ class ZenohServer:
         with ExitStack() as stack:
             stack.callback(network.close)
             stack.enter_context(self._answers)
+            stack.enter_context(self._samples)
             scope = StationSubscriptions(
                 network,
                 samples=self._gathering,
@@ -137,6 +142,7 @@ class ZenohServer:
         stack.enter_context(OverloadMonitor(self._inbox, lambda: put(announced, self.status())))
         for asked, callback in (
             (session_key("*", "*", "snapshot"), self._answers.snapshot),
+            (session_key("*", "*", "samples"), self._samples.take),
             (key, self._answers.status),
         ):
             stack.callback(network.declare_queryable(asked, direct(callback)).undeclare)

@@ -19,6 +19,7 @@ from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificate
 STREAMS = ("changepoints", "segments", "posterior", "status")
 RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}
 SNAPSHOTS = {"caesura/v1/session/cell-1/s1/snapshot", "caesura/v1/session/cell-2/s1/snapshot"}
+PAST_SAMPLES = {"caesura/v1/session/cell-1/s1/samples", "caesura/v1/session/cell-2/s1/samples"}
 PROGRAMS = {"caesura/v1/station/cell-1/program", "caesura/v1/station/cell-2/program"}
 SAMPLES = {"caesura/v1/station/cell-1/samples", "caesura/v1/station/cell-2/samples"}
 CONTROLS = {"caesura/v1/station/cell-1/control", "caesura/v1/station/cell-2/control"}
@@ -31,7 +32,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
         "put": RESULTS | PROGRAMS | {"caesura/v1/service/west/status"},
         "subscribe": SAMPLES,
         "query": {"caesura/v1/station/cell-1/replay", "caesura/v1/station/cell-2/replay"},
-        "answer": CONTROLS | PROGRAMS | SNAPSHOTS | {"caesura/v1/service/west/status"},
+        "answer": CONTROLS | PROGRAMS | SNAPSHOTS | PAST_SAMPLES | {"caesura/v1/service/west/status"},
         "hold": {"caesura/v1/service/west/alive"},
         "watch": SERVICES_ALIVE | STATIONS_ALIVE,
     },
@@ -46,7 +47,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     "dashboard.wall": {
         "put": set(),
         "subscribe": RESULTS | PROGRAMS | SAMPLES | STATUSES,
-        "query": SNAPSHOTS | PROGRAMS | STATUSES,
+        "query": SNAPSHOTS | PAST_SAMPLES | PROGRAMS | STATUSES,
         "answer": set(),
         "hold": set(),
         "watch": SERVICES_ALIVE | STATIONS_ALIVE,
@@ -54,7 +55,7 @@ ALLOWED: dict[str, dict[str, set[str]]] = {
     "operator.boss": {
         "put": set(),
         "subscribe": RESULTS | PROGRAMS | SAMPLES | STATUSES,
-        "query": SNAPSHOTS | PROGRAMS | STATUSES | CONTROLS,
+        "query": SNAPSHOTS | PAST_SAMPLES | PROGRAMS | STATUSES | CONTROLS,
         "answer": set(),
         "hold": set(),
         "watch": SERVICES_ALIVE | STATIONS_ALIVE,

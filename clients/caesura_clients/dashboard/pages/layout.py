@@ -18,7 +18,9 @@ TICK_S = 0.1  # updates of a page; ten a second at most
 SLOW_TICK_S = 1.0
 MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/system", "System"))
 _HEAD = (
-    f'<script src="{ASSETS}/theme.js"></script><link rel="stylesheet" href="{ASSETS}/style.css">'
+    f'<script src="{ASSETS}/theme.js"></script>'
+    f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
+    f'<link rel="stylesheet" href="{ASSETS}/style.css">'
     '<meta name="robots" content="noindex">'
 )
 

@@ -28,7 +28,7 @@ class SessionPage:
             self._banner = Banner()
             self._line = text("p", "").classes("state-line").props('aria-label="State"')
             self._view = SessionView(
-                editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
+                station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
             self._program = ProgramTimeline()
         self._timeline_of: wire.Program | None = None
@@ -48,8 +48,7 @@ class SessionPage:
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)
-        signals = gateway.signals(self._station, self._view.seen_rows, self._view.seen_session)
-        self._view.follow(update, signals, self._more(update))
+        self._view.follow(update, self._more(update))
         if update is not None:
             self._show_program(update.program)
 

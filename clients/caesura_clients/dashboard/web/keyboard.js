@@ -8,7 +8,7 @@ export const keyboard = {
       const actions = {
         ArrowLeft: () => this.step(-step),
         ArrowRight: () => this.step(step),
-        Home: () => this.goto(0),
+        Home: () => this.goto(this.begin),
         End: () => this.goto(this.newest),
         PageUp: () => this.hop(-1),
         PageDown: () => this.hop(1),
@@ -18,7 +18,13 @@ export const keyboard = {
         m: () => this.move(),
         r: () => this.$refs.kind && this.$refs.kind.focus(),
         l: () => this.follow(),
-        Escape: () => Object.assign(this, { selected: null, ghost: null, dragging: false }),
+        "+": () => this.zoom(0.5),
+        "=": () => this.zoom(0.5),
+        "-": () => this.zoom(2),
+        0: () => this.all(),
+        ",": () => this.pan(-0.5),
+        ".": () => this.pan(0.5),
+        Escape: () => Object.assign(this, { selected: null, ghost: null, marked: null, drag: null }),
         "ctrl+z": () => this.undo(),
         "ctrl+y": () => this.redo(),
         "ctrl+shift+z": () => this.redo(),
@@ -43,9 +49,8 @@ export const keyboard = {
       this.reveal(found);
     },
     reveal(t) {
-      const { from, to } = this.scale();
-      if (t < from) this.end = Math.min(t + this.span / 2, this.newest);
-      if (t > to) this.end = t;
+      const [from, to] = this.view();
+      if (t < from || t > to) this.show(t - this.span / 2, t + this.span / 2);
     },
   },
 };

@@ -4,7 +4,6 @@ const legend = `
     <li v-for="(look, name) in kinds" :key="name"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</li>
     <li><i class="stroke stroke-final"></i>final</li>
     <li><i class="stroke stroke-provisional"></i>provisional</li>
-    <li><i class="axis axis-x"></i>x</li><li><i class="axis axis-y"></i>y</li><li><i class="axis axis-z"></i>z</li>
   </ul>`;
 
 const tools = `
@@ -26,16 +25,23 @@ const tools = `
   </fieldset>
   <p v-else class="empty">Corrections are off: this dashboard only reads.</p>`;
 
+const signals = `
+  <div class="signals" role="group" aria-label="Signals"><span>Signals</span>
+    <button v-for="one in offered" :key="one.name" :aria-pressed="String(chosen.includes(one.name))" @click="toggle(one.name)">{{ one.name }}</button>
+    <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">run lengths</button>
+  </div>`;
+
 const time = `
   <div class="scrub">
     <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
-    <label class="slider">Show until <input type="range" min="0" :max="newest.toFixed(1)" step="0.1" :value="shownEnd"
+    <label class="slider">Show until <input type="range" :min="begin" :max="newest.toFixed(1)" step="0.1" :value="shownEnd"
       :aria-valuetext="shownEnd.toFixed(1) + ' seconds'" @input="scrub"></label>
     <output>{{ shownEnd.toFixed(1) }} of {{ newest.toFixed(1) }} s</output>
-    <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button>
-    <label>Window <select v-model.number="span"><option :value="15">15 s</option><option :value="30">30 s</option>
-      <option :value="60">60 s</option><option :value="120">2 min</option></select></label>
-    <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">Run lengths</button>
+    <span class="moves" role="group" aria-label="Range of time">
+      <button aria-label="Earlier" @click="pan(-0.5)">◀</button><button aria-label="Later" @click="pan(0.5)">▶</button>
+      <button aria-label="Zoom in" @click="zoom(0.5)">+</button><button aria-label="Zoom out" @click="zoom(2)">−</button>
+      <button @click="all">All</button>
+      <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button></span>
   </div>`;
 
 const table = `
@@ -55,13 +61,22 @@ export const template = `
     ${tools}
     <p class="message" role="status" :class="{ failed }">{{ message }}</p>
     ${legend}
-    <canvas ref="canvas" class="plot" :class="{ tall: columns !== null }" tabindex="0" role="application"
-      aria-label="Position, speed and force against time, with segments and changepoints"
-      aria-describedby="plot-help" @pointerdown="pressed" @pointermove="dragged" @pointerup="released" @keydown="key"></canvas>
+    ${signals}
+    <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>
+    <div ref="plots" class="plots" tabindex="0" role="application" aria-describedby="plot-help"
+      aria-label="Signals against time, with segments and changepoints" @pointerdown="pressed" @pointermove="dragged"
+      @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key">
+      <canvas ref="band" class="band"></canvas>
+      <div ref="panels" class="panels"></div>
+      <div v-show="columns !== null" class="panel run-lengths-panel"><p class="panel-title"><strong>run length [s]</strong></p>
+        <canvas ref="lengths" class="lengths"></canvas></div>
+      <i v-if="marked" class="marked" :style="markedStyle"></i>
+    </div>
     <p class="selection" role="status">{{ selection }}</p>
     ${time}
     <p id="plot-help" class="help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
       Enter inserts, Delete removes, M moves the selected one to the time, R relabels, Ctrl Z and Ctrl Y undo and redo,
-      L follows.</p>
+      L follows. + and − zoom, comma and full stop go back and forth, 0 shows everything. The wheel zooms; a drag marks
+      the range to zoom to, with ⇧ it moves the view.</p>
     ${table}
   </section>`;

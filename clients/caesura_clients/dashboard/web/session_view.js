@@ -1,36 +1,53 @@
-// A session: the plot with everything that can be done in it, and the tools that correct what was found.
-import { draw } from "caesura-dashboard/draw.js";
+// A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
+import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
+import { Plots } from "caesura-dashboard/plots.js";
+import { pointer } from "caesura-dashboard/pointer.js";
+import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
+import { PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
+import { view } from "caesura-dashboard/view.js";
 
-const HELD_ROWS = 3000; // of signals: two minutes
-const AUTHOR = "caesura-author";
+const HELD_COLUMNS = 3000; // of run lengths: five minutes
+const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const PLAY_S = 0.1;
 
 const empty = () => ({
-  segments: [], phases: [], changepoints: [], gaps: [], signals: [], unit: "m/s",
+  segments: [], phases: [], changepoints: [], data: null, available: [],
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
 });
+const chosen = () => {
+  try {
+    return JSON.parse(localStorage.getItem(SHOWN)) || SHOWN_AT_FIRST;
+  } catch {
+    return SHOWN_AT_FIRST;
+  }
+};
 
 export default {
-  mixins: [live, keyboard],
-  props: { editable: Boolean, replay: Boolean },
+  mixins: [live, keyboard, view, pointer],
+  props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "run-lengths"],
   template,
   data() {
     return {
       ...empty(),
-      span: 30, end: null, cursor: null, selected: null, ghost: null, columns: null, playing: false,
+      span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false,
       author: localStorage.getItem(AUTHOR) || "", kind: "contact", newton: 10, busy: false, message: "", failed: false,
-      kinds: KINDS,
+      kinds: KINDS, chosen: chosen(), trouble: "",
     };
   },
+  created() {
+    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null });
+  },
   mounted() {
-    this.observers = [new ResizeObserver(() => this.redraw()), new MutationObserver(() => this.redraw())];
-    this.observers[0].observe(this.$refs.canvas);
+    this.plots = new Plots(this.$refs.panels, this);
+    this.$refs.plots.plots = this.plots; // for who looks at the page from outside
+    this.observers = [new ResizeObserver(() => this.arrange()), new MutationObserver(() => this.redraw())];
+    this.observers[0].observe(this.$refs.plots);
     this.observers[1].observe(document.documentElement, { attributes: true });
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
@@ -39,15 +56,31 @@ export default {
     this.observers.forEach((one) => one.disconnect());
     this.scheme.removeEventListener("change", this.redraw);
     clearInterval(this.player);
+    clearTimeout(this.waiting);
+    this.plots.close();
   },
   watch: {
-    span: "redraw", end: "redraw", cursor: "redraw", selected: "redraw", ghost: "redraw", columns: "redraw",
+    span: "moved", end: "moved", cursor: "redraw", selected: "redraw", ghost: "redraw", columns: "redraw",
+    panels: "arrange",
+    chosen: (names) => localStorage.setItem(SHOWN, JSON.stringify(names)),
     author: (name) => localStorage.setItem(AUTHOR, name),
   },
   computed: {
     newest() {
-      const last = this.signals.length ? this.signals[this.signals.length - 1][0] : 0;
-      return Math.max(this.t, last, 0.1);
+      return Math.max(this.t, (this.data && this.data.last) || 0, 0.1);
+    },
+    begin() { // [s] most sessions begin at 0; a clock that does not is shown from its first segment on
+      const t = this.segments.length ? this.segments[0][0] : 0;
+      return t < 0 || t > 60 ? t : 0;
+    },
+    offered() { // signals that this session has
+      return PANELS.filter((one) => one.inferred || one.columns.every((name) => this.available.includes(name))).map((one) => this.described(one));
+    },
+    panels() {
+      return this.offered.filter((one) => this.chosen.includes(one.name));
+    },
+    markedStyle() {
+      return this.marked && { left: `${this.marked[0]}px`, width: `${this.marked[1] - this.marked[0]}px` };
     },
     shownEnd() {
       return this.end ?? this.newest;
@@ -79,18 +112,25 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, busy: false, columns: this.columns && [] });
-      for (const name of ["t", "closed", "session", "unit", "gaps", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
+      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
+      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "phases", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
       this.letTheLastGoOn();
-      if (payload.signals) this.signals = Object.freeze([...this.signals, ...payload.signals].slice(-HELD_ROWS));
-      if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_ROWS));
+      if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_COLUMNS));
       this.forgetWhatIsGone();
+      this.fit();
+      if (payload.segments || payload.changepoints) this.refill();
       this.redraw();
+      this.want();
+    },
+    fit() { // a session of the past is shown as a whole
+      if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;
+      this.fitted = true;
+      this.span = Math.max(this.newest - this.begin, 1);
     },
     letTheLastGoOn() { // its end is published once a second only
       for (const name of ["segments", "phases"]) {
@@ -106,57 +146,77 @@ export default {
       Object.assign(this, { message, failed, busy: false });
     },
     scale() {
-      const canvas = this.$refs.canvas;
-      const end = this.shownEnd, span = Math.min(this.span, Math.max(end, 5));
-      const from = Math.max(0, end - span);
-      return new Scale(canvas.clientWidth, canvas.clientHeight, from, Math.max(end, from + span), this.columns ? 4 : 3);
+      return new Scale(this.$refs.plots.clientWidth, BAND_HEIGHT, ...this.view(), 1);
     },
     redraw() {
       if (this.asked) return;
       this.asked = requestAnimationFrame(() => {
         this.asked = 0;
-        if (this.$refs.canvas) this.paint(this.$refs.canvas);
+        if (this.$refs.band) this.paint();
       });
     },
-    paint(canvas) {
-      const ratio = window.devicePixelRatio || 1;
+    moved() {
+      this.redraw();
+      clearTimeout(this.waiting);
+      this.waiting = 0;
+      this.want();
+    },
+    paint() {
+      const canvas = this.$refs.band, ratio = window.devicePixelRatio || 1, ink = this.ink();
       const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
       if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-      const context = canvas.getContext("2d");
+      const context = canvas.getContext("2d"), scale = this.scale();
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      draw(context, this.scale(), this, this.ink());
+      drawBand(context, { left: scale.x0, right: scale.x1, from: scale.from, to: scale.to, x: (t) => scale.x(t) }, this, ink);
+      this.plots.redraw();
+      if (this.columns && this.$refs.lengths) drawRunLengths(this.$refs.lengths, scale, this.columns, ink);
+      Object.assign(this.$refs.plots.dataset, { from: scale.from, to: scale.to });
+    },
+    arrange() { // other panels, or another width
+      this.plots.show(this.panels);
+      this.moved();
+    },
+    refill() {
+      if (this.plots) this.plots.fill();
+    },
+
+    // --- signals ---
+    take_data(data) {
+      this.data = Object.freeze(data);
+      if (data.available.join() !== this.available.join()) this.available = data.available;
+      if (!this.origin && data.points.px && data.points.px.length) {
+        this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);
+      }
+      this.refill();
+      this.redraw();
+    },
+    shownColumns() {
+      const columns = this.panels.filter((one) => !one.inferred).flatMap((one) => one.columns);
+      return this.available.length ? (columns.length ? columns : this.available.slice(0, 1)).join(",") : "";
+    },
+    toggle(name) {
+      this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name];
+    },
+    described(panel) {
+      if (panel.tared) {
+        const frame = this.frame === "flange" ? " at the flange" : "";
+        return { ...panel, title: `${panel.title} ${this.tare ? "without its bias" : "as measured"}${frame}` };
+      }
+      return panel.name === "speed" && !this.available.includes("px") ? { ...panel, title: "speed of the joints", unit: "rad/s" } : panel;
+    },
+    off(panel) { // what is taken off what was measured, as the title of the panel says
+      return (panel.fromStart ? this.origin : panel.tared ? this.tare : null) || [];
     },
     ink() {
       const style = getComputedStyle(document.documentElement);
       const value = (name) => style.getPropertyValue(`--${name}`).trim();
-      const names = { text: "ink", faint: "faint", paper: "paper", rule: "rule", accent: "accent", alarm: "alarm" };
+      const names = { text: "ink", faint: "faint", paper: "paper", rule: "rule", accent: "accent", alarm: "alarm", quiet: "quiet-ground" };
       const ink = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, value(name)]));
-      return { ...ink, onAccent: value("on-accent"), lines: [value("line-x"), value("line-y"), value("line-z")] };
+      return { ...ink, onAccent: value("on-accent"), lines: ["x", "y", "z", "4", "5", "6", "7"].map((name) => value(`line-${name}`)) };
     },
 
-    // --- pointer: a press on a changepoint selects it, and drags it where it is moved; elsewhere it sets the time ---
-    pressed(event) {
-      const scale = this.scale(), x = event.offsetX;
-      const found = scale.near(x, this.changepoints.map(([t]) => t), event.pointerType);
-      this.selected = found < 0 ? null : this.changepoints[found][0];
-      this.cursor = this.selected ?? this.within(scale.t(x));
-      this.pressedAt = x;
-      this.dragging = this.selected !== null && this.editable;
-      if (this.dragging) event.target.setPointerCapture(event.pointerId);
-    },
-    dragged(event) {
-      if (!this.dragging || Math.abs(event.offsetX - this.pressedAt) < 4) return;
-      this.ghost = this.within(this.scale().t(event.offsetX));
-    },
-    released() {
-      const to = this.ghost;
-      Object.assign(this, { ghost: null, dragging: false });
-      if (to === null) return;
-      this.cursor = to;
-      this.move();
-    },
     within(t) {
-      return Math.round(100 * Math.min(Math.max(t, 0), this.newest)) / 100;
+      return Math.round(100 * Math.min(Math.max(t, this.begin), this.newest)) / 100;
     },
 
     // --- time ---
@@ -166,12 +226,12 @@ export default {
     },
     follow() {
       this.stop();
-      this.end = null;
+      Object.assign(this, { end: null, span: this.replay ? this.longest() : Math.max(this.span, 30) });
     },
     play() {
       if (this.playing) return this.stop();
       this.playing = true;
-      if (this.end === null || this.end >= this.newest) this.end = 0;
+      if (this.end === null || this.end >= this.newest) this.end = this.begin;
       this.player = setInterval(() => {
         this.end = Math.min(this.end + PLAY_S, this.newest);
         this.cursor = this.within(this.end);
@@ -186,7 +246,7 @@ export default {
       this.cursor = segment[0];
       const point = this.changepoints.find(([t]) => Math.abs(t - segment[0]) < 0.01);
       this.selected = point ? point[0] : null;
-      if (segment[0] < this.scale().from) this.end = Math.min(segment[1] + 2, this.newest);
+      this.reveal(segment[0]);
     },
     toggleRunLengths() {
       this.columns = this.columns ? null : [];

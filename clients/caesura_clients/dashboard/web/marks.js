@@ -1,0 +1,158 @@
+// What is drawn behind and before the signals, the same in every panel; and the band of kinds and phases above them.
+import { KINDS, kindOfPhase, patternOf, phaseName } from "caesura-dashboard/palette.js";
+
+const FONT = "12px system-ui, sans-serif";
+const TINT = 0.1; // at most, behind a signal
+const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
+export const ROWS = { kinds: [22, 22], phases: [2, 18] }; // of the band: top and height
+export const BAND_HEIGHT = 46;
+
+// area: {x(t), left, right, top, bottom, from, to} in pixels of the context
+function spans(rows, area, each) {
+  for (const row of rows) {
+    if (row[1] < area.from || row[0] > area.to) continue;
+    const x0 = Math.max(area.x(row[0]), area.left), x1 = Math.min(area.x(row[1]), area.right);
+    if (x1 > x0) each(row, x0, x1 - x0);
+  }
+}
+
+export function behind(context, area, state, ink) {
+  context.save();
+  spans(state.segments, area, ([, , kind, probability], x, width) => {
+    context.globalAlpha = TINT * (0.3 + 0.7 * probability);
+    context.fillStyle = KINDS[kind].colour;
+    context.fillRect(x, area.top, width, area.bottom - area.top);
+  });
+  context.restore();
+}
+
+// Where nothing was measured: no line leads across.
+export function missing(context, area, state, ink, pixel) {
+  const { first, last, holes } = state.data || {};
+  const outside = [];
+  if (first !== null && first !== undefined && area.from < first) outside.push([area.from, first, ""]);
+  if (last !== null && last !== undefined && state.closed && area.to > last) outside.push([last, area.to, ""]);
+  context.save();
+  context.font = `${12 * pixel}px system-ui, sans-serif`;
+  context.textAlign = "center";
+  for (const [rows, words] of [[holes || [], "missing"], [outside, "not recorded"]]) {
+    spans(rows, area, (row, x, width) => {
+      context.fillStyle = ink.quiet;
+      context.fillRect(x, area.top, Math.max(width, pixel), area.bottom - area.top);
+      if (context.measureText(words).width > width - 8 * pixel) return;
+      context.fillStyle = ink.faint;
+      context.fillText(words, x + width / 2, (area.top + area.bottom) / 2);
+    });
+  }
+  context.restore();
+}
+
+export function before(context, area, state, ink, pixel) {
+  context.save();
+  context.beginPath();
+  context.rect(area.left, area.top, area.right - area.left, area.bottom - area.top);
+  context.clip();
+  veil(context, area, state, ink);
+  const shown = state.changepoints.filter(([t]) => t >= area.from && t <= area.to && t <= state.shownEnd);
+  const strength = Math.min(1, (area.right - area.left) / pixel / (shown.length + 1) / ROOM);
+  for (const [t, probability, isFinal, low, high] of shown) {
+    const isSelected = t === state.selected;
+    if (!isFinal && low !== null) {
+      context.globalAlpha = 0.1;
+      context.fillStyle = ink.text;
+      context.fillRect(area.x(low), area.top, area.x(high) - area.x(low), area.bottom - area.top);
+    }
+    context.globalAlpha = (isFinal ? 0.75 : 0.3 + 0.5 * probability) * (isSelected ? 1 : strength);
+    context.strokeStyle = isSelected ? ink.accent : ink.text;
+    context.lineWidth = (isSelected ? 3 : 1) * pixel;
+    context.setLineDash(isFinal ? [] : [5 * pixel, 4 * pixel]);
+    vertical(context, area, t);
+  }
+  context.globalAlpha = 1;
+  const t = state.ghost ?? state.cursor;
+  if (t !== null) {
+    context.strokeStyle = ink.accent;
+    context.setLineDash([2 * pixel, 2 * pixel]);
+    context.lineWidth = (state.ghost === null ? 1.5 : 2.5) * pixel;
+    vertical(context, area, t);
+  }
+  context.restore();
+}
+
+// What comes after the time that is looked at stands back.
+function veil(context, area, { shownEnd, end }, ink) {
+  if (end === null || shownEnd >= area.to) return;
+  context.globalAlpha = 0.75;
+  context.fillStyle = ink.paper;
+  const x = Math.max(area.x(shownEnd), area.left);
+  context.fillRect(x, area.top, area.right - x, area.bottom - area.top);
+  context.globalAlpha = 1;
+}
+
+function vertical(context, area, t) {
+  context.beginPath();
+  context.moveTo(area.x(t), area.top);
+  context.lineTo(area.x(t), area.bottom);
+  context.stroke();
+}
+
+export function drawBand(context, area, state, ink) {
+  context.clearRect(0, 0, area.right + 100, BAND_HEIGHT);
+  context.font = FONT;
+  spans(state.segments, area, ([, , kind, probability, isFinal, corrected], x, width) => {
+    block(context, ROWS.kinds, x, width, KINDS[kind].colour, 0.25 + 0.6 * probability, patternOf(context, kind));
+    write(context, [`${kind}${corrected ? " ✎" : ""}${isFinal ? "" : " ~"}`, KINDS[kind].letter], ROWS.kinds, x, width, ink);
+  });
+  spans(state.phases, area, (phase, x, width) => {
+    block(context, ROWS.phases, x, width, KINDS[kindOfPhase(phase[2])].colour, 0.1 + 0.3 * phase[3], null);
+    context.strokeStyle = ink.faint;
+    context.strokeRect(x + 0.5, ROWS.phases[0] + 0.5, Math.max(width - 1, 1), ROWS.phases[1] - 1);
+    write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[2]], ROWS.phases, x, width, ink, false);
+  });
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  context.fillStyle = ink.faint;
+  for (const [name, [top, height]] of Object.entries(ROWS)) {
+    if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(name, area.left - 6, top + height / 2);
+  }
+  const whole = { ...area, top: ROWS.phases[0], bottom: BAND_HEIGHT };
+  before(context, whole, state, ink, 1);
+  for (const [t, , , , , corrected] of state.changepoints) {
+    if (t < area.from || t > Math.min(area.to, state.shownEnd) || !(corrected || t === state.selected)) continue;
+    diamond(context, area.x(t), ROWS.kinds[0], t === state.selected ? ink.accent : ink.text);
+  }
+}
+
+function block(context, [top, height], x, width, colour, alpha, pattern) {
+  context.globalAlpha = alpha;
+  context.fillStyle = colour;
+  context.fillRect(x, top, width, height);
+  if (pattern) {
+    context.fillStyle = pattern;
+    context.fillRect(x, top, width, height);
+  }
+  context.globalAlpha = 1;
+}
+
+function write(context, texts, [top, height], x, width, ink, plate = true) {
+  const text = texts.find((words) => context.measureText(words).width <= width - 8);
+  if (!text) return;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  if (plate) {
+    const wide = context.measureText(text).width + 6;
+    context.globalAlpha = 0.85;
+    context.fillStyle = ink.paper;
+    context.fillRect(x + width / 2 - wide / 2, top + 3, wide, height - 6);
+    context.globalAlpha = 1;
+  }
+  context.fillStyle = ink.text;
+  context.fillText(text, x + width / 2, top + height / 2 + 1);
+}
+
+function diamond(context, x, y, colour) {
+  context.fillStyle = colour;
+  context.beginPath();
+  [[0, -7], [6, 0], [0, 7], [-6, 0]].forEach(([dx, dy]) => context.lineTo(x + dx, y + dy));
+  context.fill();
+}

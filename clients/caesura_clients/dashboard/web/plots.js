@@ -1,0 +1,141 @@
+// The panels of signals, one uPlot each, below each other with one axis of time.
+import uPlot from "caesura-dashboard/vendor/uplot/uPlot.esm.js";
+import { behind, before, missing } from "caesura-dashboard/marks.js";
+import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
+
+export const LEFT = 56, RIGHT = 12; // beside the plots
+const HEIGHT = 160, AXIS = 24;
+const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3]];
+const EMPTY = [[], []];
+
+export class Plots {
+  // host: the element that holds them; state: the component, whose view and data are drawn
+  constructor(host, state) {
+    Object.assign(this, { host, state, plots: new Map(), ink: state.ink() });
+  }
+  // Show these panels, in this order.
+  show(panels) {
+    const key = JSON.stringify([panels.map(({ name, unit, title }) => [name, unit, title]), this.host.clientWidth]);
+    if (key === this.key) return;
+    this.key = key;
+    this.close();
+    panels.forEach((panel, i) => this.plots.set(panel.name, this.make(panel, i === panels.length - 1)));
+    this.fill();
+  }
+  close() {
+    for (const { plot, box } of this.plots.values()) {
+      plot.destroy();
+      box.remove();
+    }
+    this.plots.clear();
+  }
+  make(panel, isLast) {
+    const box = document.createElement("div");
+    box.className = "panel";
+    box.dataset.signal = panel.name;
+    const title = box.appendChild(document.createElement("p"));
+    title.className = "panel-title";
+    const words = title.appendChild(document.createElement("strong"));
+    words.textContent = `${panel.title}${panel.unit ? ` [${panel.unit}]` : ""}`;
+    const values = panel.columns.map((column, i) => this.value(title, panel, column, i));
+    this.host.appendChild(box);
+    const plot = new uPlot(this.options(panel, isLast), EMPTY, box);
+    return { plot, box, panel, values, range: null };
+  }
+  value(title, panel, column, i) {
+    const label = title.appendChild(document.createElement("span"));
+    label.className = `value line-${panel.columns.length === 1 ? 0 : i}`;
+    label.appendChild(document.createElement("i"));
+    label.append(panel.columns.length === 1 ? "" : `${nameOf(column)} `);
+    return label.appendChild(document.createElement("output"));
+  }
+  options(panel, isLast) {
+    const line = (i) => () => this.ink.lines[panel.columns.length === 1 ? 0 : i % this.ink.lines.length];
+    const axis = { stroke: () => this.ink.faint, font: "12px system-ui", ticks: { stroke: () => this.ink.rule, size: 4 }, grid: { stroke: () => this.ink.rule, width: 0.5 } };
+    return {
+      width: this.host.clientWidth, height: HEIGHT + (isLast ? AXIS : 0), padding: [6, RIGHT, isLast ? 0 : 6, 0],
+      legend: { show: false },
+      cursor: { drag: { x: false, y: false, setScale: false }, sync: { key: "caesura", setSeries: false }, y: false, points: { show: false } },
+      scales: { x: { time: false, range: () => this.state.view() }, y: { range: (u, low, high) => this.range(panel, low, high) } },
+      axes: [
+        { ...axis, show: isLast, size: AXIS, gap: 2, values: (u, ticks) => ticks.map((t, i) => `${+t.toFixed(6)}${i ? "" : " s"}`) },
+        { ...axis, size: LEFT, gap: 4, space: 28 },
+      ],
+      series: [{}, ...panel.columns.map((_, i) => ({
+        stroke: line(i), width: 1.4, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
+        ...(panel.name === "changepoints" ? { paths: uPlot.paths.bars({ size: [0.001, 3, 3] }), fill: line(i) } : {}),
+      }))],
+      hooks: {
+        drawClear: [(u) => { behind(u.ctx, this.area(u), this.state, this.ink); if (!panel.inferred) missing(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio); }],
+        draw: [(u) => before(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio)],
+        setCursor: [(u) => this.hover(u)],
+      },
+    };
+  }
+  area(u) {
+    const { left, top, width, height } = u.bbox;
+    const [from, to] = this.state.view();
+    return { left, right: left + width, top, bottom: top + height, from, to, x: (t) => left + ((t - from) / (to - from)) * width };
+  }
+  // What stays in sight while values change a little.
+  range(panel, low, high) {
+    if (panel.name === "changepoints") return [0, 1.05];
+    if (low === null || high === null || !isFinite(low)) return panel.zero ? [0, panel.least] : [-panel.least, panel.least];
+    const held = this.plots.get(panel.name);
+    const room = Math.max(high - low, panel.least);
+    if (held && held.range && low >= held.range[0] && high <= held.range[1] && held.range[1] - held.range[0] < 2.5 * room) return held.range;
+    const middle = (low + high) / 2, half = room * 0.58;
+    const found = panel.zero && low >= 0 ? [0, Math.max(high, panel.least) * 1.12] : [middle - half, middle + half];
+    if (held) held.range = found;
+    return found;
+  }
+  // New data: give each panel its own.
+  fill() {
+    for (const { plot, panel } of this.plots.values()) plot.setData(this.content(panel), false);
+    this.redraw();
+  }
+  content(panel) {
+    const { data, segments, changepoints } = this.state;
+    if (panel.name === "changepoints") return [changepoints.map(([t]) => t), changepoints.map(([, probability]) => probability)];
+    if (panel.name === "load") {
+      const steps = segments.filter((one) => one[8] !== null).flatMap(([t0, tn, , , , , , , load]) => [[t0, load], [tn, load], [tn + 1e-6, null]]);
+      return [steps.map(([t]) => t), steps.map(([, load]) => load)];
+    }
+    if (!data || !panel.columns.every((name) => data.points[name])) return [[], ...panel.columns.map(() => [])];
+    return aligned(data.points, panel.columns, data.holes, this.state.off(panel));
+  }
+  // Something moved, but for the data.
+  redraw() {
+    this.ink = this.state.ink();
+    const [min, max] = this.state.view();
+    for (const { plot } of this.plots.values()) plot.setScale("x", { min, max });
+  }
+  // The values under the pointer, in the title of each panel.
+  hover(u) {
+    const t = u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : this.state.cursor;
+    if (t !== this.hovered) {
+      this.hovered = t;
+      for (const held of this.plots.values()) this.say(held, t);
+    }
+  }
+  say({ panel, values }, t) {
+    const { data, segments, changepoints } = this.state;
+    const off = this.state.off(panel);
+    const [from, to] = this.state.view();
+    panel.columns.forEach((column, i) => {
+      let words = "";
+      if (t !== null && panel.name === "load") {
+        const one = segments.find(([t0, tn]) => t0 <= t && t <= tn);
+        words = one && one[8] !== null ? `${one[8].toFixed(3)} ± ${(one[9] ?? 0).toFixed(3)}` : "–";
+      } else if (t !== null && panel.name === "changepoints") {
+        const one = changepoints.find(([at]) => Math.abs(at - t) < (to - from) / 150);
+        words = one ? one[1].toFixed(2) : "–";
+      } else if (t !== null) {
+        const reach = Math.max(2 * (data ? data.bin_s : 0), (to - from) / 400);
+        const found = data && nearest(data.points[column], t, data.holes, reach);
+        words = found ? (found[1] - (off[i] || 0)).toFixed(panel.digits) : "missing";
+      }
+      values[i].textContent = words;
+    });
+  }
+}

@@ -1,0 +1,74 @@
+// Which signals there are, and their points: fetched for a range of time at the width of the plots, and never made up.
+export const PANELS = [
+  { name: "position", title: "position from the start", unit: "m", columns: ["px", "py", "pz"], least: 0.02, fromStart: true, digits: 4 },
+  { name: "speed", title: "speed", unit: "m/s", columns: ["speed"], least: 0.05, zero: true, digits: 3 },
+  { name: "force", title: "force", unit: "N", columns: ["fx", "fy", "fz"], least: 2, tared: true, digits: 2 },
+  { name: "torque", title: "torque as measured", unit: "Nm", columns: ["mx", "my", "mz"], least: 0.2, digits: 3 },
+  { name: "orientation", title: "orientation", unit: "quaternion", columns: ["qx", "qy", "qz", "qw"], least: 0.1, digits: 4 },
+  { name: "joints", title: "joints", unit: "rad", columns: ["q1", "q2", "q3", "q4", "q5", "q6", "q7"], least: 0.1, digits: 3 },
+  { name: "joint torques", title: "external joint torques", unit: "Nm", columns: ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6", "tau7"], least: 1, digits: 2 },
+  { name: "gripper", title: "gripper", unit: "m, or 1 closed", columns: ["gripper"], least: 0.01, zero: true, digits: 4 },
+  { name: "load", title: "load as inferred", unit: "kg", columns: ["load"], least: 0.2, zero: true, inferred: true, digits: 3 },
+  { name: "changepoints", title: "probability of a changepoint", unit: "", columns: ["probability"], inferred: true, digits: 2 },
+];
+export const SHOWN_AT_FIRST = ["position", "speed", "force", "joints"];
+const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", qx: "x", qy: "y", qz: "z", qw: "w" };
+export const nameOf = (column) => NAMES[column] || column;
+const MAX_BINS = 4096;
+
+// What there is of a range: {from, to, points: {column: Float64Array of t, v, t, v, …}, holes, available, first, last}.
+export async function load(station, session, { from, to, bins, columns }, abort) {
+  const query = new URLSearchParams({ from, to, bins: Math.min(Math.max(Math.ceil(bins), 1), MAX_BINS) });
+  if (columns.length) query.set("columns", columns.join(","));
+  const answer = await fetch(`/samples/${station}/${session}?${query}`, { signal: abort });
+  if (!answer.ok) throw new Error(await answer.text());
+  const bytes = await answer.arrayBuffer();
+  const length = new DataView(bytes).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
+  const points = {};
+  let at = 4 + length;
+  header.columns.forEach((name, i) => {
+    points[name] = new Float64Array(bytes, at, 2 * header.counts[i]);
+    at += points[name].byteLength;
+  });
+  return { ...header, from, to, points };
+}
+
+// One axis of time for all columns of a panel, as uPlot wants it: undefined where another column has a point, and
+// null in a hole, across which no line is drawn. off: what is taken off each column.
+export function aligned(points, columns, holes, off = []) {
+  const middles = holes.map(([t0, tn]) => (t0 + tn) / 2);
+  const all = new Float64Array(columns.reduce((sum, name) => sum + points[name].length / 2, middles.length));
+  let count = 0;
+  for (const name of columns) for (let i = 0; i < points[name].length; i += 2) all[count++] = points[name][i];
+  for (const t of middles) all[count++] = t;
+  all.sort();
+  const times = all.filter((t, i) => i === 0 || t !== all[i - 1]);
+  const isHole = new Set(middles);
+  const values = columns.map((name, k) => {
+    const own = points[name], less = off[k] || 0;
+    let i = 0;
+    return Array.from(times, (t) => {
+      if (own[i] === t) {
+        i += 2;
+        return own[i - 1] - less;
+      }
+      return isHole.has(t) ? null : undefined;
+    });
+  });
+  return [times, ...values];
+}
+
+// The point of a column that is nearest to a time; null where that time lies in a hole or outside of the samples.
+export function nearest(points, t, holes, reach) {
+  if (!points || !points.length || holes.some(([t0, tn]) => t > t0 && t < tn)) return null;
+  let low = 0, high = points.length / 2 - 1;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (points[2 * middle] < t) low = middle + 1;
+    else high = middle;
+  }
+  const after = 2 * low, before = Math.max(after - 2, 0);
+  const at = Math.abs(points[before] - t) < Math.abs(points[after] - t) ? before : after;
+  return Math.abs(points[at] - t) <= reach ? [points[at], points[at + 1]] : null;
+}

@@ -1,0 +1,80 @@
+// Which range of time is shown, how it is moved, and what of it is loaded.
+import { load } from "caesura-dashboard/signals.js";
+
+const LEAST_S = 0.05, AT_FIRST_S = 30, MARGIN = 0.25; // a share of the view that is loaded on both sides
+const WAIT_MS = 40, LIVE_MS = 150, SLOW_MS = 1000, RING_S = 55; // so long the dashboard itself holds what is live
+
+export const view = {
+  methods: {
+    // [s] from and to. Without a chosen end it follows what is newest.
+    view() {
+      const end = this.shownEnd, begin = this.begin;
+      const from = Math.max(begin, end - this.span);
+      return [from, from + this.span];
+    },
+    longest() {
+      return Math.max(this.newest - this.begin, this.replay ? 1 : AT_FIRST_S);
+    },
+    show(from, to) {
+      const span = Math.min(Math.max(to - from, LEAST_S), this.longest());
+      const start = Math.max(this.begin, Math.min(from, Math.max(this.newest - span, this.begin)));
+      this.span = span;
+      this.end = Math.min(start + span, this.newest);
+      if (!this.closed && !this.replay && this.end >= this.newest - 1e-9 && span >= AT_FIRST_S) this.end = null;
+    },
+    zoom(factor, around = null) {
+      const [from, to] = this.view();
+      const t = around ?? (this.cursor !== null && this.cursor >= from && this.cursor <= to ? this.cursor : (from + to) / 2);
+      const span = Math.min(Math.max((to - from) * factor, LEAST_S), this.longest());
+      const scale = span / (to - from);
+      this.show(t - (t - from) * scale, t - (t - from) * scale + span);
+    },
+    pan(share) {
+      const [from, to] = this.view(), by = (to - from) * share;
+      this.show(from + by, to + by);
+    },
+    all() {
+      this.show(this.begin, this.begin + this.longest());
+    },
+    wheeled(event) {
+      const [from] = this.view();
+      if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
+        return this.pan((event.deltaX || event.deltaY) / 800);
+      }
+      this.zoom(Math.exp(Math.max(-1, Math.min(1, event.deltaY / 300))), Math.max(from, this.scale().t(this.offset(event))));
+    },
+
+    // --- what is loaded: one request at a time, then one for what is shown by then ---
+    want(after = WAIT_MS) {
+      if (this.waiting || this.loading) return;
+      this.waiting = setTimeout(() => {
+        this.waiting = 0;
+        if (this.lacksData()) this.load();
+      }, after);
+    },
+    lacksData() {
+      if (this.session === "" || !this.$refs.panels) return false;
+      const [from, to] = this.view(), held = this.data;
+      if (!held || held.shown !== this.shownColumns()) return true;
+      if (from < held.from - 1e-9 || Math.min(to, this.newest) > held.upTo + 1e-9) return true;
+      return held.to - held.from > 2 * (1 + 2 * MARGIN) * (to - from);
+    },
+    async load() {
+      const [from, to] = this.view(), margin = this.end === null ? 0 : MARGIN * (to - from);
+      const range = { from: Math.max(this.begin, from - margin), to: to + margin };
+      const bins = (this.scale().x1 - this.scale().x0) * (range.to - range.from) / (to - from);
+      const asked = { ...range, upTo: Math.min(range.to, this.newest), shown: this.shownColumns(), session: this.session };
+      this.loading = true;
+      try {
+        const found = await load(this.station, asked.session, { ...range, bins, columns: asked.shown.split(",").filter(Boolean) });
+        if (asked.session === this.session) this.take_data({ ...found, ...asked });
+        this.trouble = "";
+      } catch (error) {
+        this.trouble = `Signals cannot be shown: ${error.message}`;
+      }
+      this.loading = false;
+      const isRing = this.newest - this.view()[0] < RING_S;
+      this.want(this.trouble ? SLOW_MS : this.end !== null ? WAIT_MS : isRing ? LIVE_MS : SLOW_MS);
+    },
+  },
+};

@@ -1,0 +1,127 @@
+"""Samples of a session in runs without a hole, and the speed along them.
+
+As in the session itself, samples whose time does not advance are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, LengthUnit
+
+Array = NDArray[np.float64]
+
+SPEED = "speed"
+SPEED_WINDOW_S = 0.04  # over which positions are averaged for the speed; two windows follow each other
+HOLE_S = 0.25  # between samples; a longer one is a gap of the session as well
+METRES: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+class SampleRun(NamedTuple):
+    """Samples that follow each other. after: the hole before them; None where they go on."""
+
+    t: Array  # (n,) [s] ascending
+    values: Array  # (n, c) columns of the session but time
+    after: Gap | None
+
+
+class RunSplitter:
+    """Batches in the order of their numbers to runs: a fold that remembers the last sample."""
+
+    def __init__(self) -> None:
+        self.latest = -np.inf  # [s] the newest sample
+        self._next_seq: int | None = None
+
+    def push(self, matrix: Array, seqs: NDArray[np.int64]) -> list[SampleRun]:
+        """Runs of further samples (n, columns), time [s] first. seqs: (n,) number of each sample's batch."""
+        highest = np.maximum.accumulate(np.concatenate([[self.latest], matrix[:, 0]]))
+        advances = matrix[:, 0] > highest[:-1]
+        matrix, seqs = matrix[advances], seqs[advances]
+        if not len(matrix):
+            return []
+        t = matrix[:, 0]
+        before = np.concatenate([[self.latest], t[:-1]])
+        expected = np.concatenate([[seqs[0] if self._next_seq is None else self._next_seq], seqs[:-1] + 1])
+        lost, pauses = seqs > expected, t - before > HOLE_S
+        starts = np.flatnonzero((lost | pauses) & np.isfinite(before)).tolist()
+        self.latest, self._next_seq = float(t[-1]), int(seqs[-1]) + 1
+        runs = []
+        for first, last in zip([0, *starts], [*starts, len(t)], strict=True):
+            after = None
+            if first in starts:
+                reason = "evicted" if lost[first] else "source"
+                after = Gap(t0=float(before[first]), tn=float(t[first]), reason=reason)
+            if first < last:
+                runs.append(SampleRun(t[first:last], matrix[first:last, 1:], after))
+        return runs
+
+
+def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
+    """Columns to draw of a session with these, time first: all but time, and the speed where there is one."""
+    return (*columns[1:], *((SPEED,) if _places(columns) else ()))
+
+
+def in_metres(columns: Sequence[str], unit: LengthUnit) -> Array:
+    """The factor (c,) of each column, which makes positions metres."""
+    return np.array([METRES[unit] if name in COLUMNS_OF_SIGNAL["pos"] else 1.0 for name in columns])
+
+
+def _places(columns: Sequence[str]) -> list[int]:
+    """Which columns the speed is of, counted without time: positions, else joints."""
+    known = list(columns[1:])
+    for signal in ("pos", "q"):
+        if set(COLUMNS_OF_SIGNAL[signal]) <= set(known):
+            return [known.index(name) for name in COLUMNS_OF_SIGNAL[signal]]
+    return []
+
+
+class Speed:
+    """The speed at every sample of a session: a fold that remembers the last two windows.
+
+    columns: of the session, time first.
+    """
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self._places = _places(columns)
+        self._t, self._where = np.zeros(0), np.zeros((0, len(self._places)))
+
+    def beside(self, run: SampleRun) -> Array:
+        """The values (n, c) of a run with the speed as a further column, where there is one.
+
+        NaN within two windows after the beginning and after a hole.
+        """
+        if not self._places:
+            return run.values
+        if run.after is not None:
+            self._t, self._where = self._t[:0], self._where[:0]
+        known = self._t.size
+        t = np.concatenate([self._t, run.t])
+        where = np.concatenate([self._where, run.values[:, self._places]])
+        speed = _speed(t, where)[known:]
+        kept = np.searchsorted(t, t[-1] - 2.5 * SPEED_WINDOW_S)
+        kept = min(kept, max(t.size - 3, 0))
+        self._t, self._where = t[kept:], where[kept:]
+        return np.column_stack([run.values, speed])
+
+
+def _speed(t: Array, where: Array) -> Array:
+    """Between the means of two windows that follow each other, of each at least one sample."""
+    sums = np.concatenate(
+        [np.zeros((1, where.shape[1] + 1)), np.cumsum(np.column_stack([t - t[0], where - where[0]]), 0)]
+    )
+    here = np.arange(t.size)
+    middle = np.minimum(np.searchsorted(t, t - SPEED_WINDOW_S, side="right"), here)
+    first = np.minimum(np.searchsorted(t, t - 2 * SPEED_WINDOW_S, side="right"), middle - 1)
+    valid = (middle >= 1) & (t - 2 * SPEED_WINDOW_S >= t[0])
+    middle, first = np.maximum(middle, 1), np.maximum(first, 0)
+    newer = (sums[here + 1] - sums[middle]) / np.maximum(here + 1 - middle, 1)[:, None]
+    older = (sums[middle] - sums[first]) / np.maximum(middle - first, 1)[:, None]
+    moved = newer - older
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed: Array = np.linalg.norm(moved[:, 1:], axis=1) / moved[:, 0]
+    speed[~valid] = np.nan
+    return speed

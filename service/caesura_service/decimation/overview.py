@@ -1,0 +1,189 @@
+"""Everything of a session in bins of about fifty samples, built once and continued while it grows.
+
+A view whose bins are wider is made from it. For a narrower one the samples themselves are read: the overview
+has the places in the journal at which each time stands.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_left
+from io import BytesIO
+from struct import unpack_from
+from typing import NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.extremes import Extremes, bins_of, extremes_of, joined, nothing
+from caesura_protocol.messages import Gap, Open
+from caesura_protocol.runs import Speed, drawn_columns
+from caesura_service.decimation.assembly import Assembly
+from caesura_service.journal import Key, Lost, SessionExtent, StoredBatch
+from caesura_service.sessions.limits import Limits
+
+SAMPLES_PER_BIN = 50
+WIDTHS_S = tuple(m * 10.0**e for e in range(-3, 3) for m in (1.0, 2.0, 5.0))
+PARTS = 64  # pages that are joined at once
+VERSION = 1  # of what is kept of an overview; another one is made anew
+KEPT = ("bin_s", "first", "last", "read_up_to")
+HELD = Limits().held_batches  # that may come before their turn
+
+
+class PageTimes(NamedTuple):
+    """Records that were read together: which times, at which places."""
+
+    t0: float  # [s]
+    tn: float  # [s]
+    first: int
+    last: int
+
+
+class SessionOverview:
+    """A fold over the pages of a session's batches. One thread calls it."""
+
+    def __init__(self, key: Key, extent: SessionExtent) -> None:
+        self.key = key
+        self.extent = extent  # the copy that it is of
+        self.read_up_to = -1  # place of the last record
+        self.columns = drawn_columns(extent.opening.columns)
+        self.bin_s = 0.0  # [s]; 0 before the first samples
+        self.first: float | None = None  # [s] the first sample
+        self.last: float | None = None  # [s] the last one
+        self.is_kept = False  # does the journal have it as it is?
+        self.holes: list[Gap] = []
+        self.pages: list[PageTimes] = []
+        self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening.columns)
+        self._parts: list[Extremes] = []
+        self._held: dict[int, StoredBatch] = {}
+        self._next_seq: int | None = None
+
+    @property
+    def opening(self) -> Open:
+        """What the session was opened with."""
+        return self.extent.opening
+
+    @property
+    def nbytes(self) -> int:
+        """What it takes in memory, about [bytes]."""
+        return sum(part.nbytes for part in self._parts) + 200 * len(self.pages) + 500 * len(self.holes)
+
+    def extremes(self) -> Extremes:
+        """All bins."""
+        if not self._parts:
+            return nothing(len(self.columns))
+        self._parts = [joined(self._parts)]
+        return self._parts[0]
+
+    def push(self, page: list[StoredBatch | Lost], up_to: int) -> None:
+        """The next page, which ends with the place `up_to`."""
+        batches = []
+        for one in page:
+            if isinstance(one, Lost):
+                batches += self._skip(one.seq)
+            elif self._next_seq is None or one.seq >= self._next_seq:
+                self._held[one.seq] = one
+                batches += self._ready()
+        if len(self._held) > HELD:
+            batches += self._skip(min(self._held))
+        self._take(batches)
+        self._index(page)
+        self.read_up_to = up_to
+
+    def finish(self) -> None:
+        """No batch comes any more: what waits for an earlier one waits for nothing."""
+        while self._held:
+            self._take(self._skip(min(self._held)))
+
+    def _ready(self) -> list[StoredBatch]:
+        if self._next_seq is None:
+            self._next_seq = min(self._held)
+        found = []
+        while (one := self._held.pop(self._next_seq, None)) is not None:
+            found.append(one)
+            self._next_seq += 1
+        return found
+
+    def _skip(self, seq: int) -> list[StoredBatch]:
+        found = [self._held.pop(known) for known in sorted(self._held) if known < seq]
+        self._next_seq = max(seq, self._next_seq or 0)
+        return [*found, *self._ready()]
+
+    def _take(self, batches: list[StoredBatch]) -> None:
+        for run in self._assembly.push(batches):
+            if self.first is None:
+                self.first = float(run.t[0])
+            if not self.bin_s:
+                self.bin_s = _width(run.t)
+            if run.after is not None:
+                self.holes.append(run.after)
+            self.last = float(run.t[-1])
+            values = self._speed.beside(run)
+            self._parts.append(extremes_of(bins_of(run.t, self.bin_s), run.t, values))
+        if len(self._parts) > PARTS:
+            self._parts = [joined(self._parts)]
+
+    def _index(self, page: list[StoredBatch | Lost]) -> None:
+        """Where the times of a page are; those of a batch lie within its span."""
+        batches = [one for one in page if isinstance(one, StoredBatch)]
+        if not batches:
+            return
+        times = [_time(one, row) for one in batches for row in (0, one.n - 1)]
+        self.pages.append(PageTimes(min(times), max(times), batches[0].place, batches[-1].place))
+
+    def as_bytes(self) -> bytes:
+        """All of it, to be kept beside a session that has ended."""
+        fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
+        fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
+        header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
+        content = BytesIO()
+        np.savez(content, header=header, pages=np.array(self.pages), **self.extremes()._asdict())
+        return content.getvalue()
+
+    @classmethod
+    def restored(cls, key: Key, extent: SessionExtent, content: bytes) -> SessionOverview | None:
+        """What `as_bytes` has made of the same copy; None of another, or of another version."""
+        overview = cls(key, extent)
+        try:
+            with np.load(BytesIO(content), allow_pickle=False) as kept:
+                fields = json.loads(kept["header"].tobytes())
+                if (fields.pop("version"), fields.pop("identity")) != (VERSION, overview._identity()):
+                    return None
+                overview.holes = [Gap.model_validate(hole) for hole in fields.pop("holes")]
+                overview.pages = [
+                    PageTimes(t0, tn, int(first), int(last)) for t0, tn, first, last in kept["pages"].tolist()
+                ]
+                overview._parts = [Extremes(*(kept[name] for name in Extremes._fields))]
+        except (ValueError, KeyError, OSError, BadZipFile):
+            return None
+        for name in KEPT:
+            setattr(overview, name, fields[name])
+        overview.is_kept = True
+        return overview
+
+    def _identity(self) -> str:
+        """Of this copy of the session in its file, which may be moved; and of what is drawn of it."""
+        return repr((self.extent.identity[1:], self.columns))
+
+    def places(self, t0: float, tn: float) -> list[PageTimes]:
+        """The pages that may have samples from t0 to tn [s]."""
+        return [page for page in self.pages if page.t0 <= tn and page.tn >= t0]
+
+
+def _time(batch: StoredBatch, row: int) -> float:
+    """The time of one row of a batch [s]; `t0` where it has no such row."""
+    width = len(batch.columns)
+    kind, size = ("<f", 4) if len(batch.samples) == 4 * batch.n * width else ("<d", 8)
+    place = row * width * size
+    if place + size > len(batch.samples):
+        return batch.t0
+    (offset,) = unpack_from(kind, batch.samples, place)
+    return batch.t0 + float(offset)
+
+
+def _width(t: NDArray[np.float64]) -> float:
+    """A round width for about SAMPLES_PER_BIN of these samples."""
+    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.001
+    wanted = SAMPLES_PER_BIN * interval
+    return WIDTHS_S[min(bisect_left(WIDTHS_S, wanted * 0.99), len(WIDTHS_S) - 1)]

@@ -1,0 +1,181 @@
+"""Samples of sessions for plots: overviews are kept, samples are read.
+
+A session is read once for its overview. Then an answer costs what it shows: bins of the overview, or at most
+MAX_BINS times its samples a bin. All of it is work of the thread that calls.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.extremes import (
+    Extremes,
+    between,
+    bins_of,
+    coarser,
+    extremes_of,
+    joined,
+    nothing,
+    packed,
+    points_of,
+)
+from caesura_protocol.keys import SampleRange
+from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
+from caesura_protocol.runs import SPEED_WINDOW_S, Speed
+from caesura_service.decimation.assembly import Assembly
+from caesura_service.decimation.overview import SessionOverview
+from caesura_service.journal import BatchSource, JournalError, Key, SessionExtent, StoredBatch
+
+logger = logging.getLogger(__name__)
+
+LEAD_S = 4 * SPEED_WINDOW_S  # read before a range, for the speed at its beginning
+SLICE_S = 0.1  # of reading, before another station has its turn
+HELD_BYTES = 1 << 27  # of overviews; past it the one that was asked for longest ago goes
+
+
+class Owned(NamedTuple):
+    """A session and the instance that answers for it."""
+
+    station: str
+    session: str
+    instance: str
+    epoch: int
+    is_open: bool
+
+
+class SampleReader:
+    """Answers for one service. One thread calls it."""
+
+    def __init__(self, source: BatchSource, held_bytes: int = HELD_BYTES) -> None:
+        self._source = source
+        self._held_bytes = held_bytes
+        self._overviews: dict[Key, SessionOverview] = {}  # the one that was asked for last stands last
+
+    def read(self, owned: Owned, wanted: SampleRange) -> RecordedSamples:
+        """The samples of a session in a range, decimated.
+
+        Columns that the session lacks are left out. Raises ProtocolError `unknown_session` where the journal
+        has none of it; JournalError.
+        """
+        overview, _ = self._overview(owned)
+        columns = _chosen(wanted.columns, overview.columns)
+        bin_s, extremes = self._extremes(overview, wanted)
+        points = [points_of(extremes, overview.columns.index(name)) for name in columns]
+        holes, more = _listed(overview.holes, wanted)
+        return RecordedSamples(
+            station=owned.station,
+            session=owned.session,
+            instance=owned.instance,
+            epoch=owned.epoch,
+            t0=wanted.t0,
+            tn=wanted.tn,
+            bin_s=bin_s,
+            available=overview.columns,
+            columns=columns,
+            **packed(points),
+            first=overview.first,
+            last=overview.last,
+            holes=holes,
+            holes_more=more,
+            force_frame=overview.opening.force_frame,
+        )
+
+    def advance(self, owned: Owned, slice_s: float = SLICE_S) -> bool:
+        """Read a session's overview for about slice_s; returns whether it is complete. Raises as `read`."""
+        return self._overview(owned, time.monotonic() + slice_s)[1]
+
+    def _overview(self, owned: Owned, until: float = float("inf")) -> tuple[SessionOverview, bool]:
+        """All of the session up to now, and whether it is; until: [s] when it stops reading."""
+        key = (owned.station, owned.session)
+        extent = self._source.find(key)
+        if extent is None:
+            self._overviews.pop(key, None)
+            raise ProtocolError("unknown_session", "the journal has no sample of it", value="/".join(key))
+        overview = self._overviews.pop(key, None)
+        if overview is None or overview.extent.identity != extent.identity:
+            kept = None if owned.is_open else self._source.overview(extent)
+            overview = (kept and SessionOverview.restored(key, extent, kept)) or SessionOverview(key, extent)
+        self._overviews[key] = overview
+        is_complete = self._read(key, overview, extent, until)
+        if is_complete and not owned.is_open:
+            overview.finish()
+            self._keep(key, overview)
+        self._let_go()
+        return overview, is_complete
+
+    def _keep(self, key: Key, overview: SessionOverview) -> None:
+        if overview.is_kept or not overview.bin_s:
+            return
+        overview.is_kept = True
+        try:
+            self._source.keep_overview(key, overview.extent, overview.as_bytes())
+        except JournalError as error:  # full, for example: it is made again when it is asked for
+            logger.warning("the overview of %s is not kept: %s", "/".join(key), error)
+
+    def _read(self, key: Key, overview: SessionOverview, extent: SessionExtent, until: float) -> bool:
+        if extent.last <= overview.read_up_to:
+            return True
+        for page in self._source.pages(key, extent, overview.read_up_to, extent.last):
+            places = [one.place for one in page if isinstance(one, StoredBatch)]
+            overview.push(page, max(places, default=overview.read_up_to))
+            if time.monotonic() > until:
+                return False
+        overview.read_up_to = extent.last
+        return True
+
+    def _let_go(self) -> None:
+        while len(self._overviews) > 1 and self._bytes() > self._held_bytes:
+            self._overviews.pop(next(iter(self._overviews)))
+
+    def _bytes(self) -> int:
+        return sum(one.nbytes for one in self._overviews.values())
+
+    def _extremes(self, overview: SessionOverview, wanted: SampleRange) -> tuple[float, Extremes]:
+        """The bins that a range touches, and their width [s]."""
+        bin_s = (wanted.tn - wanted.t0) / wanted.bins
+        if bin_s < overview.bin_s:
+            return bin_s, self._fresh(overview, wanted, bin_s)
+        if not overview.bin_s:
+            return bin_s, overview.extremes()
+        every = int(np.ceil(bin_s / overview.bin_s * (1 - 1e-9)))
+        first, last = bins_of(np.array([wanted.t0, wanted.tn]), overview.bin_s).tolist()
+        some = between(overview.extremes(), first // every * every, (last // every + 1) * every - 1)
+        return every * overview.bin_s, coarser(some, every)
+
+    def _fresh(self, overview: SessionOverview, wanted: SampleRange, bin_s: float) -> Extremes:
+        """From the samples themselves."""
+        first, last = bins_of(np.array([wanted.t0, wanted.tn]), bin_s).tolist()
+        pages = overview.places(first * bin_s - LEAD_S, (last + 1) * bin_s)
+        batches: dict[int, StoredBatch] = {}
+        if pages:
+            beyond, up_to = min(page.first for page in pages) - 1, max(page.last for page in pages)
+            for page in self._source.pages(overview.key, overview.extent, beyond, up_to):
+                batches |= {one.seq: one for one in page if isinstance(one, StoredBatch)}
+        assembly, speed = Assembly(overview.opening), Speed(overview.opening.columns)
+        parts = []
+        for run in assembly.push([batches[seq] for seq in sorted(batches)]):
+            values, index = speed.beside(run), bins_of(run.t, bin_s)
+            inside = slice(*np.searchsorted(index, (first, last + 1)))
+            if inside.start < inside.stop:
+                parts.append(extremes_of(index[inside], run.t[inside], values[inside]))
+        return joined(parts) if parts else nothing(len(overview.columns))
+
+
+def _chosen(asked: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    """The columns to answer: those asked for that the session has."""
+    return tuple(name for name in known if name in asked) if asked else known
+
+
+def _listed(holes: list[Gap], wanted: SampleRange) -> tuple[tuple[Gap, ...], int]:
+    """The holes that reach into a range, in order, and how many shorter ones are not listed."""
+    inside = [hole for hole in holes if hole.tn > wanted.t0 and hole.t0 < wanted.tn]
+    more = max(0, len(inside) - MAX_HOLES)
+    if more:
+        shortest = sorted(inside, key=lambda hole: hole.tn - hole.t0)[more:]
+        inside = sorted(shortest, key=lambda hole: hole.t0)
+    return tuple(inside), more

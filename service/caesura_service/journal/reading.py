@@ -1,0 +1,188 @@
+"""Batches of a session as the journal has them, read beside the service's work.
+
+Files are read on connections of their own, which write nothing and wait for no lock of the journal's. What is
+written within the next `commit_s` is not yet there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import msgpack  # type: ignore[import-untyped]
+
+from caesura_protocol.codec import decode, encoding_of
+from caesura_protocol.messages import Error, Open, SampleBatch
+from caesura_service.journal.checksums import is_intact
+from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
+from caesura_service.journal.peer_journals import opened_for_reading
+from caesura_service.journal.rows import SessionRow, Stored, copies_in, verified
+from caesura_service.journal.schema import HAS_OVERVIEWS, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
+from caesura_service.journal.sqlite import SqliteJournal
+
+PAGE = 250  # records read at once
+_BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)
+
+
+class StoredBatch(NamedTuple):
+    """A batch, not validated again."""
+
+    place: int  # its record's, ascending in the order of recording
+    seq: int
+    n: int
+    columns: tuple[str, ...]
+    t0: float  # [s]
+    samples: bytes
+
+
+class Lost(NamedTuple):
+    """Batches before number `seq` that have not been recorded never will be."""
+
+    seq: int
+
+
+class SessionExtent(NamedTuple):
+    """Where the records of a session are, and how far they reach."""
+
+    identity: tuple[object, ...]  # of this copy of the session, and of no other
+    opening: Open
+    last: int  # place of the last record
+
+
+class BatchSource(Protocol):
+    """Where batches are read; any thread may read."""
+
+    def find(self, key: Key) -> SessionExtent | None:
+        """The copy of a session that is furthest along; None without one. Raises JournalError."""
+
+    def pages(
+        self, key: Key, extent: SessionExtent, beyond: int, last: int
+    ) -> Iterator[list[StoredBatch | Lost]]:
+        """Its batches behind the place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
+
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """The overview that was kept of a copy, whole and as it was written; None without one."""
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """Keep one, where that is possible. Raises JournalError."""
+
+
+class FileBatches:
+    """Batches from every journal in a directory. own: the one that is written here, which keeps overviews."""
+
+    def __init__(self, directory: Path, own: SqliteJournal | None = None) -> None:
+        self._directory, self._own = directory, own
+
+    def find(self, key: Key) -> SessionExtent | None:
+        """As BatchSource. A journal that cannot be read is passed over where another has the session."""
+        found, failure = [], None
+        for path in sorted(self._directory.glob("*.sqlite")):
+            try:
+                with opened_for_reading(path) as kept:
+                    found += [(copy.progress, path) for copy in copies_in(kept, *key)]
+            except JournalError as error:
+                failure = error
+        if found:
+            return self._extent(max(found)[1], key)
+        if failure is not None:
+            raise failure
+        return None
+
+    def _extent(self, path: Path, key: Key) -> SessionExtent | None:
+        with opened_for_reading(path) as kept:
+            row = kept.execute(SELECT_EXTENT, key).fetchone()
+            if row is None:
+                return None
+            session, last = SessionRow(*row[:-1]), row[-1]
+            for first in kept.execute(SELECT_PAGE, (session.id, -1, last, 1)):
+                stored = verified(key, Stored(*first))
+                opening = decode(stored.payload, stored.encoding, Open)
+                return SessionExtent((path, session.id, session.opened), opening, last)
+        return None
+
+    def pages(
+        self, key: Key, extent: SessionExtent, beyond: int, last: int
+    ) -> Iterator[list[StoredBatch | Lost]]:
+        """As BatchSource."""
+        path, session_id, _ = extent.identity
+        assert isinstance(path, Path)
+        with opened_for_reading(path) as kept:
+            while rows := kept.execute(SELECT_PAGE, (session_id, beyond, last, PAGE)).fetchall():
+                stored = [verified(key, Stored(*row)) for row in rows]
+                yield [one for row in stored for one in _read(row.place, row.encoding, row.payload)]
+                beyond = stored[-1].place
+
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """As BatchSource."""
+        path, session_id, _ = extent.identity
+        assert isinstance(path, Path)
+        assert isinstance(session_id, int)
+        with opened_for_reading(path) as kept:
+            if not kept.execute(HAS_OVERVIEWS).fetchone():
+                return None
+            rows = kept.execute(SELECT_OVERVIEW, (session_id,)).fetchall()
+        payloads = [
+            payload
+            for number, (part, parts, payload, crc) in enumerate(rows)
+            if (number, len(rows)) == (part, parts) and is_intact(crc, session_id, part, parts, payload)
+        ]
+        return b"".join(payloads) if payloads and len(payloads) == len(rows) else None
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """As BatchSource; the journal of another instance is left as it is."""
+        path, session_id, _ = extent.identity
+        if self._own is not None and path == self._own.path and isinstance(session_id, int):
+            self._own.keep_overview(key, session_id, content)
+
+
+class JournalBatches:
+    """Batches from the journal of this process, as one in memory."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+
+    def find(self, key: Key) -> SessionExtent | None:
+        """As BatchSource."""
+        records = list(self._journal.replay(*key))
+        if not records or not isinstance(records[0].message, Open):
+            return None
+        return SessionExtent((records[0].at,), records[0].message, len(records) - 1)
+
+    def pages(
+        self, key: Key, extent: SessionExtent, beyond: int, last: int
+    ) -> Iterator[list[StoredBatch | Lost]]:
+        """As BatchSource."""
+        del extent
+        records = list(self._journal.replay(*key))[: last + 1]
+        for first in range(beyond + 1, len(records), PAGE):
+            page: list[StoredBatch | Lost] = []
+            for place, record in enumerate(records[first : first + PAGE], first):
+                match record.message:
+                    case SampleBatch() as batch:
+                        page.append(
+                            StoredBatch(place, batch.seq, batch.n, batch.columns, batch.t0, batch.samples)
+                        )
+                    case Error(limit=int() as target) if record.message.code == "evicted":
+                        page.append(Lost(target))
+            yield page
+
+    def overview(self, extent: SessionExtent) -> bytes | None:
+        """None: what is in memory is read at once."""
+
+    def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
+        """Nothing is kept."""
+
+
+def _read(place: int, encoding: str, payload: bytes) -> Iterator[StoredBatch | Lost]:
+    """A record that is a batch or gives batches up. What was recorded has the codec's form."""
+    if encoding == _BATCH:
+        fields = msgpack.unpackb(payload, use_list=False)
+        try:
+            yield StoredBatch(place, *(fields[name] for name in StoredBatch._fields[1:]))
+        except KeyError as error:
+            raise JournalDamagedError(f"record {place} lacks the field {error} of a batch") from error
+    elif encoding == _ERROR:
+        lost = decode(payload, encoding, Error)
+        if lost.code == "evicted" and isinstance(lost.limit, int):
+            yield Lost(lost.limit)

@@ -1,0 +1,129 @@
+"""Answers queries for the samples of sessions, in a thread of its own.
+
+Reading a long session takes seconds, once. Neither the worker nor other queries wait for it: stations take
+turns, in slices. What waits has a bound; past it a query is refused as `overloaded`. An instance answers for
+the sessions that it holds, as for snapshots.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import parse_samples_parameters, parse_session_key
+from caesura_protocol.messages import RecordedSamples
+from caesura_service.decimation import SampleReader
+from caesura_service.decimation.reader import Owned
+from caesura_service.journal import JournalError, Key
+from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.publishing.session_state import SessionState
+from caesura_service.server.background_thread import BackgroundThread
+from caesura_service.server.rates import COMPLAINTS, Rate, RateLimit
+from caesura_service.server.result_publisher import answer, refuse
+from caesura_service.server.work_queue import QueueSettings, WorkQueue
+
+logger = logging.getLogger(__name__)
+
+QUERIES = 64  # that may wait; a quarter of them of one station
+TICK_S = 0.1
+LOOK_S = 1.0  # between two looks for sessions that have ended
+
+
+class SampleServer(BackgroundThread):
+    """Answers while the context lasts."""
+
+    def __init__(self, reader: SampleReader, board: Callable[[], SessionIndex], questions: Rate) -> None:
+        """board: the sessions of this instance; questions: how many are answered, of all readers together."""
+        self._reader, self._board, self._clock = reader, board, time.monotonic
+        self._open: set[Key] = set()  # at the last look
+        self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
+        self._looks_at = 0.0  # [s]
+        self._questions, self._complaints = RateLimit(questions), RateLimit(COMPLAINTS)
+        self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
+        super().__init__("caesura-samples", self._queue.wake)
+
+    def take(self, query: zenoh.Query) -> None:
+        """Enqueue a query. Called by the network's threads."""
+        try:
+            station, session, _ = parse_session_key(str(query.key_expr))
+        except ProtocolError as error:  # a wildcard: of all sessions it would be too much
+            with query:
+                refuse(query, error)
+            return
+        if not self._questions.allows("every reader") or not self._queue.offer(
+            (query, station, session), station
+        ):
+            with query:
+                refuse(query, ProtocolError("overloaded", "too many queries for samples", limit=QUERIES))
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            if (found := self._queue.get(TICK_S)) is None:
+                self._prepare()
+                continue
+            began = self._clock()
+            try:
+                self._step(*found)
+            except Exception:
+                if self._complaints.allows(found[1]):
+                    logger.exception("a query for samples of %s/%s was not answered", *found[1:])
+            self._queue.spent(self._clock() - began)
+
+    def _prepare(self) -> None:
+        """Make the overview of a session that has ended, so that no reader waits for it."""
+        if not self._ended and self._clock() < self._looks_at:
+            return
+        self._looks_at = self._clock() + LOOK_S
+        standings = {(one.station, one.session): one for one in self._board().standings()}
+        self._ended |= {key for key in self._open & standings.keys() if not standings[key].is_open}
+        self._ended &= standings.keys()
+        self._open = {key for key, one in standings.items() if one.is_open}
+        for key in sorted(self._ended)[:1]:
+            try:
+                is_made = self._reader.advance(_owned(standings[key]))
+            except (ProtocolError, JournalError) as error:
+                is_made = True
+                if self._complaints.allows(key[0]):
+                    logger.warning("no overview of %s: %s", "/".join(key), error)
+            if is_made:
+                self._ended.discard(key)
+
+    def _step(self, query: zenoh.Query, station: str, session: str) -> None:
+        """Answer a query, or read some more of the session that it is for, and let other stations go on."""
+        owned = self._owned(station, session)
+        if owned is None:
+            query.drop()  # type: ignore[no-untyped-call]
+            return  # another instance may have it
+        reply = self._reply(owned, str(query.parameters))
+        if reply is None and self._queue.insist((query, station, session), station):
+            return
+        with query:
+            if isinstance(reply, RecordedSamples):
+                answer(query, str(query.key_expr), reply)
+            else:
+                refuse(query, reply or ProtocolError("overloaded", "too many queries for samples"))
+
+    def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
+        """None: more of the session has to be read before."""
+        try:
+            wanted = parse_samples_parameters(parameters)
+            return self._reader.read(owned, wanted) if self._reader.advance(owned) else None
+        except ProtocolError as error:
+            return error
+        except JournalError as error:
+            return ProtocolError("internal", str(error))
+
+    def _owned(self, station: str, session: str) -> Owned | None:
+        for held in self._board().sessions.get(station, ()):
+            if held.standing.session == session:
+                return _owned(held.standing)
+        return None
+
+
+def _owned(standing: SessionState) -> Owned:
+    owner = standing.owner
+    return Owned(standing.station, standing.session, owner.instance, owner.epoch, standing.is_open)

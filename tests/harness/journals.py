@@ -1,0 +1,60 @@
+"""Journals written directly: hours of a session in seconds, without a service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.messages import Close, Open, Snapshot
+from caesura_service.journal import JournalSettings, Outcome, Record, SqliteJournal
+from clients.examples import snapshot
+
+COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+BATCH = 20
+UNLIMITED = JournalSettings(waiting_bytes=1 << 30)
+
+
+def taught(seconds: float, rate_hz: float = 100.0, *, seed: int = 0) -> NDArray[np.float64]:
+    """Samples (n, columns) of a hand that wanders, with noise and short peaks of force."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    rng = np.random.default_rng(seed)
+    place = np.column_stack([np.sin(t / 7), np.cos(t / 11), 0.3 + 0.1 * np.sin(t)])
+    force = rng.normal(0.0, 0.5, (t.size, 3))
+    force[rng.integers(0, t.size, max(1, t.size // 3000)), 2] += 40.0
+    return np.column_stack([t, place + rng.normal(0.0, 1e-4, place.shape), force])
+
+
+def written(
+    folder: Path,
+    matrix: NDArray[np.floating],
+    *,
+    station: str = "cell-1",
+    session: str = "s1",
+    instance: str = "caesura-1",
+    lost: Iterable[int] = (),
+    closed: Snapshot | None = None,
+    columns: tuple[str, ...] = COLUMNS,
+) -> None:
+    """A session in the journal of an instance. lost: batches that never came; closed: how it ended."""
+    opening = Open(session=session, columns=columns, wrench_source="flange_sensor", preset="default")
+    gone, count = set(lost), -(-len(matrix) // BATCH)
+    folder.mkdir(exist_ok=True, parents=True)
+    with SqliteJournal(folder / f"{instance}.sqlite", UNLIMITED) as journal:
+        journal.append(Record(station, session, 1e9, opening))
+        for seq in sorted(set(range(count)) - gone):
+            rows = matrix[seq * BATCH : (seq + 1) * BATCH]
+            batch = pack_samples(rows, columns, session=session, epoch=0, seq=seq)
+            journal.append(Record(station, session, 1e9 + seq, batch))
+        if closed is not None:
+            journal.append(Record(station, session, 2e9, Close(session=session, last_seq=count - 1)))
+            journal.conclude(station, Outcome(opening, count - 1, closed))
+
+
+def ended(*kinds: str, t: float, station: str = "cell-1", session: str = "s1") -> Snapshot:
+    """How a session of t seconds ended."""
+    result = {"station": station, "session": session, "instance": "caesura-1", "epoch": 1, "t": t}
+    return snapshot(1, *kinds, state="closed", **result)

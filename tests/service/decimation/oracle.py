@@ -1,0 +1,38 @@
+"""What decimation has to answer, computed sample by sample from what was sent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from caesura_protocol.extremes import unpack_points
+from caesura_protocol.messages import RecordedSamples
+
+
+def check(recorded: RecordedSamples, matrix: np.ndarray, columns: tuple[str, ...]) -> int:
+    """Every point is a sample, and of every bin both extremes are there; returns the number of points.
+
+    matrix: (n, columns) all samples of the session whose time advances, time first.
+    """
+    points, counted = unpack_points(recorded), 0
+    bins = np.floor(matrix[:, 0] / recorded.bin_s + 1e-6)
+    first, last = (math.floor(t / recorded.bin_s + 1e-6) for t in (recorded.t0, recorded.tn))
+    inside = matrix[(bins >= first) & (bins <= last)]
+    bins = bins[(bins >= first) & (bins <= last)]
+    for name, found in points.items():
+        if name == "speed":
+            continue
+        samples = dict(zip(inside[:, 0], inside[:, columns.index(name)], strict=True))
+        assert all(samples.get(t) == value for t, value in found), f"{name}: a point is no sample"
+        assert (np.diff(found[:, 0]) > 0).all()
+        values = inside[:, columns.index(name)]
+        edges = np.flatnonzero(np.diff(bins, prepend=-1e18))
+        wanted = {x for at in edges for x in _extremes(values[bins == bins[at]])}
+        assert wanted == set(found[:, 1].tolist()), f"{name}: an extreme is missing"
+        counted += len(found)
+    return counted
+
+
+def _extremes(values: np.ndarray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())

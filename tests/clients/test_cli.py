@@ -380,6 +380,7 @@ def test_commands_whose_extra_is_missing_are_not_listed(client_only, capsys):
         (["evaluate", "--help"], "service"),
         (["report", "a.npz", "-o", "b.pdf"], "service"),
         (["teach"], "teacher"),
+        (["annotate", "a.npz"], "service,dashboard"),
     ],
 )
 def test_whoever_types_one_is_told_what_to_install(client_only, typed, extra):

@@ -158,8 +158,10 @@ def _pace(text: str) -> float:
 def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
     """The source, closed in the end where it can be; says what of a file it does not read."""
     source = open_source(name, options)
-    if isinstance(source, FileSource) and source.recording.ignored:
-        typer.echo(ignored_line(source.recording), err=True)
+    if isinstance(source, FileSource):
+        said = (ignored_line(source.recording), *(f"warning: {one}" for one in source.recording.doubts))
+        for line in filter(None, said):
+            typer.echo(line, err=True)
     with ExitStack() as stack:
         if (close := getattr(source, "close", None)) is not None:
             stack.callback(close)

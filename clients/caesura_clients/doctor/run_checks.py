@@ -88,6 +88,8 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
+    for doubt in recording.doubts:
+        yield warn("units", doubt, "compare the values with the units that are declared")
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
     yield from _wrench(recording)

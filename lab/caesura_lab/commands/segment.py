@@ -14,6 +14,7 @@ from rich.progress import Progress
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import apps_table, ignored_line, phases_table, segments_table
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.recording_notes import recording_notes
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import UNSET, CellSettings
@@ -67,7 +68,8 @@ def segmented(
                 progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:
-            raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+            why = "; ".join([str(error).removeprefix("malformed: "), *recording.doubts])
+            raise SourceError(f"{recording.name}: {why}") from error
     if not view.segments:
         raise SourceError(
             f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
@@ -89,6 +91,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
         *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
         apps_table(view.apps, title="task program"),
         view.wrench.note,
+        *recording_notes(recording, preset),
         *_warnings(recording, view),
     )
 

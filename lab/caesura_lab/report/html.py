@@ -47,7 +47,7 @@ def html_page(content: ReportData) -> str:
         segments=_table(segments_table(content.view)),
         program=_table(program_table(content.view)),
         ways=_ways(content),
-        notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view)),
+        notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view, content.notes)),
         path=_figure(path_page(content), "path"),
         run_length="".join(
             _figure(run_length_page(content, window), f"run-length-{i}") for i, window in enumerate(windows)

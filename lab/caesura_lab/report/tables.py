@@ -92,8 +92,8 @@ def program_table(view: PipelineView) -> Table:
     return Table("Task program", APP_COLUMNS, rows, kinds, APP_NOTE)
 
 
-def notes(view: PipelineView) -> tuple[str, ...]:
-    """What a reader must know beside the numbers."""
+def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ...]:
+    """What a reader must know beside the numbers; of_recording: notes on the recording and its preset."""
     gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
     turns = (
         f"Segment {index} turns by {screw_in_words(one.screw)}."
@@ -101,7 +101,7 @@ def notes(view: PipelineView) -> tuple[str, ...]:
         if one.screw is not None
     )
     light = (NO_GRIPPER,) if NO_GRIPPER in view.notes else ()
-    return (view.wrench.note, *light, *gaps, *turns)
+    return (view.wrench.note, *of_recording, *light, *gaps, *turns)
 
 
 def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:

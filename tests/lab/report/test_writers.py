@@ -193,7 +193,7 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path):
     [
         (["taught.npz", "-o", "out.gif"], "suffix '.gif', expected one of ['.pdf', '.png', '.html']"),
         (["absent.npz", "-o", "out.png"], "no such file"),
-        (["taught.npz", "-o", "out.png", "--preset", "best"], "unknown preset"),
+        (["taught.npz", "-o", "out.png", "--preset", "best"], "--preset is 'best', expected one of"),
         (["taught.npz", "-o", "nowhere/out.png"], "cannot write nowhere/out.png: no such directory"),
         (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not a readable annotation"),
         (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: is a list, expected an object"),

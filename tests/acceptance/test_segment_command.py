@@ -36,7 +36,7 @@ def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
         assert one["kind"] in KINDS
     assert len(found["changepoints"]) == len(found["segments"]) - 1
     assert "transport" in {app["kind"] for app in found["program"]}
-    assert "Move To Contact" in done.output
+    assert "move to contact" in done.output
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_a_short_terminal_shows_the_newest_rows_and_how_many_are_hidden(view, he
     lines = drawn(view, height, width)
     assert len(lines) <= height
     assert lines[-1] == "service gone, waiting"
-    assert sum(line.split()[:1] == ["50"] and "hold" in line for line in lines) == stations
+    assert sum(line.split()[:1] == ["51"] and "hold" in line for line in lines) == stations
     assert sum("earlier ones hidden · open" in line for line in lines) == stations
     assert (
         height - len(lines) < 3 * stations

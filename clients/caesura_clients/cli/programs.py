@@ -63,7 +63,7 @@ def program(
         list[str] | None,
         typer.Option(
             metavar="GROUP=NAME",
-            help="Name a group of apps, by its number from 0 or its own name, in --format json; may be "
+            help="Name a group of apps, by its number from 1 or its own name, in --format json; may be "
             "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,

@@ -17,6 +17,7 @@ from caesura_clients.query import SessionInfo
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.turning import torque_about_axis
 
@@ -36,12 +37,12 @@ def segments_view(
 
 
 def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
-    """One segment a row, counted from `first`."""
+    """One segment a row; first: the index of the first, from 0."""
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
-            str(index),
+            app_number(index),
             f"{segment.t0:.2f}",
             f"{mark}{segment.tn:.2f}",
             f"{mark}{segment.kind}",
@@ -59,7 +60,7 @@ def phases_table(phases: Sequence[Phase], title: str) -> Table:
     for index, phase in enumerate(phases):
         mark = MARK_OF_CERTAINTY[phase.certainty]
         table.add_row(
-            str(index),
+            app_number(index),
             f"{phase.t0:.2f}",
             f"{mark}{phase.tn:.2f}",
             f"{mark}{phase_name(phase)}",
@@ -77,7 +78,7 @@ def phase_name(phase: Phase) -> str:
 
 
 def _numbers(first: int, last: int) -> str:
-    return str(first) if first == last else f"{first}–{last}"
+    return app_number(first) + ("" if first == last else f"–{app_number(last)}")
 
 
 def status_line(status: SessionStatus) -> Text:
@@ -139,8 +140,8 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
     )
     for index, app in enumerate(apps):
         table.add_row(
-            str(index),
-            app.kind.replace("_", " ").title(),
+            app_number(index),
+            app_title(app.kind),
             "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
             path_in_words(app, unit=""),
             _effort_of_app(app),

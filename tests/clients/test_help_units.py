@@ -9,7 +9,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_clients.cli import build
+from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_service.changepoint.presets import PRESETS
 
 APP = build()
 
@@ -40,3 +44,10 @@ def test_help_shows_every_text_with_its_units(typed: tuple[str, ...]) -> None:
 def test_every_command_is_looked_at() -> None:
     assert {("bridge",), ("edit",), ("sessions", "show")} <= set(COMMANDS)
     assert any("[s]" in (one.help or "") for one in COMMANDS["edit",].params)
+
+
+def test_the_names_in_the_help_of_bridge_are_those_that_there_are() -> None:
+    assert sorted(PRESET_NAMES) == sorted(PRESETS)
+    assert sorted(SCENARIO_NAMES) == sorted(SCENARIOS)
+    texts = " ".join(getattr(one, "help", None) or "" for one in COMMANDS["bridge",].params)
+    assert all(name in texts for name in (*PRESET_NAMES, *SCENARIO_NAMES, *SOURCES))

@@ -22,6 +22,7 @@ from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.turning import torque_about_axis
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
@@ -52,6 +53,13 @@ def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -
             style=STYLE_OF_CERTAINTY[segment.certainty],
         )
     return table
+
+
+def segment_line(index: int, segment: Segment) -> str:
+    """One segment as a line: number, from and to [s], kind, force or load, p."""
+    effort = _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg)
+    span = f"{segment.t0:.2f} {segment.tn:.2f}"
+    return f"{app_number(index)} {span} {segment.kind} {segment.probability:.2f} {effort}"
 
 
 def phases_table(phases: Sequence[Phase], title: str) -> Table:
@@ -130,7 +138,17 @@ def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, version {program.version}, {state}"
-    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in program.notes))
+    notes = (*program.notes, *doubtful_apps(program.apps))
+    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in notes))
+
+
+def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
+    """Why an app may have a lower p than its segments: one sentence, or none where all are sure."""
+    doubtful = [app_number(index) for index, app in enumerate(apps) if app.confidence < DOUBTFUL]
+    if not doubtful:
+        return ()
+    which = f"app{'s' if len(doubtful) > 1 else ''} {', '.join(doubtful)}"
+    return (f"p of an app is that of its kind times that of its less certain boundary; low: {which}.",)
 
 
 def apps_table(apps: Sequence[App], title: str) -> Table:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import getpass
-from ast import literal_eval
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
@@ -69,7 +68,7 @@ def nearest_named(wanted: Action) -> Iterator[None]:
         if refusal.code != "conflict" or not isinstance(wanted, LimitForce) or refusal.value != wanted.t:
             raise
         spans = refusal.expected if isinstance(refusal.expected, list | tuple) else []
-        nearest = ", ".join(f"{t0:.2f} to {tn:.2f} s" for t0, tn in map(literal_eval, map(str, spans)))
+        nearest = ", ".join(f"{str(span).strip('[]()').replace(', ', ' to ')} s" for span in spans)
         there = f"the nearest that do: {nearest}" if nearest else "no app of this session does"
         raise CaesuraError(f"no app exerts a force at {wanted.t:g} s; {there}") from refusal
 

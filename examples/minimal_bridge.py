@@ -140,7 +140,11 @@ def main(endpoint="tcp/127.0.0.1:7447", station="cell-1", seconds="5"):
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
+    try:
+        opened = zenoh.open(config)
+    except zenoh.ZError:
+        sys.exit(f"error: no router at {endpoint}: start `caesura serve`, or name another endpoint")
+    with opened as session:
         bridge = Bridge(session, station, f"s{time.strftime('%Y%m%d-%H%M%S')}")
         bridge.open()
         begun, seq, rows = time.monotonic(), 0, []

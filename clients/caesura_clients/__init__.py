@@ -4,13 +4,34 @@
 >>> with connect() as caesura:  # doctest: +SKIP
 ...     for update in caesura.results("cell-1"):
 ...         print(update.segments)
+
+A name is imported at its first use, so that the command starts before the libraries of the network are there.
 """
 
-from caesura_clients.client import Caesura, connect
-from caesura_clients.results import Update
-from caesura_protocol.errors import CaesuraError, NotFound, SourceError, Unreachable
+from __future__ import annotations
 
-Absent, BadSource = NotFound, SourceError  # the names before 0.2, kept for one release
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from caesura_clients.client import Caesura, connect
+    from caesura_clients.results import Update
+    from caesura_protocol.errors import CaesuraError, NotFound, SourceError, Unreachable
+    from caesura_protocol.errors import NotFound as Absent
+    from caesura_protocol.errors import SourceError as BadSource
+
+# Name → module and name there; Absent and BadSource are the names before 0.2, kept for one release.
+_PLACES = {
+    "Caesura": ("caesura_clients.client", "Caesura"),
+    "connect": ("caesura_clients.client", "connect"),
+    "Update": ("caesura_clients.results", "Update"),
+    "CaesuraError": ("caesura_protocol.errors", "CaesuraError"),
+    "NotFound": ("caesura_protocol.errors", "NotFound"),
+    "SourceError": ("caesura_protocol.errors", "SourceError"),
+    "Unreachable": ("caesura_protocol.errors", "Unreachable"),
+    "Absent": ("caesura_protocol.errors", "NotFound"),
+    "BadSource": ("caesura_protocol.errors", "SourceError"),
+}
 
 __all__ = [
     "Absent",
@@ -23,3 +44,10 @@ __all__ = [
     "Update",
     "connect",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, there = _PLACES[name]
+    return getattr(import_module(module), there)

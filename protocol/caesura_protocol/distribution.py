@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution, version
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from caesura_protocol.errors import SourceError
 
@@ -13,12 +17,30 @@ PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_l
 
 
 def installing(extra: str) -> str:
-    """The command that installs an extra, as an error names it. README.md, Install, has the others.
+    """The command that installs an extra, as an error names it; what works depends on how Caesura came here.
 
-    >>> installing("mcap")
-    "pip install '.[mcap]' in a clone of Caesura"
+    A clone (PEP 610: `dir_info`, and a missing installation) installs itself; a wheel is named by its file or
+    address; without either the distribution's name is what pip resolved. README.md, Install, has the others.
     """
-    return f"pip install '.[{extra}]' in a clone of Caesura"
+    installed = _installed_from()
+    if installed is None:
+        return f"pip install '{DISTRIBUTION}[{extra}]'"
+    address = str(installed.get("url", ""))
+    if "dir_info" in installed:
+        return f"pip install '.[{extra}]' in a clone of Caesura"
+    if address.startswith("file:"):
+        return f"pip install '{url2pathname(urlsplit(address).path)}[{extra}]'"
+    scheme = f"{installed['vcs_info']['vcs']}+" if "vcs_info" in installed else ""
+    return f"pip install '{DISTRIBUTION}[{extra}] @ {scheme}{address}'"
+
+
+def _installed_from() -> dict[str, Any] | None:
+    """The origin that pip recorded (PEP 610, direct_url.json); None where it came from an index."""
+    try:
+        recorded = distribution(DISTRIBUTION).read_text("direct_url.json")
+    except PackageNotFoundError:
+        return {"dir_info": {}}  # imported from a clone
+    return None if recorded is None else json.loads(recorded)
 
 
 def installed_version() -> str:

@@ -2,7 +2,8 @@
 
 One table of checks. Each measures one number of a recording, or of the first second of a stream, and
 compares it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing.
-Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed.
+Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed;
+`doubts` names its values beyond a limit, or below the least of a robot arm.
 
 Pure: NumPy only. Recordings, bridge, service and doctor use the same table.
 
@@ -14,7 +15,7 @@ positions are 500 m away from the base, at most 5 m are plausible: probably in m
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -88,6 +89,12 @@ def _spread(t: Array, signals: Mapping[str, Array]) -> float | None:
     return float(np.linalg.norm(high - low))
 
 
+def _reach(t: Array, signals: Mapping[str, Array]) -> float | None:
+    """The larger of distance and spread: a flange that rests is not near its base."""
+    distance, spread = _distance(t, signals), _spread(t, signals)
+    return None if distance is None or spread is None else max(distance, spread)
+
+
 def _speed(t: Array, signals: Mapping[str, Array]) -> float | None:
     """Between the medians of neighbouring cells; without the fastest, which may be a leap."""
     span = float(t.max() - t.min())
@@ -130,6 +137,14 @@ CHECKS: tuple[_Check, ...] = (
     _Check("force", "forces reach {value}", _force, "N", 1000.0, 10.0),
 )
 
+#: The least of a robot arm: 5 kHz, a flange outside its own base, a bent joint, a sensor's bias and noise.
+LEAST: tuple[_Check, ...] = (
+    _Check("time", "samples are {value} apart", _step, "s", 2e-4, 0.005),
+    _Check("length", "positions are within {value} of the base", _reach, "m", 0.02, 0.3),
+    _Check("angle", "joints turn to {value}", _angle, "rad", 0.1, 1.5),
+    _Check("force", "forces reach {value}", _force, "N", 0.2, 10.0),
+)
+
 
 def implausible(
     t: Array,
@@ -143,22 +158,55 @@ def implausible(
     t: (n,) [s]; signals: name → (n, width); positions in `length_unit`, joints [rad], forces [N].
     declared: quantities whose unit was declared; they are believed.
     """
-    if t.size < LEAST_SAMPLES:
-        return None
-    every = -(-t.size // MOST_SAMPLES)
-    thinned = {name: np.asarray(values[::every], np.float64) for name, values in signals.items()}
-    if "pos" in thinned:
-        thinned["pos"] = thinned["pos"] * UNITS["length"][length_unit]
-    for check in CHECKS:
-        if check.quantity in declared:
-            continue
-        times = t if check.quantity == "time" else t[::every]
-        value = check.measure(np.asarray(times, np.float64), thinned)
-        if value is not None and value > check.limit:
+    checks = (check for check in CHECKS if check.quantity not in declared)
+    for check, value in _measured(checks, t, signals, length_unit):
+        if value > check.limit:
             stated = length_unit if check.quantity == "length" else WIRE_UNIT[check.quantity]
             likely = _likely(check, value, stated)
             return Implausible(check.quantity, check.what, value, check.limit, check.unit, likely)
     return None
+
+
+def doubts(
+    t: Array, signals: Mapping[str, Array], *, length_unit: str, declared: Collection[str], clean_force: bool
+) -> tuple[str, ...]:
+    """What contradicts the stated units of these samples, which are segmented all the same: a sentence each.
+
+    As for `implausible`. clean_force: the force is a flange sensor's, whose bias alone is over the limit.
+    """
+    stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}
+    found = [
+        f"{str(one).rpartition(': ')[0]}: is the declared unit right?"
+        for quantity in QUANTITIES
+        if quantity in declared
+        and (one := implausible(t, signals, length_unit=length_unit, declared={*QUANTITIES} - {quantity}))
+    ]
+    checks = (one for one in LEAST if one.quantity in stated or (clean_force and one.quantity == "force"))
+    for check, value in _measured(checks, t, signals, length_unit):
+        if 0.0 < value < check.limit:
+            said = check.what.format(value=f"{value:.4g} {check.unit}")
+            asked = "is the declared unit right?"
+            if check.quantity not in stated:
+                asked = "are they in kN? State --force-unit kN, or --force-unit N if the values are right"
+            found.append(f"{said}, at least {check.limit:g} {check.unit} are plausible: {asked}")
+    return tuple(found)
+
+
+def _measured(
+    checks: Iterable[_Check], t: Array, signals: Mapping[str, Array], length_unit: str
+) -> Iterator[tuple[_Check, float]]:
+    """Each check with its number, where the samples have one."""
+    if t.size < LEAST_SAMPLES:
+        return
+    every = -(-t.size // MOST_SAMPLES)
+    thinned = {name: np.asarray(values[::every], np.float64) for name, values in signals.items()}
+    if "pos" in thinned:
+        thinned["pos"] = thinned["pos"] * UNITS["length"][length_unit]
+    for check in checks:
+        times = t if check.quantity == "time" else t[::every]
+        value = check.measure(np.asarray(times, np.float64), thinned)
+        if value is not None:
+            yield check, value
 
 
 def likely_time_unit(t: Array) -> str | None:

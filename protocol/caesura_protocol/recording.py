@@ -21,7 +21,7 @@ in the force, and the results say so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -43,7 +43,7 @@ from caesura_protocol.messages import (
     Quantity,
     WrenchSource,
 )
-from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, implausible
+from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, doubts, implausible
 from caesura_protocol.programs.safety import UNSET, CellSettings
 
 Array = NDArray[np.float64]
@@ -124,6 +124,17 @@ class Recording:
         return implausible(self.t, self.signals, length_unit=self.length_unit, declared=self.declared_units)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What contradicts the stated units, in a sentence each; the samples are taken all the same."""
+        return doubts(
+            self.t,
+            self.signals,
+            length_unit=self.length_unit,
+            declared=self.declared_units,
+            clean_force=self.wrench_source == "flange_sensor",
+        )
+
+    @property
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS}
@@ -174,6 +185,11 @@ def contradiction(wrench_source: str | None, hand_on_robot: str) -> str | None:
 ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")  # names of the arrays of a file
 
 
+def wrong_option(name: str, value: str, known: Iterable[str]) -> str:
+    """The error text for an option of the command line that has no such value."""
+    return f"--{name.replace('_', '-')} is {value!r}, expected one of {', '.join(known)}"
+
+
 def declared_units(**units: str | None) -> dict[Quantity, str]:
     """Units that were declared, by quantity. Raises RecordingError for one that does not exist."""
     declared: dict[Quantity, str] = {}
@@ -181,7 +197,7 @@ def declared_units(**units: str | None) -> dict[Quantity, str]:
         if (unit := units.get(quantity)) is None:
             continue
         if unit not in known:
-            raise RecordingError(f"{quantity}_unit is {unit!r}, expected one of {list(known)}")
+            raise RecordingError(wrong_option(f"{quantity}_unit", unit, known))
         declared[quantity] = unit
     return declared
 

@@ -39,11 +39,11 @@ def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> 
     for name, out in outs.items():
         done = caesura("program", "--file", program, "--format", name, "-o", out)
         assert done.exit_code == 0, done.output
-    assert "Move To Contact" in outs["table"].read_text("utf-8")
+    assert "move to contact" in outs["table"].read_text("utf-8")
     assert json.loads(outs["json"].read_text("utf-8"))["version"] == 2
     assert "MAX_SPEED_M_PER_S" in outs["franky"].read_text("utf-8")
     assert Xml.parse(outs["bt"]).getroot().get("BTCPP_format") == "4"
-    assert "Apply Force" in caesura("program", "--file", program).output
+    assert "apply force" in caesura("program", "--file", program).output
 
 
 def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Pa
     program.write_text(json.dumps(content), encoding="utf-8")
     done = caesura("check", program)
     assert done.exit_code == 1
-    assert "error: app 1 (apply_force): force 40 N, expected 1 to 28.5 N" in done.output
+    assert "error: app 2 (apply force): force 40 N, expected 1 to 28.5 N" in done.output
     assert "cannot be run" in done.output
     (finding,) = json.loads(caesura("check", program, "--json").output)
     assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 28.5)
@@ -71,7 +71,7 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", spoilt, "--simulated", "--scenario", "dispenser", "-o", out)
     assert done.exit_code == 1
-    assert "app 1 (apply_force): force 40 N" in done.output
+    assert "app 2 (apply force): force 40 N" in done.output
     assert not out.exists()
 
 
@@ -105,10 +105,10 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
     file, out = tmp_path / "press.json", tmp_path / "named.json"
     file.write_text(as_file(press()).model_copy(update={"groups": groups}).as_json(), encoding="utf-8")
     command = ("program", "--file", file, "--format", "json", "-o", out)
-    done = caesura(*command, "--name-group", "0=reach", "--name-group", "contact 1=pump soap")
+    done = caesura(*command, "--name-group", "1=reach", "--name-group", "contact 1=pump soap")
     assert done.exit_code == 0, done.output
     assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["reach", "pump soap"]
-    for wrong in ("2=more", "reach", "0="):
+    for wrong in ("0=less", "3=more", "reach", "1="):
         refused = caesura(*command, "--name-group", wrong)
         assert refused.exit_code == 1
         assert f"cannot name '{wrong}'" in refused.output
@@ -116,7 +116,7 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
     file.write_text(json.dumps({**json.loads(file.read_text("utf-8")), "groups": alike}), encoding="utf-8")
     ambiguous = caesura(*command, "--name-group", "wipe=polish")  # it named the first of the two
     assert ambiguous.exit_code == 1
-    assert "2 groups have that name, use 0 or 1" in " ".join(ambiguous.output.split())
-    assert caesura(*command, "--name-group", "1=polish").exit_code == 0
+    assert "2 groups have that name, use 1 or 2" in " ".join(ambiguous.output.split())
+    assert caesura(*command, "--name-group", "2=polish").exit_code == 0
     assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["wipe", "polish"]
-    assert "needs --format json" in caesura("program", "--file", file, "--name-group", "0=a").output
+    assert "needs --format json" in caesura("program", "--file", file, "--name-group", "1=a").output

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
+from caesura_lab.commands.segment import announce_compilation
 
 DATA = Path(__file__).parents[2] / "data"
 KINDS = {"motion", "contact", "transport", "steady", "hold", "sliding"}
@@ -36,7 +37,7 @@ def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
         assert one["kind"] in KINDS
     assert len(found["changepoints"]) == len(found["segments"]) - 1
     assert "transport" in {app["kind"] for app in found["program"]}
-    assert "Move To Contact" in done.output
+    assert "move to contact" in done.output
 
 
 @pytest.mark.parametrize(
@@ -120,3 +121,12 @@ def test_an_unknown_preset_is_refused_with_those_that_exist():
         done = caesura(*command, "--preset", "magic")
         assert done.exit_code != 0
         assert "magic" in done.output or "unknown preset" in done.output
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_first_segment_says_that_the_filter_is_compiled(tmp_path, monkeypatch, capsys, kept):
+    if kept:
+        (tmp_path / "step.py312.nbc").write_bytes(b"")
+    monkeypatch.setattr("caesura_service.numba_support.decorators.cache_directory", lambda room: tmp_path)
+    announce_compilation()
+    assert capsys.readouterr().err == ("" if kept else "compiling the filter (once, about a minute)\n")

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -209,3 +213,26 @@ def test_a_journal_that_cannot_be_read_is_passed_over_where_there_are_others(dir
     assert "other.sqlite is no journal" in done.stderr
     done = caesura("export", "s2", "-o", "s2.npz", "--journal", directory, "--instance", "other")
     assert done.exit_code == 1
+
+
+@pytest.mark.parametrize(("typed", "left"), [("n\n", True), ("y\n", False)])
+def test_on_a_terminal_delete_asks_first(directory, typed, left):
+    terminal, keys = pty.openpty()
+    try:
+        os.write(terminal, typed.encode())
+        command = [
+            sys.executable,
+            "-m",
+            "caesura_clients",
+            "sessions",
+            "delete",
+            "s2",
+            "--journal",
+            directory,
+        ]
+        done = subprocess.run(command, stdin=keys, capture_output=True, text=True, timeout=60.0, check=False)
+    finally:
+        os.close(terminal)
+        os.close(keys)
+    assert "Delete samples, results and corrections of cell-1/s2 in " in done.stdout
+    assert (done.returncode == 1, "cell-1/s2" in kept(directory)) == (left, left)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,7 @@ def test_a_declared_unit_is_believed(tmp_path: Path):
 def test_a_unit_that_does_not_exist_is_refused_with_those_that_do():
     done = caesura("segment", DATA / "button.npz", "--time-unit", "min")
     assert done.exit_code == 1
-    assert "time_unit is 'min', expected one of ['s', 'ms', 'us', 'ns']" in done.stderr
+    assert "error: --time-unit is 'min', expected one of s, ms, us, ns" in done.stderr
 
 
 @pytest.mark.parametrize("declared", [(), ("length",)])
@@ -176,3 +177,32 @@ def test_a_wild_sample_and_a_leap_are_no_other_unit():
     pos[:100] = 0.0  # before the first message of its source
     pos[500] = 1e5
     assert implausible(t, {"pos": pos}) is None
+
+
+@pytest.mark.parametrize(
+    ("option", "doubt"),
+    [
+        (["--length-unit", "mm"], "positions are within 0.000"),
+        (["--time-unit", "ms"], "samples are 1e-06 s apart"),
+        (["--force-unit", "mN"], "forces reach 0.0"),
+    ],
+)
+def test_a_unit_declared_in_the_wrong_direction_is_doubted(option: list[str], doubt: str):
+    # `--length-unit mm` of a file in metres gave a path of 0.5 mm without a word.
+    shown = " ".join(caesura("segment", DATA / "button.npz", *option).output.split())
+    _, _, said = shown.partition(doubt)
+    assert "is the declared unit right?" in said, shown
+
+
+def test_a_declared_unit_that_no_robot_has_is_doubted(tmp_path: Path):
+    found = load_recording(other_unit(tmp_path, "mm"), length_unit="m")
+    assert "at most 5 m are plausible: is the declared unit right?" in found.doubts[0]
+
+
+def test_forces_in_kilonewtons_are_doubted_and_a_clean_recording_is_not():
+    recording = load_recording(DATA / "button.npz")
+    assert recording.doubts == ()
+    kilo = {**recording.signals, "force": recording.signals["force"] / 1000}
+    (doubt,) = replace(recording, signals=kilo).doubts
+    assert "are they in kN? State --force-unit kN" in doubt
+    assert replace(recording, signals=kilo, wrench_source="joint_torque_estimate").doubts == ()

@@ -265,7 +265,7 @@ def test_a_command_refuses_a_wrong_statement_with_the_valid_ones(tmp_path, comma
     }.get(command, (file,))
     done = caesura(command, *words, "--wrench-source", "none", "--hand-on-robot", "maybe")
     assert done.exit_code == 1
-    assert "hand_on_robot is 'maybe', expected one of ['yes', 'no', 'unknown']" in done.output
+    assert "error: --hand-on-robot is 'maybe', expected one of yes, no, unknown" in done.output
 
 
 def test_a_report_says_assumed(tmp_path):

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from caesura_clients.cli import build
 from caesura_clients.cli.commands import _teller, register
 from caesura_clients.cli.options import reported
+from caesura_clients.cli.result_tables import doubtful_apps
 from caesura_clients.cli.sessions import stand_in
 from caesura_clients.service_liveliness import attending
 from caesura_protocol.codec import encode
@@ -269,7 +270,7 @@ def test_program_shows_the_apps_of_the_only_station(caesura, service):
     service.answers[station_key("cell-1", "program")] = encode(example(Program))
     result = caesura("program")
     assert result.exit_code == 0, result.output
-    for word in ("Transport", "625 -250 375", "0.50±0.06 kg", "version 3", "being taught", "not weighed"):
+    for word in ("1  transport", "625 -250 375", "0.50±0.06 kg", "version 3", "being taught", "not weighed"):
         assert word in result.stdout
 
 
@@ -380,6 +381,7 @@ def test_commands_whose_extra_is_missing_are_not_listed(client_only, capsys):
         (["evaluate", "--help"], "service"),
         (["report", "a.npz", "-o", "b.pdf"], "service"),
         (["teach"], "teacher"),
+        (["annotate", "a.npz"], "service,dashboard"),
     ],
 )
 def test_whoever_types_one_is_told_what_to_install(client_only, typed, extra):
@@ -418,3 +420,21 @@ def test_what_needs_the_journal_says_where_it_runs(name: str):
     before = len(group.registered_commands)
     stand_in(group)
     assert len(group.registered_commands) == before
+
+
+def test_program_shows_a_session_by_its_name(caesura, service):
+    service.snapshots = [
+        snapshot(0, station="cell-1", session="old", state="closed"),
+        snapshot(1, station="cell-2", session="new"),
+    ]
+    result = caesura("program", "--session", "new")
+    assert result.exit_code == 0, result.output
+    assert "cell-2 / new, version 3" in result.stdout
+    assert_one_line(caesura("program", "--session", "none"), "a session 'none': none")
+
+
+def test_an_app_that_is_less_sure_than_its_segments_is_explained():
+    apps = [example(Program).apps[0].model_copy(update={"confidence": p}) for p in (0.9, 0.02, 0.3)]
+    (sentence,) = doubtful_apps(apps)
+    assert sentence.endswith("that of its less certain boundary; low: apps 2, 3.")
+    assert doubtful_apps(apps[:1]) == ()

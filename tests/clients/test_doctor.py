@@ -502,3 +502,17 @@ def test_it_is_a_command_of_caesura():
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0
     assert "--seconds" in done.stdout
+
+
+def test_a_station_that_is_not_there_is_no_matter_of_credentials():
+    found = list(judge(well(snapshots=[], statuses={}, bridges=[], others=["cell-1", "cell-7"]), "cell-9"))
+    assert grades(found, "credentials") == ["ok"]
+    assert "stations that are: cell-1, cell-7" in said(found, "bridge")
+
+
+def test_the_stations_that_are_there_are_asked_for(router):
+    with Answering(router.transport()) as service, router.transport() as transport:
+        service.snapshots = [snapshot(0, "motion", station="cell-7")]
+        service.answers[service_key("fake-1", "status")] = encode(example(ServiceStatus))
+        assert gather(transport, "cell-9", seconds=0.1).others == ["cell-7"]
+        assert gather(transport, "cell-7", seconds=0.1).others == []

@@ -18,7 +18,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.edit import parse
+from caesura_clients.cli.edit import nearest_named, parse
 from caesura_clients.cli.pedal import marking
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.formats.read import load_recording
@@ -240,3 +240,22 @@ def test_patience_ends(monkeypatch, refusal: Exception):
     made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
     with pytest.raises(type(refusal)):
         editing.send(None, "cell-1", made, patience_s=0.0)
+
+
+@pytest.mark.parametrize(
+    ("expected", "said"),
+    [
+        ([[2.65, 4.35], [7.65, 9.45]], "the nearest that do: 2.65 to 4.35 s, 7.65 to 9.45 s"),
+        ("none is there", "no app of this session does"),
+    ],
+)
+def test_a_force_limit_where_no_app_is_names_the_nearest(expected, said):
+    # As it comes from the wire; it once read "value 0.5; limit 0.5; expected ['[2.65, 4.35]']".
+    refusal = ProtocolError(
+        "conflict", "no app exerts a force there", value=0.5, limit=0.5, expected=expected
+    )
+    with pytest.raises(CaesuraError) as shown, nearest_named(LimitForce(t=0.5, newton=3.0)):
+        raise refusal
+    assert str(shown.value) == f"no app exerts a force at 0.5 s; {said}"
+    with pytest.raises(ProtocolError), nearest_named(Insert(t=0.5)):
+        raise refusal

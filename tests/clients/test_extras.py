@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
+from caesura_protocol import distribution
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from clients.examples import recording
@@ -65,3 +66,33 @@ def test_the_table_imports_nothing_of_the_extras(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
     assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ros2"} == set(SOURCES)
+
+
+WHEEL = "caesura_teaching-0.1.0-py3-none-any.whl"
+
+
+@pytest.mark.parametrize(
+    ("recorded", "said"),
+    [
+        (
+            '{"dir_info": {"editable": true}, "url": "file:///src"}',
+            "pip install '.[mcap]' in a clone of Caesura",
+        ),
+        ('{"archive_info": {}, "url": "file:///tmp/my%20d/W"}', "pip install '/tmp/my d/W[mcap]'"),
+        ('{"archive_info": {}, "url": "https://x/W"}', "pip install 'caesura-teaching[mcap] @ https://x/W'"),
+        (
+            '{"vcs_info": {"vcs": "git"}, "url": "https://x/c.git"}',
+            "pip install 'caesura-teaching[mcap] @ git+https://x/c.git'",
+        ),
+        (None, "pip install 'caesura-teaching[mcap]'"),
+    ],
+)
+def test_what_installs_an_extra_depends_on_where_caesura_came_from(monkeypatch, recorded, said):
+    # A wheel's user was once sent to a clone.
+    class Installed:
+        def read_text(self, name):
+            assert name == "direct_url.json"
+            return recorded and recorded.replace("W", WHEEL)
+
+    monkeypatch.setattr(distribution, "distribution", lambda name: Installed())
+    assert distribution.installing("mcap") == said.replace("W", WHEEL)

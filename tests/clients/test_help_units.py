@@ -1,21 +1,53 @@
-"""Units in help texts: `[mm]` in brackets is a tag to the library that prints help, and would vanish."""
+"""Help texts are shown whole: `[mm]` in brackets is a tag to the library that prints help."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
+import typer
 from typer.testing import CliRunner
 
+from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_clients.cli import build
+from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_service.changepoint.presets import PRESETS
 
-UNITS = {
-    "segment": "Of the apps' paths [mm]",
-    "edit": "Times [s]",
-    "evaluate": "so much [s] added",
-}
+APP = build()
 
 
-@pytest.mark.parametrize("command", UNITS)
-def test_help_keeps_its_units(command: str) -> None:
-    shown = CliRunner().invoke(build(), [command, "--help"], env={"COLUMNS": "300", "TERM": "dumb"}).output
-    words = " ".join(shown.replace("│", " ").split())
-    assert UNITS[command] in words
+def commands(group: Any, *path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every command, with what is typed for it."""
+    for name, command in group.commands.items():
+        if command.hidden:
+            continue
+        yield (*path, name), command
+        if hasattr(command, "commands"):
+            yield from commands(command, *path, name)
+
+
+COMMANDS = dict(commands(typer.main.get_command(APP)))
+
+
+@pytest.mark.parametrize("typed", COMMANDS, ids=" ".join)
+def test_help_shows_every_text_with_its_units(typed: tuple[str, ...]) -> None:
+    shown = CliRunner().invoke(APP, [*typed, "--help"], env={"COLUMNS": "2000", "TERM": "dumb"}).output
+    words = "".join(shown.replace("│", "").split())
+    command = COMMANDS[typed]
+    texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
+    for text in texts:
+        assert "".join(text.replace("\\[", "[").split()) in words
+
+
+def test_every_command_is_looked_at() -> None:
+    assert {("bridge",), ("edit",), ("sessions", "show")} <= set(COMMANDS)
+    assert any("[s]" in (one.help or "") for one in COMMANDS["edit",].params)
+
+
+def test_the_names_in_the_help_of_bridge_are_those_that_there_are() -> None:
+    assert sorted(PRESET_NAMES) == sorted(PRESETS)
+    assert sorted(SCENARIO_NAMES) == sorted(SCENARIOS)
+    texts = " ".join(getattr(one, "help", None) or "" for one in COMMANDS["bridge",].params)
+    assert all(name in texts for name in (*PRESET_NAMES, *SCENARIO_NAMES, *SOURCES))

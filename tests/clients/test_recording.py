@@ -87,7 +87,7 @@ def written(path, **arrays):
         ("a.csv", b"t,px\n1,2\n", "has px but not py, pz"),
         ("a.csv", b"t,px,py,pz,fx,fy\n0,1,2,3,4,5\n", "has fx, fy but not fz"),
         ("a.csv", b"t,px,py,pz,px\n0,1,2,3,4\n", "column px comes twice"),
-        ("a.csv", b"t,fx,fy,fz\n1,2,3,4\n", "at least one of pos and q"),
+        ("a.csv", b"t,fx,fy,fz\n1,2,3,4\n", "expected t, and px py pz or q1 to q7"),
         ("a.csv", b"\xff\xfe\x00", "a.csv"),
         ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", "sample 0: t is nan"),
         ("a.csv", b"# wrench_source: guess\nt,px,py,pz\n0,1,2,3\n", "wrench_source is 'guess'"),
@@ -182,3 +182,13 @@ def test_a_file_that_holds_code_is_not_run(tmp_path):
     np.savez(tmp_path / "a.npz", t=np.array([object()], dtype=object))
     with pytest.raises(RecordingError, match="not a readable npz"):
         load_recording(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("first", ["time,x,y,z,Fx", "t,x,y,z,Fx"])
+def test_a_csv_with_other_columns_names_them_and_the_mapping(tmp_path, first):
+    # It once said "has []".
+    (tmp_path / "odd.csv").write_text(f"{first}\n0,1,2,3,text\n")
+    with pytest.raises(RecordingError) as refused:
+        load_recording(tmp_path / "odd.csv")
+    for word in (first.replace(",", ", "), "px py pz", "--mapping FILE", "docs/recordings.md"):
+        assert word in str(refused.value)

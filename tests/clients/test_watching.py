@@ -1,11 +1,18 @@
 """What is kept in view: one session a station, its newest rows, and whether there is a service."""
 
+import os
+import signal
+import subprocess
+import sys
+import threading
+
 import pytest
 from rich.console import Console
 
-from caesura_clients.cli.watching import LiveView
+from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
 from caesura_clients.results import SessionReader
+from clients.answering import Answering
 from clients.examples import snapshot
 
 
@@ -111,7 +118,7 @@ def test_a_short_terminal_shows_the_newest_rows_and_how_many_are_hidden(view, he
     lines = drawn(view, height, width)
     assert len(lines) <= height
     assert lines[-1] == "service gone, waiting"
-    assert sum(line.split()[:1] == ["50"] and "hold" in line for line in lines) == stations
+    assert sum(line.split()[:1] == ["51"] and "hold" in line for line in lines) == stations
     assert sum("earlier ones hidden · open" in line for line in lines) == stations
     assert (
         height - len(lines) < 3 * stations
@@ -122,3 +129,44 @@ def test_a_terminal_that_is_tall_enough_hides_nothing(view):
     view.receive(update(*["motion"] * 10))
     assert not any("hidden" in line for line in drawn(view, height=40))
     assert sum("motion" in line for line in drawn(view, height=40)) == 10
+
+
+def test_a_final_segment_is_one_line_once():
+    whole = snapshot(0, "motion", "contact", "hold", station="cell-1", session="s1")
+    first, second, third = whole.segments.segments
+    growing = third.model_copy(update={"certainty": "provisional"})
+    final = FinalLines()
+
+    def lines(*segments):
+        reader = SessionReader()
+        listed = whole.segments.model_copy(update={"segments": segments})
+        reader.restart(whole.model_copy(update={"segments": listed}))
+        return final.lines(reader.update)
+
+    assert [line.split()[:2] for line in lines(first, growing)] == [["cell-1/s1", "1"]]
+    (line,) = lines(first, second, growing)
+    assert line.startswith(f"cell-1/s1 2 {second.t0:.2f} {second.tn:.2f} contact ")
+    assert lines(first, second, growing) == []
+
+
+def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):
+    # The file of `caesura watch > file` stayed empty.
+    with Answering(router.transport()) as service:
+        service.snapshots = [snapshot(0, "motion", station="cell-1", session="s1")]
+        child = subprocess.Popen(
+            [sys.executable, "-m", "caesura_clients", "watch"],
+            env={**os.environ, "CAESURA_CONNECT": router.endpoint},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        deadline = threading.Timer(60.0, child.kill)
+        deadline.start()
+        try:
+            assert child.stdout.readline().startswith("cell-1/s1 1 ")
+            child.send_signal(signal.SIGTERM)
+            _, said = child.communicate(timeout=30.0)
+        finally:
+            deadline.cancel()
+            child.kill()
+    assert (child.returncode, said) == (0, "")

@@ -42,12 +42,12 @@ def test_targets_forces_and_loads_have_their_units():
         load_kg=0.25, load_sd_kg=0.01, gripper_width=0.04,
     )  # fmt: skip
     assert lines(one) == {
-        "target": "(0.300, -0.100, 0.250) m",
+        "target": "(300, -100, 250) mm",
         "force": "(0.0, 0.0, -9.0) N",
-        "path": "0.375 m, turns 115°, 1 via points, within 1.0 mm",
+        "path": "375 mm, turns 115°, 1 via points, within 1.0 mm",
         "turn": "115° about (0.00, 0.00, -1.00), 1.95 ± 0.02 mm a turn, 0.75 Nm",
         "taught": "(0.0, 0.0, -12.0) N: 9.0 N of 12.0 N taught",
-        "load": "250 ± 10 g",
+        "load": "0.25 ± 0.01 kg",
         "gripper": "40 mm",
     }
     assert card(1, one)["limited"]

@@ -149,7 +149,7 @@ def test_from_nothing_to_two_stations_and_somebody_who_watches(machine, tmp_path
     assert {"cell-1", "cell-2"} <= set(re.findall(r"cell-\d", said["sessions"]))
     assert "complete" in said["program"]
     (watched,) = machine.interrupt("watch")
-    assert {"cell-1 / ", "cell-2 / "} <= set(re.findall(r"cell-\d / ", watched))
+    assert {"cell-1/", "cell-2/"} <= set(re.findall(r"^cell-\d/", watched, flags=re.MULTILINE))
     assert (tmp_path / "certs" / "bridge.cell-3.json5").exists()
 
     (backup,) = commands("Backing up")

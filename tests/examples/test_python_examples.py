@@ -122,3 +122,13 @@ def test_the_minimal_bridge_says_why_it_is_refused(service):
     )
     assert done.returncode == 1
     assert done.stderr.startswith("malformed: ")
+
+
+def test_a_bridge_without_a_router_is_one_line():
+    # It was a traceback of zenoh.
+    command = [sys.executable, EXAMPLES / "minimal_bridge.py", "tcp/127.0.0.1:1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    said = "error: no router at tcp/127.0.0.1:1: start `caesura serve`, or name another endpoint\n"
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith(said)
+    assert "Traceback" not in done.stderr

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from importlib.metadata import EntryPoint, entry_points
+from typing import Annotated
 
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.distribution import PACKAGES, installing
+from caesura_protocol.distribution import DISTRIBUTION, PACKAGES, installed_version, installing
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
     "service": ("serve", "certs", "segment", "demo", "check", "execute", "evaluate", "export", "report"),
     "teacher": ("teach",),
     "dashboard": ("dashboard",),
+    "service,dashboard": ("annotate",),
 }
 
 
@@ -32,8 +34,13 @@ def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
     )
 
     @app.callback()
-    def _root() -> None:
-        """Make a single command a subcommand as well."""
+    def _root(
+        *,
+        version: Annotated[
+            bool, typer.Option("--version", "-V", is_eager=True, callback=_version, help="Show the version.")
+        ] = False,
+    ) -> None:
+        """Divides a kinaesthetic demonstration, while it is taught, into segments with a meaning."""
 
     for entry_point in entry_points(group=GROUP) if found is None else found:
         _add(app, entry_point)
@@ -47,6 +54,12 @@ def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
 def main() -> None:
     """Run the command line."""
     build()()
+
+
+def _version(*, asked: bool) -> None:
+    if asked:
+        typer.echo(f"{DISTRIBUTION} {installed_version()}")
+        raise typer.Exit
 
 
 def _add(app: typer.Typer, entry_point: EntryPoint) -> None:

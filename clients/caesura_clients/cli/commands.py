@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
 from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
+from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.options import (
     Config,
     Connect,
@@ -34,10 +36,11 @@ from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
 from caesura_clients.cli.result_tables import ignored_line, outcome_line, segments_view
 from caesura_clients.cli.sessions import sessions
-from caesura_clients.cli.watching import SAID_OF_SERVICE, LiveView
+from caesura_clients.cli.watching import SAID_OF_SERVICE, FinalLines, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
+from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change, attending
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
@@ -75,9 +78,14 @@ def bridge(
     session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
     reading: Reading,
-    scenario: Annotated[str | None, typer.Option(help="What the simulated teacher shows.")] = None,
+    scenario: Annotated[
+        str | None, typer.Option(help=f"What the simulated teacher shows: {', '.join(SCENARIO_NAMES)}.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
-    preset: Annotated[str | None, typer.Option(help="Model; by default the service's own choice.")] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(help=f"Model; by default the service's own choice: {', '.join(PRESET_NAMES)}."),
+    ] = None,
     asked: ProgramOptions,
     epoch: Annotated[
         int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
@@ -137,12 +145,18 @@ def watch(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show segments as they are found; what is marked ~ may still change. All stations by default."""
+    """Show segments as they are found; what is marked ~ may still change. All stations by default.
+
+    In a file or a pipe each final segment is a line: station/session, number, from and to in s, kind, p, and
+    force or load.
+    """
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
             if once:
                 _show_once(caesura, station)
+            elif not sys.stdout.isatty():
+                _write_lines(caesura, station)
             else:
                 _show_live(caesura, station)
 
@@ -158,8 +172,10 @@ def _pace(text: str) -> float:
 def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
     """The source, closed in the end where it can be; says what of a file it does not read."""
     source = open_source(name, options)
-    if isinstance(source, FileSource) and source.recording.ignored:
-        typer.echo(ignored_line(source.recording), err=True)
+    if isinstance(source, FileSource):
+        said = (ignored_line(source.recording), *(f"warning: {one}" for one in source.recording.doubts))
+        for line in filter(None, said):
+            typer.echo(line, err=True)
     with ExitStack() as stack:
         if (close := getattr(source, "close", None)) is not None:
             stack.callback(close)
@@ -229,6 +245,16 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
         Console().print(segments_view(one.status, one.segments.segments))
 
 
+def _write_lines(caesura: Caesura, station: str | None) -> None:
+    """Each final segment, written at once; until Ctrl-C or SIGTERM."""
+    final = FinalLines()
+    with _ended_by_sigterm(), suppress(KeyboardInterrupt):
+        for event in events(caesura.transport, station or "*"):
+            if isinstance(event, Update):
+                for line in final.lines(event):
+                    typer.echo(line)  # which flushes
+
+
 def _show_live(caesura: Caesura, station: str | None) -> None:
     waiting = f"waiting for {station or 'any station'}"
     if not services(caesura.transport):
@@ -236,7 +262,7 @@ def _show_live(caesura: Caesura, station: str | None) -> None:
     elif not caesura.services():
         waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
     view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
-    with Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
+    with _ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)
             live.update(view)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import getpass
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.editing import edit as edit_session
-from caesura_protocol.messages import Action
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.messages import Action, LimitForce
 
 # What stands behind each action on the command line.
 WORDS: dict[str, tuple[str, ...]] = {
@@ -44,7 +47,7 @@ def edit(
     wanted = parse(action)
     with reported():
         named(station)
-        with connected(endpoint, config) as caesura:
+        with connected(endpoint, config) as caesura, nearest_named(wanted):
             ack = edit_session(
                 caesura.transport,
                 station,
@@ -54,6 +57,20 @@ def edit(
                 revision=revision,
             )
     typer.echo(f"{station}/{session} is at revision {ack.revision}")
+
+
+@contextmanager
+def nearest_named(wanted: Action) -> Iterator[None]:
+    """Name the nearest apps where a force limit meets none. Raises CaesuraError in place of that refusal."""
+    try:
+        yield
+    except ProtocolError as refusal:
+        if refusal.code != "conflict" or not isinstance(wanted, LimitForce) or refusal.value != wanted.t:
+            raise
+        spans = refusal.expected if isinstance(refusal.expected, list | tuple) else []
+        nearest = ", ".join(f"{str(span).strip('[]()').replace(', ', ' to ')} s" for span in spans)
+        there = f"the nearest that do: {nearest}" if nearest else "no app of this session does"
+        raise CaesuraError(f"no app exerts a force at {wanted.t:g} s; {there}") from refusal
 
 
 def parse(words: list[str]) -> Action:

@@ -174,11 +174,13 @@ def named(station: str | None) -> str | None:
     return None if station is None else check_name(station, "station")
 
 
-def only_station(caesura: Caesura, station: str | None) -> str:
-    """The station that was named, or the only one that has a session. Raises Absent, which names all."""
+def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:
+    """The station that was named, or the only one with a session of this name. Raises NotFound."""
     if station is not None:
         return station
-    known = sorted({info.station for info in caesura.sessions()})
+    found = caesura.sessions()
+    known = sorted({info.station for info in found if session in {None, info.session}})
     if len(known) != 1:
-        raise NotFound(f"name one with --station; stations with sessions: {', '.join(known) or 'none'}")
+        which = "sessions" if session is None else f"a session {session!r}"
+        raise NotFound(f"name one with --station; stations with {which}: {', '.join(known) or 'none'}")
     return known[0]

@@ -22,7 +22,7 @@ from caesura_clients.cli.options import (
     reported,
     safety_of,
 )
-from caesura_clients.cli.result_tables import apps_table, program_view
+from caesura_clients.cli.result_tables import apps_table, doubtful_apps, program_view
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Phase
 from caesura_protocol.programs.document import (
@@ -49,6 +49,9 @@ class ProgramFormat(StrEnum):
 
 def program(
     station: Station = None,
+    session: Annotated[
+        str | None, typer.Option(help="Session, also a closed one; by default the station's current one.")
+    ] = None,
     file: Annotated[
         Path | None, typer.Option(help="A program's JSON, instead of what a station taught.")
     ] = None,
@@ -63,7 +66,7 @@ def program(
         list[str] | None,
         typer.Option(
             metavar="GROUP=NAME",
-            help="Name a group of apps, by its number from 0 or its own name, in --format json; may be "
+            help="Name a group of apps, by its number from 1 or its own name, in --format json; may be "
             "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
@@ -71,7 +74,7 @@ def program(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show the task program of a station, or write it for a robot.
+    """Show the task program of a station or of one of its sessions, or write it for a robot.
 
     --json prints the message as on the wire, --format json a document of its own (docs/programs.md).
     """
@@ -82,9 +85,9 @@ def program(
             return
         phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
-            name = only_station(caesura, station)
-            if output_format is ProgramFormat.JSON:
-                snapshot = caesura.snapshot(name)
+            name = only_station(caesura, station, session)
+            if session is not None or output_format is ProgramFormat.JSON:
+                snapshot = caesura.snapshot(name, session)
                 found, phases = snapshot.program, snapshot.segments.phases
             else:
                 found = caesura.program(name)
@@ -132,7 +135,7 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
 def _write_table(program: ProgramFile, out: Path | None) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    parts = [apps_table(program.apps, title), *program.notes]
+    parts = [apps_table(program.apps, title), *program.notes, *doubtful_apps(program.apps)]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

@@ -17,10 +17,12 @@ from caesura_clients.query import SessionInfo
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
 
@@ -36,12 +38,12 @@ def segments_view(
 
 
 def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
-    """One segment a row, counted from `first`."""
+    """One segment a row; first: the index of the first, from 0."""
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
-            str(index),
+            app_number(index),
             f"{segment.t0:.2f}",
             f"{mark}{segment.tn:.2f}",
             f"{mark}{segment.kind}",
@@ -53,13 +55,20 @@ def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -
     return table
 
 
+def segment_line(index: int, segment: Segment) -> str:
+    """One segment as a line: number, from and to [s], kind, force or load, p."""
+    effort = _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg)
+    span = f"{segment.t0:.2f} {segment.tn:.2f}"
+    return f"{app_number(index)} {span} {segment.kind} {segment.probability:.2f} {effort}"
+
+
 def phases_table(phases: Sequence[Phase], title: str) -> Table:
     """One phase a row."""
     table = Table("#", "from \\[s]", "to \\[s]", "phase", "segments", "p", title=title, **PLAIN)
     for index, phase in enumerate(phases):
         mark = MARK_OF_CERTAINTY[phase.certainty]
         table.add_row(
-            str(index),
+            app_number(index),
             f"{phase.t0:.2f}",
             f"{mark}{phase.tn:.2f}",
             f"{mark}{phase_name(phase)}",
@@ -77,7 +86,7 @@ def phase_name(phase: Phase) -> str:
 
 
 def _numbers(first: int, last: int) -> str:
-    return str(first) if first == last else f"{first}–{last}"
+    return app_number(first) + ("" if first == last else f"–{app_number(last)}")
 
 
 def status_line(status: SessionStatus) -> Text:
@@ -129,7 +138,17 @@ def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, version {program.version}, {state}"
-    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in program.notes))
+    notes = (*program.notes, *doubtful_apps(program.apps))
+    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in notes))
+
+
+def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
+    """Why an app may have a lower p than its segments: one sentence, or none where all are sure."""
+    doubtful = [app_number(index) for index, app in enumerate(apps) if app.confidence < DOUBTFUL]
+    if not doubtful:
+        return ()
+    which = f"app{'s' if len(doubtful) > 1 else ''} {', '.join(doubtful)}"
+    return (f"p of an app is that of its kind times that of its less certain boundary; low: {which}.",)
 
 
 def apps_table(apps: Sequence[App], title: str) -> Table:
@@ -139,8 +158,8 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
     )
     for index, app in enumerate(apps):
         table.add_row(
-            str(index),
-            app.kind.replace("_", " ").title(),
+            app_number(index),
+            app_title(app.kind),
             "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
             path_in_words(app, unit=""),
             _effort_of_app(app),

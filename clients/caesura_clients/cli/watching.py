@@ -9,17 +9,34 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
+from itertools import takewhile
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from caesura_clients.cli.result_tables import segments_view
+from caesura_clients.cli.result_tables import segment_line, segments_view
 from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change
 
 LEAST_ROWS = 1
 SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}
+
+
+class FinalLines:
+    """Final segments as lines of text, each once: for a file or a pipe, where nothing can be redrawn."""
+
+    def __init__(self) -> None:
+        self._written: dict[tuple[str, str], int] = {}
+
+    def lines(self, update: Update) -> list[str]:
+        """Those that became final since the last update of the session."""
+        key = (update.station, update.session)
+        final = sum(1 for _ in takewhile(lambda one: one.certainty == "final", update.segments))
+        before = self._written.get(key, 0)
+        self._written[key] = max(final, before)
+        new = enumerate(update.segments[before:final], start=before)
+        return [f"{'/'.join(key)} {segment_line(index, segment)}" for index, segment in new]
 
 
 class LiveView:

@@ -48,7 +48,7 @@ def card(number: int, app: App) -> dict[str, Any]:
 def _lines(app: App) -> list[tuple[str, str]]:
     taught = f"{vector(app.force_taught, 'N', 1)}: {force_in_words(app)}" if is_limited(app) else ""
     return [
-        ("target", vector(app.target, "m", 3)),
+        ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
         ("path", path(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", vector(app.force, "N", 1)),
@@ -56,6 +56,12 @@ def _lines(app: App) -> list[tuple[str, str]]:
         ("load", load(app)),
         ("gripper", "" if app.gripper_width is None else f"{1000 * app.gripper_width:.0f} mm"),
     ]
+
+
+def scaled(values: Vector, factor: float) -> Vector:
+    """The vector in another unit."""
+    x, y, z = values
+    return factor * x, factor * y, factor * z
 
 
 def vector(values: Vector | None, unit: str, digits: int) -> str:
@@ -76,12 +82,13 @@ def path(app: App) -> str:
     via, off = len(app.path.via), f"within {1000 * app.path.deviation_m:.1f} mm"
     turn = turn_of(app)
     turned = f"turns {math.degrees(turn):.0f}°, " if turn >= TOLD_TURN_RAD else ""
-    return f"{app.path.length_m:.3f} m, {turned}{f'{via} via points, {off}' if via else f'straight {off}'}"
+    way = f"{via} via points, {off}" if via else f"straight {off}"
+    return f"{1000 * app.path.length_m:.0f} mm, {turned}{way}"
 
 
 def load(app: App) -> str:
     """What is carried, with its uncertainty."""
     if app.load_kg is None:
         return ""
-    spread = "" if app.load_sd_kg is None else f" ± {1000 * app.load_sd_kg:.0f}"
-    return f"{1000 * app.load_kg:.0f}{spread} g"
+    spread = "" if app.load_sd_kg is None else f" ± {app.load_sd_kg:.2f}"
+    return f"{app.load_kg:.2f}{spread} kg"

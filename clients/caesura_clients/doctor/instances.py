@@ -45,8 +45,8 @@ def check_credentials(facts: ProbeResult) -> Iterator[CheckResult]:
     if not facts.reported:
         remedy = "use the certificate or password of a dashboard (`caesura certs DIR --dashboard NAME`)"
         yield warn("credentials", "the service's status is not for these credentials", remedy)
-    elif known and not facts.snapshots:
-        remedy = "use the certificate or password of a dashboard; with --station, check its name"
+    elif known and not facts.snapshots and not facts.others:
+        remedy = "use the certificate or password of a dashboard"
         yield warn("credentials", f"{known} sessions are known and none was shown", remedy)
     else:
         yield ok("credentials", "status and snapshots may be asked for")

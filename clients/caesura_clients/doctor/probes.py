@@ -58,6 +58,7 @@ class ProbeResult:
     batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
     refusals: list[ProtocolError] = field(default_factory=list)
     listened_s: float = 0.0
+    others: list[str] = field(default_factory=list)  # stations, where the one that was asked for is not there
 
 
 def gather(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
@@ -75,7 +76,11 @@ def gather(transport: Transport, station: str = "*", *, seconds: float) -> Probe
     facts.listened_s = time.monotonic() - began
     facts.snapshots = _snapshots(transport, station, facts)
     _take_in(facts, facts.snapshots, time.monotonic() - began)
-    facts.bridges = [name for name in stations(transport) if station in {"*", name}]
+    connected = stations(transport)
+    facts.bridges = [name for name in connected if station in {"*", name}]
+    if not facts.bridges and not facts.statuses and station != "*":
+        sessions = (one.status.station for one in _snapshots(transport, "*", facts))
+        facts.others = sorted({*connected, *sessions})
     return facts
 
 

@@ -70,7 +70,8 @@ def judge(facts: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
         yield from stations.check_station(one)
     if station != "*" and not known:
         remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
-        yield bad("bridge", "neither a bridge nor a session", remedy, station=station)
+        found = f"neither a bridge nor a session; stations that are: {', '.join(facts.others) or 'none'}"
+        yield bad("bridge", found, remedy, station=station)
     elif not known and facts.alive:
         yield ok("stations", "none yet: no bridge is connected and no session known")
 
@@ -88,6 +89,8 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
+    for doubt in recording.doubts:
+        yield warn("units", doubt, "compare the values with the units that are declared")
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
     yield from _wrench(recording)

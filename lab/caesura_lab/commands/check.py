@@ -13,6 +13,7 @@ from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, sa
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
 from caesura_protocol.errors import CaesuraError, SourceError
+from caesura_protocol.programs.app_kinds import app_name
 from caesura_protocol.programs.document import ProgramFile, read_document
 
 ProgramPath = Annotated[
@@ -108,7 +109,7 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
         f"{seconds:.1f} s, at most {fastest:.2f} m/s and {strongest:.1f} N" + (f"; {out}" if out else "")
     )
     if done.stopped is not None:
-        kind = "" if done.at is None else f" in app {done.at} ({program.apps[done.at].kind})"
+        kind = "" if done.at is None else f" in {app_name(done.at, program.apps[done.at].kind)}"
         typer.echo(f"stopped{kind}: {done.stopped}", err=True)
     return done.stopped is not None
 

@@ -14,6 +14,7 @@ from caesura_clients import Caesura, Update, connect
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import program_view, segments_view
+from caesura_lab.commands.segment import announce_compilation
 from caesura_protocol.errors import NotFound
 from caesura_protocol.messages import Ack
 from caesura_service.app import Service
@@ -33,6 +34,7 @@ def demo(
 ) -> None:
     """Teach a simulated Panda and watch segments and the task program appear."""
     console = Console()
+    announce_compilation()
     source = SourceOptions(pace=math.inf if fast else 1.0, scenario=scenario, seed=seed)
     with (
         reported(),

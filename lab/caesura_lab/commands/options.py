@@ -7,10 +7,24 @@ from typing import Annotated
 
 import typer
 
-from caesura_service.changepoint.presets import PRESETS
+from caesura_clients.cli.options import reported
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.recording import wrong_option
+from caesura_service.changepoint.presets import PRESETS, WITHOUT
 
 RecordingFile = Annotated[Path, typer.Argument(help="Recording: npz, csv, MCAP, or a rosbag2.")]
-PresetName = Annotated[str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.")]
+
+
+def _known_preset(name: str) -> str:
+    with reported():
+        if name not in {**PRESETS, **WITHOUT}:
+            raise CaesuraError(wrong_option("preset", name, sorted(PRESETS)))
+    return name
+
+
+PresetName = Annotated[
+    str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.", callback=_known_preset)
+]
 Mapping = Annotated[
     Path | None,
     typer.Option(help="Names and units in a csv or rosbag2 of other software (docs/recordings.md)."),

@@ -12,6 +12,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.commands.segment import announce_compilation
 from caesura_lab.report.report_data import ReportData, gather
 from caesura_protocol.distribution import installing
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
@@ -53,6 +54,7 @@ def _writable(out: Path) -> None:
 def _report(
     recording: Recording, out: Path, preset: str, annotation: Path | None, setting: CellSettings
 ) -> None:
+    announce_compilation()
     truth = None if annotation is None else read_annotation(annotation)
     content = _gathered(recording, preset, truth, setting)
     try:

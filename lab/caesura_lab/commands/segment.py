@@ -12,13 +12,21 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
-from caesura_clients.cli.result_tables import apps_table, ignored_line, phases_table, segments_table
+from caesura_clients.cli.result_tables import (
+    apps_table,
+    doubtful_apps,
+    ignored_line,
+    phases_table,
+    segments_table,
+)
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.recording_notes import recording_notes
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
+from caesura_service.numba_support import has_kernels, is_compiled
 from caesura_service.offline_segmentation import as_json, segment_recording
 from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
 
@@ -56,6 +64,7 @@ def segmented(
     recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
 ) -> PipelineView:
     """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
+    announce_compilation()
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(recording.name, total=recording.t.size)
         try:
@@ -67,13 +76,20 @@ def segmented(
                 progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:
-            raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
+            why = "; ".join([str(error).removeprefix("malformed: "), *recording.doubts])
+            raise SourceError(f"{recording.name}: {why}") from error
     if not view.segments:
         raise SourceError(
             f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
             f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds and more than 0.2 s"
         )
     return view
+
+
+def announce_compilation() -> None:
+    """State on stderr that the filter is compiled first, where no compiled code is kept yet."""
+    if has_kernels() and not is_compiled():
+        typer.echo("compiling the filter (once, about a minute)", err=True)
 
 
 def _write(path: Path, view: PipelineView) -> None:
@@ -88,7 +104,9 @@ def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
         segments_table(view.segments, title=f"{recording.name} ({preset})"),
         *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
         apps_table(view.apps, title="task program"),
+        *doubtful_apps(view.apps),
         view.wrench.note,
+        *recording_notes(recording, preset),
         *_warnings(recording, view),
     )
 

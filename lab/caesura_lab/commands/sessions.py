@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -106,10 +107,20 @@ def delete(
     station: Station = None,
     journal: Directory = None,
     instance: Instance = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask on a terminal.")] = False,
 ) -> None:
-    """Delete a session for good. While the service runs, only a closed one."""
+    """Delete a session for good: its samples, results and corrections, in every journal of DIR.
+
+    It runs on the service's machine and needs write access to the journal. While the service runs, only a
+    closed session is deleted. On a terminal it asks first.
+    """
     with reported():
         key, copies = _found(_journals(journal, instance), session, station)
+        if not yes and sys.stdin.isatty():
+            places = ", ".join(str(found.path) for found in copies)
+            typer.confirm(
+                f"Delete samples, results and corrections of {'/'.join(key)} in {places}?", abort=True
+            )
         for found in copies:
             _delete(found, closed=copies[0].copy.closed)
     typer.echo(f"{'/'.join(key)} deleted")

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.messages import App
+from caesura_protocol.programs.app_kinds import app_name, app_number, app_title
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
@@ -89,7 +90,7 @@ def travel(case: RoundTripCase) -> RoundTripResult:
         return RoundTripResult(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
     if done.stopped is not None:
-        why = f"stopped in app {done.at}: {done.stopped}"
+        why = f"stopped in app {app_number(done.at or 0)}: {done.stopped}"
         return RoundTripResult(case, _kinds(taught.apps), _kinds(again), (), (), why)
     trip = compared(case, taught.apps, again)
     off = [
@@ -169,16 +170,16 @@ def _force_error(asked: App, executed: App) -> float:
 def _first_difference(taught: Sequence[str], executed: Sequence[str]) -> str:
     for index, (a, b) in enumerate(zip(taught, executed, strict=False)):
         if a != b:
-            return f"app {index} is {b}, taught was {a}"
+            return f"{app_name(index, b)} was taught as {app_title(a)}"
     if len(executed) < len(taught):
-        return f"app {len(executed)} is missing, taught was {taught[len(executed)]}"
-    return f"app {len(taught)} is one too many, {executed[len(taught)]}"
+        return f"{app_name(len(executed), taught[len(executed)])} is missing"
+    return f"{app_name(len(taught), executed[len(taught)])} is one too many"
 
 
 def _too_far(taught: Sequence[App], targets: Sequence[float], forces: Sequence[float]) -> str | None:
     for index, (app, error) in enumerate(zip(taught, targets, strict=True)):
         if not error <= TARGET_M:
-            return f"target of app {index} ({app.kind}) is {1000 * error:.1f} mm off"
+            return f"target of {app_name(index, app.kind)} is {1000 * error:.1f} mm off"
     for error in forces:
         if not abs(error) <= FORCE_SHARE:
             return f"a force is {100 * error:+.0f} % off"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from caesura_protocol.programs.app_kinds import app_name
+
 Severity = Literal["error", "warning"]
 
 
@@ -23,7 +25,7 @@ class Finding:
     limit: float | None = None
 
     def __str__(self) -> str:
-        where = "program" if self.index is None else f"app {self.index} ({self.kind})"
+        where = "program" if self.index is None else app_name(self.index, self.kind or "?")
         return f"{self.severity}: {where}: {self.reason}"
 
 

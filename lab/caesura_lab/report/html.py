@@ -19,6 +19,7 @@ from caesura_lab.report.figures import path_page, run_length_page, signals_page,
 from caesura_lab.report.report_data import ReportData
 from caesura_lab.report.tables import Table, TableColumn, notes, program_table, segments_table
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.programs.path_drawing import path_svg
 
 SPARED = 0.55  # [inch] at the top of a page, where its heading was
@@ -47,7 +48,7 @@ def html_page(content: ReportData) -> str:
         segments=_table(segments_table(content.view)),
         program=_table(program_table(content.view)),
         ways=_ways(content),
-        notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view)),
+        notes="".join(f"<p>{escape(note)}</p>" for note in notes(content.view, content.notes)),
         path=_figure(path_page(content), "path"),
         run_length="".join(
             _figure(run_length_page(content, window), f"run-length-{i}") for i, window in enumerate(windows)
@@ -59,7 +60,7 @@ def _ways(content: ReportData) -> str:
     """The path of each app that has one."""
     drawn = ((index, app, path_svg(app)) for index, app in enumerate(content.view.apps))
     figures = "".join(
-        f"<figure>{svg}<figcaption>{index} {escape(app.kind.replace('_', ' ').title())}, "
+        f"<figure>{svg}<figcaption>{app_number(index)} {escape(app_title(app.kind))}, "
         f"{escape(path_in_words(app))}</figcaption></figure>"
         for index, app, svg in drawn
         if svg

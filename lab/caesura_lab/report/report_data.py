@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.annotations import Truth
+from caesura_lab.recording_notes import recording_notes
 from caesura_lab.report.filter_trace import PosteriorSnapshot, Replay, replay
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
@@ -93,6 +94,7 @@ class ReportData:
     run_lengths: RunLengths
     view: PipelineView
     truth: Truth | None
+    notes: tuple[str, ...] = ()  # on the recording and its preset
 
 
 def gather(
@@ -115,6 +117,7 @@ def gather(
         run_lengths=_run_lengths(replayed),
         view=view,
         truth=truth,
+        notes=recording_notes(recording, preset),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.paths import path_in_words
+from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.screw_motion import screw_in_words
 from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
 
@@ -92,22 +93,22 @@ def program_table(view: PipelineView) -> Table:
     return Table("Task program", APP_COLUMNS, rows, kinds, APP_NOTE)
 
 
-def notes(view: PipelineView) -> tuple[str, ...]:
-    """What a reader must know beside the numbers."""
+def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ...]:
+    """What a reader must know beside the numbers; of_recording: notes on the recording and its preset."""
     gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
     turns = (
-        f"Segment {index} turns by {screw_in_words(one.screw)}."
+        f"Segment {app_number(index)} turns by {screw_in_words(one.screw)}."
         for index, one in enumerate(view.segments)
         if one.screw is not None
     )
     light = (NO_GRIPPER,) if NO_GRIPPER in view.notes else ()
-    return (view.wrench.note, *light, *gaps, *turns)
+    return (view.wrench.note, *of_recording, *light, *gaps, *turns)
 
 
 def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:
     mark = "" if one.certainty == "final" else "~"
     return (
-        str(index),
+        app_number(index),
         f"{mark}{one.kind}",
         f"{one.t0:.2f}",
         f"{mark}{one.tn:.2f}",
@@ -124,8 +125,8 @@ def _segment(index: int, one: Segment, start_probability: float | None) -> tuple
 
 def _app(index: int, app: App) -> tuple[str, ...]:
     return (
-        str(index),
-        app.kind.replace("_", " "),
+        app_number(index),
+        app_title(app.kind),
         f"{app.t0:.2f}",
         f"{app.tn:.2f}",
         *(NOTHING if app.target is None else _millimetres(app.target)),
@@ -135,7 +136,7 @@ def _app(index: int, app: App) -> tuple[str, ...]:
         _load(app.load_kg, app.load_sd_kg),
         "" if app.gripper_width is None else f"{1000.0 * app.gripper_width:.0f}",
         f"{app.confidence:.2f}",
-        ranges(app.segments),
+        ranges([index + 1 for index in app.segments]),
     )
 
 

@@ -19,12 +19,15 @@ from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ARRAYS,
+    OPTIONS,
     STATED,
     Recording,
     RecordingError,
     declared_units,
     did_you_mean,
+    is_option,
     unit_remedy,
+    wrong_option,
 )
 
 # What a file that is no recording makes numpy, zipfile and csv raise.
@@ -54,18 +57,21 @@ def load_recording(
     Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
-    arrays, options, ignored = _read(path, mapping, wrench_source)
-    if "t" not in arrays:
-        raise RecordingError(f"{path}: has {sorted(arrays)}, expected t")
-    if "force_base" in arrays:
-        arrays["force"], options["force_frame"] = arrays["force_base"], "base"
-        if arrays.pop("torque", None) is not None:  # it has the frame of `force`
-            ignored = [*ignored, "torque"]
     overrides = {
         "wrench_source": wrench_source,
         "hand_on_robot": hand_on_robot,
         "length_unit": length_unit,
     }
+    for key, value in overrides.items():
+        if value is not None and not is_option(key, value):
+            raise RecordingError(wrong_option(key, value, OPTIONS[key]))
+    arrays, options, ignored = _read(path, mapping, wrench_source)
+    if "t" not in arrays:
+        raise RecordingError(f"{path}: has {', '.join([*arrays, *ignored]) or 'no arrays'}, expected t")
+    if "force_base" in arrays:
+        arrays["force"], options["force_frame"] = arrays["force_base"], "base"
+        if arrays.pop("torque", None) is not None:  # it has the frame of `force`
+            ignored = [*ignored, "torque"]
     options |= {key: value for key, value in overrides.items() if value is not None}
     if (
         "force" not in arrays
@@ -150,7 +156,10 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     rows = list(csv.reader(line for line in lines if line and not line.startswith("#")))
     if len(rows) < 2:
         raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
-    column = _columns([name.strip() for name in rows[0]], rows[1:])
+    header = [name.strip() for name in rows[0]]
+    if "t" not in header or not _PLACES & set(header):
+        raise RecordingError(f"{path}: {_foreign(header)}")
+    column = _columns(header, rows[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
         for signal, names in COLUMNS_OF_SIGNAL.items()
@@ -163,6 +172,19 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
     return RawRecording(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+
+
+_PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
+MOST_NAMED = 20  # columns of a file, in an error
+
+
+def _foreign(header: list[str]) -> str:
+    """The error text for a csv with other columns: those that it has, and how they are named."""
+    more = f" and {len(header) - MOST_NAMED} more" if len(header) > MOST_NAMED else ""
+    return (
+        f"has the columns {', '.join(header[:MOST_NAMED])}{more}; expected t, and px py pz or q1 to q7. "
+        "--mapping FILE names the columns of other software: log.toml in docs/recordings.md is an example"
+    )
 
 
 def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:

@@ -1,4 +1,8 @@
-"""The kinds of apps: one row for each, with what check, exporters, simulation and dashboard need of it."""
+"""The kinds of apps: one row for each, with what check, exporters, simulation and dashboard need of it.
+
+For people an app has its title, and its number counts from 1: `app_title`, `app_number`, `app_name`.
+On the wire and in files it has its kind, and numbers count from 0.
+"""
 
 from __future__ import annotations
 
@@ -58,3 +62,27 @@ APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
         "hold": AppKindFacts("hold", ("target",), ("reachable", "holding"), (*_PLACE, "load")),
     }
 )
+
+
+def app_number(index: int) -> str:
+    """The number of an app, a segment or a phase as people read it; index: from 0.
+
+    >>> app_number(0)
+    '1'
+    """
+    return str(index + 1)
+
+
+def app_title(kind: str) -> str:
+    """The title of a kind; a kind that is none stands as it is."""
+    found = next((facts for name, facts in APP_KINDS.items() if name == kind), None)
+    return kind if found is None else found.title
+
+
+def app_name(index: int, kind: str) -> str:
+    """An app in a message; index: in the program, from 0.
+
+    >>> app_name(1, "apply_force")
+    'app 2 (apply force)'
+    """
+    return f"app {app_number(index)} ({app_title(kind)})"

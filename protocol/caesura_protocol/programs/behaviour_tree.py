@@ -17,7 +17,7 @@ import numpy as np
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import AppKind, AppPath
 from caesura_protocol.paths import turning_at_points
-from caesura_protocol.programs.app_kinds import APP_KINDS
+from caesura_protocol.programs.app_kinds import APP_KINDS, app_number, app_title
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.screw_motion import torque_about_axis
 
@@ -83,7 +83,7 @@ def behaviour_tree(program: ProgramFile) -> str:
     name = f"{program.station}/{program.session}, revision {program.revision}"
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
     for index, app in enumerate(program.apps):
-        given = {"name": f"{index} {app.kind}"} | _inputs(app, program)
+        given = {"name": f"{app_number(index)} {app_title(app.kind)}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
     models = Xml.SubElement(root, "TreeNodesModel")
     for kind in sorted({app.kind for app in program.apps}):

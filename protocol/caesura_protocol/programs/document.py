@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, WrenchReport
-from caesura_protocol.programs.app_kinds import APP_KINDS, Precondition
+from caesura_protocol.programs.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
 
@@ -152,7 +152,7 @@ def _first(error: ValidationError, content: dict[str, Any]) -> str:
         index = int(one["loc"][1])
         app = content["apps"][index]
         kind = app.get("kind", "?") if isinstance(app, dict) else "?"
-        place = f"app {index} ({kind}): {'.'.join(str(part) for part in one['loc'][2:])}"
+        place = f"{app_name(index, str(kind))}: {'.'.join(str(part) for part in one['loc'][2:])}"
     return f"{place}: {one['msg']}, got {one['input']!r:.80}"
 
 

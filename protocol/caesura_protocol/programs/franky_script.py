@@ -14,6 +14,7 @@ from typing import Any
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
+from caesura_protocol.programs.app_kinds import app_title
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.screw_motion import tight_nm
@@ -58,7 +59,12 @@ def _limits(safety: Safety) -> str:
 
 def _row(app: ProgramStep) -> dict[str, Any]:
     """What the script needs of an app."""
-    row: dict[str, Any] = {"kind": app.kind, "t0": round(app.t0, 3), "tn": round(app.tn, 3)}
+    row: dict[str, Any] = {
+        "kind": app.kind,
+        "title": app_title(app.kind),
+        "t0": round(app.t0, 3),
+        "tn": round(app.tn, 3),
+    }
     for name in FIELDS:
         value = getattr(app, name)
         if value is not None:

@@ -46,7 +46,7 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
 
 
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
-    """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 0.
+    """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 1.
 
     Raises CaesuraError for any other text, for a group that is not there, and for a name of several groups.
     """
@@ -54,12 +54,12 @@ def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
     for given in names:
         old, separator, new = (part.strip() for part in given.partition("="))
         known = [one.name for one in found]
-        number = known.index(old) if old in known else int(old) if old.isdecimal() else -1
+        number = known.index(old) if old in known else int(old) - 1 if old.isdecimal() else -1
         if not separator or not 0 <= number < len(found):
-            there = ", ".join(f"{i} {name!r}" for i, name in enumerate(known)) or "none"
+            there = ", ".join(f"{i} {name!r}" for i, name in enumerate(known, 1)) or "none"
             raise CaesuraError(f"cannot name {given!r}: expected GROUP=NAME with one of the groups {there}")
         if known.count(old) > 1:
-            numbers = " or ".join(str(i) for i, name in enumerate(known) if name == old)
+            numbers = " or ".join(str(i) for i, name in enumerate(known, 1) if name == old)
             raise CaesuraError(
                 f"cannot name {given!r}: {known.count(old)} groups have that name, use {numbers}"
             )

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Vector
+from caesura_protocol.validation_words import first_finding
 
 PLANNED_SHARE = 0.9  # of a limit of speed or turn that a movement may reach
 STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is stopped
@@ -82,6 +83,4 @@ def read_safety(path: Path) -> Safety:
     except OSError as error:
         raise CaesuraError(f"cannot read {path}: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise CaesuraError(f"{path}: {place}: {first['msg']}, got {first['input']!r:.80}") from error
+        raise CaesuraError(f"{path}: {first_finding(error, Safety.model_fields)}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import cache
+from pathlib import Path
 
 logger = logging.getLogger(__name__)
 
@@ -17,3 +18,11 @@ def has_kernels() -> bool:
         logger.warning("numba is not installed: segmentation is slow; the extra 'service' has it")
         return False
     return True
+
+
+def is_compiled() -> bool:
+    """Whether compiled code of the filter is kept; without it the first segmentation compiles it."""
+    from caesura_service.numba_support.decorators import cache_directory  # noqa: PLC0415 - imports numba
+
+    kept = cache_directory(Path(__file__).parents[1] / "changepoint" / "kernels")
+    return any(kept.rglob("*.nbc"))

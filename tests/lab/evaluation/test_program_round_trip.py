@@ -35,14 +35,14 @@ def executed(index: int = 0, **fields: Any) -> tuple[App, ...]:
     [
         (executed(), None),
         (executed(0, target=(-0.02, -0.52, 0.199)), None),
-        (executed(0, target=(-0.02, -0.52, 0.201)), r"target of app 0 \(move_to_contact\) is 11.0 mm off"),
+        (executed(0, target=(-0.02, -0.52, 0.201)), r"target of app 1 \(move to contact\) is 11.0 mm off"),
         (executed(1, force_taught=(0.0, 0.0, -11.4)), None),
         (executed(1, force_taught=(0.0, 0.0, -11.6)), "a force is .16 % off"),
         (executed(1, force_taught=None), "a force is -100 % off"),
-        (executed(1, target=None), r"target of app 1 .* is nan mm off"),
-        (executed(1, kind="hold"), "app 1 is hold, taught was apply_force"),
-        (executed()[:2], "app 2 is missing, taught was cartesian_motion"),
-        ((*executed(), executed()[0]), "app 3 is one too many, move_to_contact"),
+        (executed(1, target=None), r"target of app 2 .* is nan mm off"),
+        (executed(1, kind="hold"), r"app 2 \(hold\) was taught as apply force"),
+        (executed()[:2], r"app 3 \(move\) is missing"),
+        ((*executed(), executed()[0]), r"app 4 \(move to contact\) is one too many"),
     ],
 )
 def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], why: str | None) -> None:
@@ -56,12 +56,12 @@ def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], wh
 
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     good = RoundTripResult(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
-    bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 0 is b, taught was a")
+    bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 1 is b, taught was a")
     console = Console(width=90, record=True, file=StringIO())
     console.print(program_round_trip.as_text(summarise([bad, good]), "title"))
     text = console.export_text()
     assert "1 of 2" in text
-    assert "app 0 is b, taught was a" in text
+    assert "app 1 is b, taught was a" in text
 
 
 def test_one_person_goes_round() -> None:

@@ -70,29 +70,29 @@ def without(index: int) -> Callable[[Apps], Apps]:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 5 \(cartesian_motion\): .*out of reach"),
-        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 5 .*target y -0.900 m .*workspace, -0.75"),
-        (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 5 .*joint 1 at 4.000 rad, limits -2.897"),
-        (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 5 .*joints lead \d+ mm"),
+        (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 6 \(move\): .*out of reach"),
+        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 6 .*target y -0.900 m .*workspace, -0.75"),
+        (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 6 .*joint 1 at 4.000 rad, limits -2.897"),
+        (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 6 .*joints lead \d+ mm"),
         (
             lambda a: changed(a, 5, target=(-0.02, -0.562, 0.05)),
-            r"app 5 .*\d+ mm inside of what stands there",
+            r"app 6 .*\d+ mm inside of what stands there",
         ),
         (
             lambda a: changed(a, 5, orientation=(1.0, 1.0, 0.0, 0.0)),
-            r"app 5 .*length of the orientation 1.414",
+            r"app 6 .*length of the orientation 1.414",
         ),
-        (lambda a: changed(a, 5, target=None), r"app 5 .*has no target"),
-        (lambda a: changed(a, 2, load_kg=-0.1), r"app 2 \(transport\): load -0.1 kg, expected 0 to 3 kg"),
-        (lambda a: changed(a, 1, gripper_width=0.2), r"app 1 \(grasp\): gripper width 200 mm"),
-        (lambda a: changed(a, 5, tn=100.0), r"app 5 .*duration 89.9 s, expected 0.1 to 60 s"),
-        (lambda a: changed(a, 5, confidence=1.5), r"app 5 .*confidence 1.5"),
-        (lambda a: changed(a, 1, t0=0.0), r"app 1 .*begins at 0.00 s, before the app before it"),
+        (lambda a: changed(a, 5, target=None), r"app 6 .*has no target"),
+        (lambda a: changed(a, 2, load_kg=-0.1), r"app 3 \(transport\): load -0.1 kg, expected 0 to 3 kg"),
+        (lambda a: changed(a, 1, gripper_width=0.2), r"app 2 \(grasp\): gripper width 200 mm"),
+        (lambda a: changed(a, 5, tn=100.0), r"app 6 .*duration 89.9 s, expected 0.1 to 60 s"),
+        (lambda a: changed(a, 5, confidence=1.5), r"app 6 .*confidence 1.5"),
+        (lambda a: changed(a, 1, t0=0.0), r"app 2 .*begins at 0.00 s, before the app before it"),
         (
             lambda a: changed(a, 5, path=standing_still()),
-            r"app 5 .*point at 10.1 s, expected after .* at 10.1 s",
+            r"app 6 .*point at 10.1 s, expected after .* at 10.1 s",
         ),
-        (without(4), r"app 1 \(grasp\): grasps what is never released"),
+        (without(4), r"app 2 \(grasp\): grasps what is never released"),
         (lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]), "held already"),
     ],
 )
@@ -120,12 +120,12 @@ def slid(seconds: float) -> Apps:
 @pytest.mark.parametrize(
     ("apps", "said"),
     [
-        (changed(pick_and_place(), 5, tn=10.5), r"app 5 .*0.40 s, 0.54 m/s are allowed: it is slowed down"),
+        (changed(pick_and_place(), 5, tn=10.5), r"app 6 .*0.40 s, 0.54 m/s are allowed: it is slowed down"),
         (
             turned(1.0),
-            r"app 1 .*: reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s .* slowed down to 1.\d\d s",
+            r"app 2 .*: reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s .* slowed down to 1.\d\d s",
         ),
-        (slid(1.0), r"app 1 \(apply_force\): reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s are allowed"),
+        (slid(1.0), r"app 2 \(apply force\): reaches \d.\d\d rad/s in its 1.00 s, 2.25 rad/s are allowed"),
     ],
 )
 def test_what_was_taught_faster_than_the_limits_is_said_to_be_slowed(
@@ -178,16 +178,16 @@ def test_no_number_and_absurd_numbers_are_refused_wherever_they_stand(
 
 def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Robot) -> None:
     here = cell("dispenser")
-    assert "app 0 (apply_force): presses without a contact" in str(
+    assert "app 1 (apply force): presses without a contact" in str(
         check(press()[1:], here, robot=robot).errors[0]
     )
     strong, limited = changed(press(), 1, force=(0.0, 0.0, -12.0)), Safety(force_n=10.0)
     assert check(strong, here, robot=robot).findings == ()  # no limit is set
     refused = check(strong, replace(here, safety=limited), robot=robot)
-    assert only(refused) == "error: app 1 (apply_force): force 12 N, expected 1 to 10 N"
+    assert only(refused) == "error: app 2 (apply force): force 12 N, expected 1 to 10 N"
     assert (refused.errors[0].value, refused.errors[0].limit) == (12.0, limited.force_n)
     stronger = check(changed(press(), 1, force=(0.0, 0.0, -29.0)), here, robot=robot)
-    assert only(stronger) == "error: app 1 (apply_force): force 29 N, expected 1 to 28.5 N"
+    assert only(stronger) == "error: app 2 (apply force): force 29 N, expected 1 to 28.5 N"
     assert "pulls on what it touches" in only(
         check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
     )
@@ -199,7 +199,7 @@ def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
     lifted, pressed = press()[2], press()[1].model_copy(update={"t0": 6.0, "tn": 7.0})
     report = check((*press(), pressed), cell("dispenser"), robot=robot)
     assert lifted.kind == "cartesian_motion"
-    assert "app 3 (apply_force): presses without a contact" in str(report.errors[0])
+    assert "app 4 (apply force): presses without a contact" in str(report.errors[0])
 
 
 def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robot) -> None:
@@ -214,9 +214,9 @@ def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> Non
     assert report.passed
     said = [str(one) for one in report.warnings if one.index is not None]
     assert (
-        said[0] == "warning: app 1 (apply_force): was not observed from 3.00 to 3.20 s: look at what it does"
+        said[0] == "warning: app 2 (apply force): was not observed from 3.00 to 3.20 s: look at what it does"
     )
-    assert said[1].startswith("warning: app 2 (cartesian_motion): confidence 0.30 is below 0.5")
+    assert said[1].startswith("warning: app 3 (move): confidence 0.30 is below 0.5")
 
 
 def test_a_program_without_apps_is_none() -> None:

@@ -96,7 +96,7 @@ def test_the_same_arguments_give_the_same_bytes(robot: Robot) -> None:
 
 
 def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
-    with pytest.raises(RefusedError, match=r"app 0 \(apply_force\): presses without a contact"):
+    with pytest.raises(RefusedError, match=r"app 1 \(apply force\): presses without a contact"):
         execute(press()[1:], PRESSING, robot=robot)
 
 

@@ -21,6 +21,7 @@ from caesura_lab.report.figures.tables import table_pages
 from caesura_lab.report.report_data import ReportData, gather
 from caesura_lab.report.tables import program_table, segments_table
 from caesura_lab.report.writers import UnknownFormatError, write_report
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.recording import Recording
 from harness.demonstrations import guided
 
@@ -103,7 +104,7 @@ def test_html_has_every_segment_and_app_in_a_table(content: ReportData, html: st
     rows = [row for row in page.rows if row and row[0].isdigit()]
     assert [row[1] for row in rows] == [
         *(one.kind for one in content.view.segments),
-        *(app.kind.replace("_", " ") for app in content.view.apps),
+        *(APP_KINDS[app.kind].title for app in content.view.apps),
     ]
 
 
@@ -193,7 +194,7 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path):
     [
         (["taught.npz", "-o", "out.gif"], "suffix '.gif', expected one of ['.pdf', '.png', '.html']"),
         (["absent.npz", "-o", "out.png"], "no such file"),
-        (["taught.npz", "-o", "out.png", "--preset", "best"], "unknown preset"),
+        (["taught.npz", "-o", "out.png", "--preset", "best"], "--preset is 'best', expected one of"),
         (["taught.npz", "-o", "nowhere/out.png"], "cannot write nowhere/out.png: no such directory"),
         (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not a readable annotation"),
         (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: is a list, expected an object"),

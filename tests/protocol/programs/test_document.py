@@ -105,10 +105,10 @@ def test_a_program_from_the_wire_and_a_segmented_recording_are_read_too(tmp_path
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"kind": "dance"}, r"app 1 \(dance\): kind: .*'dance'"),
-        ({"target": [0.1, 0.2]}, r"app 1 \(apply_force\): target"),
-        ({"confidence": 1.5}, r"app 1 \(apply_force\): confidence: .*1\.5"),
-        ({"t0": "soon"}, r"app 1 \(apply_force\): t0: .*'soon'"),
+        ({"kind": "dance"}, r"app 2 \(dance\): kind: .*'dance'"),
+        ({"target": [0.1, 0.2]}, r"app 2 \(apply force\): target"),
+        ({"confidence": 1.5}, r"app 2 \(apply force\): confidence: .*1\.5"),
+        ({"t0": "soon"}, r"app 2 \(apply force\): t0: .*'soon'"),
     ],
 )
 def test_an_app_that_is_none_is_named_with_its_value(

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from caesura_protocol.messages import App, AppKind, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.programs import franky_script as writer
+from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
@@ -245,7 +246,7 @@ def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> No
 def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[str, Any], said: str) -> None:
     first, *rest = press()
     made = module_of(as_file((first, rest[0].model_copy(update=wrong))))
-    with pytest.raises(made.Stop, match=rf"app 1 \(apply_force\): .*{said}"):
+    with pytest.raises(made.Stop, match=rf"app 2 \(apply force\): .*{said}"):
         made.checked(made.APPS)
 
 
@@ -261,7 +262,9 @@ def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
     script = tmp_path / "made.py"
     script.write_text(franky_script(as_file(pick_and_place())), encoding="utf-8")
     done = subprocess.run([sys.executable, script, "--dry-run"], check=True, capture_output=True, text=True)
-    assert [line.split()[1] for line in done.stdout.splitlines()] == [one.kind for one in pick_and_place()]
+    said = [line.split(maxsplit=1) for line in done.stdout.splitlines()]
+    for number, ((shown, rest), one) in enumerate(zip(said, pick_and_place(), strict=True), start=1):
+        assert (int(shown), rest.startswith(f"{APP_KINDS[one.kind].title}  ")) == (number, True)
     refused = subprocess.run([sys.executable, script], check=False, capture_output=True, text=True)
     assert refused.returncode == 2
     assert "--robot" in refused.stderr

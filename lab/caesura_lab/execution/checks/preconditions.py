@@ -25,20 +25,20 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
             holding = None
         touching = _touches(app, following, touching)
     if holding is not None:
-        reason = "grasps what is never released: a Gripper Move must follow"
+        reason = "grasps what is never released: an app 'move gripper' must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
     return found
 
 
 def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
     if app.kind == "apply_force" and not touching:
-        return "presses without a contact: a Move To Contact must come before it"
+        return "presses without a contact: an app 'move to contact' must come before it"
     if app.kind == "grasp" and holds:
-        return "grasps, but something is held already: a Gripper Move must come before it"
+        return "grasps, but something is held already: an app 'move gripper' must come before it"
     if app.kind == "gripper_move" and not holds and not grasps_later:
-        return "releases what was never grasped: a Grasp must come before it"
+        return "releases what was never grasped: an app 'grasp' must come before it"
     if APP_KINDS[app.kind].carries and not holds:
-        return "carries, but nothing was grasped: a Grasp must come before it"
+        return "carries, but nothing was grasped: an app 'grasp' must come before it"
     return None
 
 

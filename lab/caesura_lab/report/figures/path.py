@@ -131,7 +131,7 @@ def _numbers(axes: Axes, points: Array) -> None:
     """The numbers of the segments that begin at each place."""
     apart = LABEL_DISTANCE * max(float(np.ptp(points, axis=0).max()), LEAST_SPAN_MM)
     groups: list[tuple[Array, list[int]]] = []
-    for number, point in enumerate(points[:-1]):
+    for number, point in enumerate(points[:-1], start=1):
         near = next((members for at, members in groups if np.linalg.norm(at - point) <= apart), None)
         if near is None:
             groups.append((point, [number]))

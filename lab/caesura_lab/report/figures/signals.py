@@ -142,7 +142,7 @@ def _draw_lanes(content: ReportData, figure: Figure, window: style.Window) -> fl
 def _lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
     found = [
         _Band(one.t0, one.tn, one.kind, (*_loaded(i, one), f"{i} {one.kind}", str(i)))
-        for i, one in enumerate(content.view.segments)
+        for i, one in enumerate(content.view.segments, start=1)
     ]
     lanes = [("found", found)]
     if content.truth is not None:

@@ -38,7 +38,7 @@ def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure
             yield figure
             figure, top = style.page(content, f"{table.title}, continued"), FIRST
         top = _note(figure, _draw(figure, rest, table, top), table.note) - GAP
-    for note in notes(content.view):
+    for note in notes(content.view, content.notes):
         top = _note(figure, top + GAP / 2, note) - GAP / 2
     yield figure
 

@@ -1,0 +1,39 @@
+"""The first second of the command: its version, and Ctrl-C while modules are imported."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from caesura_clients.cli import build
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+
+
+@pytest.mark.parametrize("option", ["--version", "-V"])
+def test_the_version_is_that_of_the_distribution(option):
+    shown = CliRunner().invoke(build(()), [option])
+    assert (shown.exit_code, shown.stdout) == (0, f"{PROJECT['name']} {version(PROJECT['name'])}\n")
+
+
+@pytest.mark.parametrize("interrupted", ["typer", "zenoh"])
+def test_ctrl_c_while_modules_are_imported_leaves_no_traceback(tmp_path, interrupted):
+    # As SIGINT does at that import, without its race.
+    (tmp_path / f"{interrupted}.py").write_text("raise KeyboardInterrupt\n")
+    module, _, function = PROJECT["scripts"]["caesura"].partition(":")
+    done = subprocess.run(
+        [sys.executable, "-c", f"from {module} import {function}; {function}()", "watch"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

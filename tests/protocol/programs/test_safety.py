@@ -1,0 +1,25 @@
+"""The file of a cell: what is wrong in it is said with field, value and limit."""
+
+import pytest
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.programs.safety import read_safety
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"force_n": -3}', "force_n is -3, expected greater than 0"),
+        ('{"force_n": "much"}', "force_n is 'much', expected a valid number"),
+        ('{"forse_n": 3}', "unknown field forse_n, known: speed_m_per_s, "),
+        ('{"workspace_low": [0, 0]}', "workspace_low.2 is missing"),
+        ("[3]", "the content is [3], expected an object"),
+        ("{", "no readable JSON: EOF while parsing an object at line 1 column 1"),
+    ],
+)
+def test_a_wrong_cell_is_named_with_field_value_and_limit(tmp_path, text, said):
+    # It once read "Input should be greater than 0" and "Extra inputs are not permitted".
+    (tmp_path / "cell.json").write_text(text)
+    with pytest.raises(CaesuraError) as refused:
+        read_safety(tmp_path / "cell.json")
+    assert str(refused.value).startswith(f"{tmp_path / 'cell.json'}: {said}")

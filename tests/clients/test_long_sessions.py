@@ -123,7 +123,7 @@ class Lossy:
     def __init__(self, parts: list[ReceivedSample], spoilt: QueryReplies, losses: int) -> None:
         self.parts, self.spoilt, self.losses, self.asked = parts, spoilt, losses, 0
 
-    def query(self, key: str, *, parameters: str = "") -> QueryReplies:
+    def query(self, key: str, *, parameters: str = "", timeout_s: float = 5.0) -> QueryReplies:
         self.asked += 1
         return self.spoilt if self.asked <= self.losses else QueryReplies(tuple(self.parts), ())
 

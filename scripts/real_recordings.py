@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     states = {wanted: wanted.state(directory) for wanted in recordings()}
     for wanted, state in states.items():
         print(f"{wanted.file:22s} {state:8s} {wanted.licence}  {wanted.source}")
-        if options.copy and state == "ok":
+        if options.copy and state == "ok" and directory != ANNOTATIONS:
             shutil.copyfile(wanted.annotation, directory / wanted.annotation.name)
     absent = [wanted for wanted, state in states.items() if state != "ok"]
     print(f"{len(states) - len(absent)} of {len(states)} recordings in {directory} are as annotated")

@@ -31,7 +31,7 @@ from caesura_protocol.transport.network import QUERY_TIMEOUT_S, IncompleteAnswer
 
 M = TypeVar("M", bound=Message)
 
-ASKED = 3  # times at most
+QUERY_ATTEMPTS = 3  # times at most
 SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whole session
 
 
@@ -50,12 +50,14 @@ class SessionInfo:
 def snapshots(
     transport: Transport, station: str = "*", session: str = "*", *, complete: bool = False
 ) -> list[Snapshot]:
-    """Everything about every session that matches, one of the highest epoch each; none is no error.
+    """Query the snapshots of every matching session, one of the highest epoch each; none is no error.
 
     complete: also raise where only some of the live instances have answered.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot, complete=complete):
+    for snapshot in _query_all(
+        transport, session_key(station, session, "snapshot"), Snapshot, complete=complete
+    ):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -65,40 +67,43 @@ def snapshots(
 def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
     """Everything about one session; without a name the one that `program` speaks of, the newest.
 
-    Raises Absent, which names what there is, or Unreachable.
+    Raises NotFound, which names what there is, or Unreachable.
     """
     name = session or _current_session(transport, station)
     found = snapshots(transport, station, name or "*")
     if not found:
-        raise _nothing(transport, f"station {station!r} has no session {name or ''}".rstrip())
+        raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
 
 
 def program(transport: Transport, station: str) -> Program:
-    """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
+    """Query the current task program of a station.
+
+    Raises NotFound, which names what there is, or Unreachable.
+    """
     found = _current_program(transport, station)
     if found is None:
-        raise _nothing(transport, f"station {station!r} has no program")
+        raise _not_found(transport, f"station {station!r} has no program")
     return found
 
 
 def samples(transport: Transport, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
     """The samples of a session in a range, of each bin the extremes of every column.
 
-    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises Absent, which names what
-    there is, Unreachable, or ProtocolError.
+    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises NotFound, which names
+    what there is, Unreachable, or ProtocolError.
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
-    found = _asked(transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S)
+    found = _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S)
     if not found:
-        raise _nothing(transport, f"no samples of session {station}/{session}")
+        raise _not_found(transport, f"no samples of session {station}/{session}")
     return max(found, key=lambda one: one.epoch)
 
 
 def current_sessions(transport: Transport) -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = _asked(transport, station_key("*", "program"), Program)
+    programs = _query_all(transport, station_key("*", "program"), Program)
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 
@@ -122,24 +127,24 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 
 def stations(transport: Transport) -> list[str]:
-    """Stations whose bridge is connected now."""
-    return _named(transport.alive(station_key("*", "alive")), parse_station_key)
+    """Return the stations whose bridge is connected now."""
+    return _names_of_tokens(transport.list_tokens(station_key("*", "alive")), parse_station_key)
 
 
 def services(transport: Transport) -> list[str]:
-    """Instances of the service that are alive now."""
-    return _named(transport.alive(service_key("*", "alive")), parse_service_key)
+    """Return the instances of the service that are alive now."""
+    return _names_of_tokens(transport.list_tokens(service_key("*", "alive")), parse_service_key)
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
-    """How every instance is doing. Raises Unreachable where there is none."""
-    found = _asked(transport, service_key("*", "status"), ServiceStatus)
+    """Query the status of every instance. Raises Unreachable where there is none."""
+    found = _query_all(transport, service_key("*", "status"), ServiceStatus)
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
 
 
-def _named(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
+def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
     """Whose tokens these are, without a stranger's on a key of that form, but for its name."""
     names = []
     for key in keys:
@@ -149,7 +154,7 @@ def _named(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> l
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:
-    found = _asked(transport, station_key(station, "program"), Program)
+    found = _query_all(transport, station_key(station, "program"), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
 
@@ -163,7 +168,7 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
-def _asked(
+def _query_all(
     transport: Transport,
     key: str,
     model: type[M],
@@ -181,7 +186,7 @@ def _asked(
         replies = transport.query(key, parameters=parameters, timeout_s=timeout_s)
         return decoded(replies, model, complete=complete)
 
-    for _ in range(ASKED - 1):
+    for _ in range(QUERY_ATTEMPTS - 1):
         with suppress(IncompleteAnswerError):
             return ask()
     return ask()
@@ -217,7 +222,7 @@ def _require_service(transport: Transport) -> None:
         raise Unreachable(f"no service is alive at {transport.endpoint}")
 
 
-def _nothing(transport: Transport, what: str) -> NotFound:
+def _not_found(transport: Transport, what: str) -> NotFound:
     _require_service(transport)
     known = {one.status.station for one in snapshots(transport)}
     return NotFound(

@@ -43,7 +43,7 @@ TICK_S = 0.1
 
 @dataclass
 class Recorder:
-    """The batches of one session, and what is missing of them.
+    """Batches of one session, and the ranges that are missing.
 
     Numbers are a sender's word, and may leap to a billion: of what is missing only its beginning is kept.
     """
@@ -57,9 +57,12 @@ class Recorder:
     _unreadable: set[int] = field(default_factory=set)  # from there on
     _asked: tuple[int, int] = (-1, 0)  # what was asked for last and not answered, and how often
 
-    def take(self, batch: SampleBatch, now_s: float | None = None) -> None:
-        """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
-        self.heard(batch.seq)
+    def add_batch(self, batch: SampleBatch, now_s: float | None = None) -> None:
+        """Store a batch, unless its number is stored already.
+
+        now_s: time of day, where it was received live.
+        """
+        self.announce_seq(batch.seq)
         if batch.seq in self.batches or batch.seq > self.known:
             return
         try:
@@ -73,13 +76,13 @@ class Recorder:
         if now_s is not None:  # a batch cannot come before its last sample was taken
             self.began_s = min(self.began_s, now_s - end)
 
-    def heard(self, seq: int) -> None:
-        """The sender has come to this number."""
+    def announce_seq(self, seq: int) -> None:
+        """Record that the sender has reached this number."""
         if seq <= max(self.known, 0) + MAX_BATCHES_AHEAD:
             self.known = max(self.known, seq)
 
     def missing(self) -> ReplayRange | None:
-        """The next range to ask for."""
+        """Return the next range to request; None where nothing is missing."""
         while self._whole in self.batches or self._whole in self._unreadable:
             self._unreadable.discard(self._whole)
             self._whole += 1
@@ -90,25 +93,25 @@ class Recorder:
             last += 1
         return ReplayRange(first, last, last - first + 1, self.session)
 
-    def unanswered(self, asked: ReplayRange, *, nobody: bool = False) -> None:
-        """Count a replay without these batches; after ATTEMPTS they are a gap."""
+    def count_unanswered(self, asked: ReplayRange, *, no_reply: bool = False) -> None:
+        """Count a replay without these batches; after ATTEMPTS give them up as a gap."""
         first, tried = self._asked
         self._asked = (asked.first, tried + 1 if first == asked.first else 1)
         if self._asked[1] >= ATTEMPTS:
-            self.evicted(self.known + 1 if nobody else asked.last + 1)
+            self.give_up_before(self.known + 1 if no_reply else asked.last + 1)
 
-    def evicted(self, oldest: int) -> None:
+    def give_up_before(self, oldest: int) -> None:
         """Give up the batches before the oldest one that the ring has."""
         self._whole = max(self._whole, min(oldest, self.known + 1))
         self._unreadable = {seq for seq in self._unreadable if seq >= self._whole}
 
     @property
     def lost(self) -> int:
-        """Batches that are known to exist and are not here."""
+        """Return how many batches exist and are not stored."""
         return self.known + 1 - len(self.batches)
 
     def recording(self, status: SessionStatus | None) -> Recording:
-        """What was kept. Raises CaesuraError where that is nothing."""
+        """Return the stored samples as a recording. Raises CaesuraError where there are none."""
         if not self.batches:
             raise CaesuraError(f"{self.session}: no samples came")
         columns = self.batches[min(self.batches)].columns
@@ -134,7 +137,7 @@ class Recorder:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedSession:
     """One session, as far as it was received."""
 
     recording: Recording
@@ -144,7 +147,7 @@ class Recorded:
 
     @property
     def missed(self) -> str:
-        """What a reader must know, nothing where nothing is missing."""
+        """Return what is missing from the recording, empty where nothing is."""
         said = []
         if self.recorder.lost:
             said.append(f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps")
@@ -170,23 +173,25 @@ def record(
     on_message: Callable[[Recorder], None] = lambda recorder: None,
     clock: Callable[[], float] = time.monotonic,
     time_of_day: Callable[[], float] = time.time,
-) -> Recorded:
+) -> RecordedSession:
     """Record a session until it is closed or `over` is set: the one named, or the first that is received.
 
     on_message: is called after every received message. Raises CaesuraError where nothing came at all.
     """
     ending = over or threading.Event()
     inbox = Inbox()
-    heard = _Hearing(transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day)
+    live = _LiveRecording(
+        transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day
+    )
     with ExitStack() as stack:
         for key in (station_key(station, "samples"), session_key(station, session or "*", "status")):
             stack.enter_context(transport.subscribe(key, inbox))
-        while not ending.is_set() and not heard.closed:
-            heard.take(inbox.get(TICK_S))
-            heard.mind()
+        while not ending.is_set() and not live.closed:
+            live.receive(inbox.get(TICK_S))
+            live.request_missing()
         while (rest := inbox.get(0.0)) is not None:
-            heard.take(rest)
-        recorder = heard.recorder
+            live.receive(rest)
+        recorder = live.recorder
         if recorder is None:
             raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was received")
         until = clock() + LAST_S
@@ -194,10 +199,10 @@ def record(
             pass
     found = _snapshot(transport, station, recorder.session)
     recording = recorder.recording(None if found is None else found.status)
-    return Recorded(recording, found, recorder, heard.closed)
+    return RecordedSession(recording, found, recorder, live.closed)
 
 
-class _Hearing:
+class _LiveRecording:
     """Receives a session from its first message on, and requests what is missing."""
 
     def __init__(
@@ -220,9 +225,9 @@ class _Hearing:
         self._time_of_day = time_of_day
         self._heard_s = self._asked_s = clock()
 
-    def take(self, item: Item | None) -> None:
-        """Keep what arrived, where it is of the session."""
-        message = _readable(item) if isinstance(item, ReceivedSample) else None
+    def receive(self, item: Item | None) -> None:
+        """Store a received message, where it belongs to the session."""
+        message = _decoded(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):
             return
         if self.recorder is None:
@@ -233,8 +238,11 @@ class _Hearing:
         self.closed |= _take(self.recorder, message, self._time_of_day)
         self._on_message(self.recorder)
 
-    def mind(self) -> None:
-        """Ask the bridge for what is missing, and after a silence the service whether it is over."""
+    def request_missing(self) -> None:
+        """Request missing batches from the bridge.
+
+        After a silence, ask the service whether the session is closed.
+        """
         now = self._clock()
         if self.recorder is None:
             return
@@ -246,50 +254,50 @@ class _Hearing:
             self._heard_s = self._clock()
 
 
-Heard = SampleBatch | Heartbeat | SessionStatus
-HEARD: tuple[type[Heard], ...] = (SampleBatch, Heartbeat, SessionStatus)
+RecordedMessage = SampleBatch | Heartbeat | SessionStatus
+RECORDED_TYPES: tuple[type[RecordedMessage], ...] = (SampleBatch, Heartbeat, SessionStatus)
 
 
-def _readable(delivery: ReceivedSample) -> Heard | None:
+def _decoded(delivery: ReceivedSample) -> RecordedMessage | None:
     try:
-        message = decode(delivery.payload, delivery.encoding, *HEARD)
+        message = decode(delivery.payload, delivery.encoding, *RECORDED_TYPES)
     except ProtocolError:  # any other payload on these keys
         return None
-    return message if isinstance(message, HEARD) else None
+    return message if isinstance(message, RECORDED_TYPES) else None
 
 
-def _take(recorder: Recorder, message: Heard, time_of_day: Callable[[], float]) -> bool:
+def _take(recorder: Recorder, message: RecordedMessage, time_of_day: Callable[[], float]) -> bool:
     """Store a message; return whether the session is over."""
     match message:
         case SampleBatch():
-            recorder.take(message, time_of_day())
+            recorder.add_batch(message, time_of_day())
         case Heartbeat():
-            recorder.heard(message.seq)
+            recorder.announce_seq(message.seq)
         case SessionStatus():
             return message.state == "closed"
     return False
 
 
 def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
-    """Ask the bridge for what is missing, once; is there anything left to ask for?"""
+    """Request the next missing range from the bridge; return whether there was one."""
     wanted = recorder.missing()
     if wanted is None:
         return False
     try:
         answers = transport.query(station_key(station, "replay"), parameters=replay_parameters(wanted))
     except Unreachable:
-        recorder.unanswered(wanted)
+        recorder.count_unanswered(wanted)
         return True
     before = len(recorder.batches)
     for reply in answers.replies:
-        batch = _readable(reply)
+        batch = _decoded(reply)
         if isinstance(batch, SampleBatch) and batch.session == recorder.session:
-            recorder.take(batch)
+            recorder.add_batch(batch)
     for refusal in answers.refusals:
         if refusal.code == "evicted" and isinstance(refusal.limit, int):
-            recorder.evicted(refusal.limit)
+            recorder.give_up_before(refusal.limit)
     if len(recorder.batches) == before:
-        recorder.unanswered(wanted, nobody=not (answers.replies or answers.refusals))
+        recorder.count_unanswered(wanted, no_reply=not (answers.replies or answers.refusals))
     return True
 
 

@@ -16,8 +16,8 @@ DISTRIBUTION = "caesura-teaching"  # the package index has another project under
 PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_lab")
 
 
-def installing(extra: str) -> str:
-    """The command that installs an extra, as an error names it; what works depends on how Caesura came here.
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra, for errors; it depends on how Caesura was installed.
 
     A clone (PEP 610: `dir_info`, and a missing installation) installs itself; a wheel is named by its file or
     address; without either the distribution's name is what pip resolved. README.md, Install, has the others.
@@ -44,7 +44,7 @@ def _installed_from() -> dict[str, Any] | None:
 
 
 def installed_version() -> str:
-    """The version that is installed; `0+unknown` where the packages are imported without an installation."""
+    """Return the installed version; `0+unknown` where the packages are imported without an installation."""
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:
@@ -52,11 +52,11 @@ def installed_version() -> str:
 
 
 @contextmanager
-def needing(extra: str, what: object) -> Iterator[None]:
-    """Import what an extra brings. Raises SourceError, which names the extra, where it is not installed."""
+def import_extra(extra: str, what: object) -> Iterator[None]:
+    """Import a module of an extra. Raises SourceError, which names the extra, where it is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in PACKAGES:
             raise
-        raise SourceError(f"{what} needs {error.name}: {installing(extra)}") from error
+        raise SourceError(f"{what} needs {error.name}: {install_command(extra)}") from error

@@ -15,18 +15,17 @@ Array = NDArray[np.float64]
 
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
-    """Rotation (3, 3) of a quaternion (4,)."""
-    return np.array(_rows(*(np.asarray(quaternion) / np.linalg.norm(quaternion))))
+    """Return the rotation (3, 3) of a quaternion (4,)."""
+    return np.array(_rows(*_unit(quaternion)))
 
 
 def matrices_of(quaternions: Array) -> Array:
-    """Rotations (n, 3, 3) of quaternions (n, 4)."""
-    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return np.moveaxis(np.array(_rows(*along.T)), -1, 0)
+    """Return the rotations (n, 3, 3) of quaternions (n, 4)."""
+    return np.moveaxis(np.array(_rows(*_unit(quaternions).T)), -1, 0)
 
 
 def quaternion_of(rotation: Array) -> Array:
-    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
+    """Return the quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
     m, trace = rotation, float(np.trace(rotation))
     squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
     products = np.array(
@@ -37,31 +36,27 @@ def quaternion_of(rotation: Array) -> Array:
             [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
         ]
     )
-    row = products[int(np.argmax(squares))]
-    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
-    return unit
+    return _unit(products[int(np.argmax(squares))])
 
 
 def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
-    """[rad] between two quaternions (4,)."""
-    a: Array = np.array(one) / np.linalg.norm(one)
-    b: Array = np.array(other) / np.linalg.norm(other)
-    return 2.0 * math.acos(min(abs(float(a @ b)), 1.0))
+    """Return the angle [rad] between two quaternions (4,)."""
+    return 2.0 * math.acos(min(abs(float(_unit(one) @ _unit(other))), 1.0))
 
 
 def angles(quaternions: Array, other: Array) -> Array:
-    """Angles (n,) [rad] between quaternions (n, 4) and another (4,), all of unit length."""
+    """Return the angles (n,) [rad] between quaternions (n, 4) and another (4,), all of unit length."""
     cosine = np.minimum(np.abs(quaternions @ other), 1.0)
     return 2.0 * np.arccos(cosine)
 
 
 def angle_of_matrices(one: Array, other: Array) -> float:
-    """[rad] between two rotations (3, 3)."""
+    """Return the angle [rad] between two rotations (3, 3)."""
     return math.acos(min(max(0.5 * (float(np.vdot(one, other)) - 1.0), -1.0), 1.0))
 
 
 def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
-    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
+    """Return angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
 
     change, bend: (4,) its first and second derivatives; its length need not be 1.
     """
@@ -71,7 +66,7 @@ def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Ar
 
 
 def cross(one: Array, other: Array) -> Array:
-    """Cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
+    """Return the cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
     ax, ay, az = one.tolist()
     bx, by, bz = other.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
@@ -84,8 +79,8 @@ def _imaginary(change: Array, quaternion: Array) -> Array:
 
 
 def turned_along(quaternions: Array) -> Array:
-    """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
-    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    """Sum the rotation vectors from each of (n, 4) quaternions to the next: (n, 3) [rad], base frame."""
+    along = _unit(quaternions)
     align_signs(along)
     before, after = along[:-1], along[1:]
     half_sines = (
@@ -101,6 +96,14 @@ def align_signs(quaternions: Array) -> None:
     """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
+
+
+def _unit(quaternions: Sequence[float] | Array) -> Array:
+    """Scale a quaternion (4,), or each of (n, 4), to unit length."""
+    given = np.asarray(quaternions, dtype=np.float64)
+    if given.ndim == 1:
+        return np.asarray(given / np.linalg.norm(given))
+    return np.asarray(given / np.linalg.norm(given, axis=1, keepdims=True))
 
 
 def _rows(x: Array, y: Array, z: Array, w: Array) -> list[list[Array]]:

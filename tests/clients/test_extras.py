@@ -95,4 +95,4 @@ def test_what_installs_an_extra_depends_on_where_caesura_came_from(monkeypatch, 
             return recorded and recorded.replace("W", WHEEL)
 
     monkeypatch.setattr(distribution, "distribution", lambda name: Installed())
-    assert distribution.installing("mcap") == said.replace("W", WHEEL)
+    assert distribution.install_command("mcap") == said.replace("W", WHEEL)

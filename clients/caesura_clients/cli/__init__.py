@@ -12,7 +12,12 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.distribution import DISTRIBUTION, PACKAGES, installed_version, installing
+from caesura_protocol.distribution import (
+    DISTRIBUTION,
+    PACKAGES,
+    install_command,
+    installed_version,
+)
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
@@ -82,5 +87,5 @@ def _stand_in(app: typer.Typer, name: str, extra: str) -> None:
 
     @app.command(name, hidden=True, context_settings=anything)
     def _missing() -> None:
-        typer.echo(f"error: caesura {name} needs {installing(extra)}", err=True)
+        typer.echo(f"error: caesura {name} needs {install_command(extra)}", err=True)
         raise typer.Exit(2)

@@ -13,8 +13,8 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import announce_compilation
-from caesura_lab.report.report_data import ReportData, gather
-from caesura_protocol.distribution import installing
+from caesura_lab.report.report_data import ReportData, collect
+from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import CellSettings
@@ -56,16 +56,16 @@ def _report(
 ) -> None:
     announce_compilation()
     truth = None if annotation is None else read_annotation(annotation)
-    content = _gathered(recording, preset, truth, setting)
+    content = _collected(recording, preset, truth, setting)
     try:
         _writers().write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
+def _collected(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
     try:
-        return gather(recording, preset, truth, setting)
+        return collect(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:
         raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 
@@ -75,4 +75,4 @@ def _writers() -> ModuleType:
     try:
         return import_module("caesura_lab.report.writers")
     except ModuleNotFoundError as error:
-        raise CaesuraError(f"a report needs {error.name}: {installing('report')}") from error
+        raise CaesuraError(f"a report needs {error.name}: {install_command('report')}") from error

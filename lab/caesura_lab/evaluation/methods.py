@@ -11,11 +11,11 @@ from typing import Protocol
 
 import numpy as np
 
-from caesura_lab.evaluation.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_lab.evaluation.baselines import Baseline, one_segment, thresholds, zero_velocity
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.messages import Segment
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import views
@@ -23,11 +23,11 @@ from caesura_service.segmentation.view import PipelineView
 
 
 class Method(Protocol):
-    """A way to divide a recording. It can be pickled, and the same recording gives the same result."""
+    """Method that segments a recording. It can be pickled; the same recording gives the same result."""
 
     @property
     def name(self) -> str:
-        """As it stands in the tables."""
+        """Return the name in the tables."""
 
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""
@@ -47,22 +47,27 @@ class PresetMethod:
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Push the recording through a session's pipeline."""
         latest = np.maximum.accumulate(recording.t)
-        looks: list[TimedEstimate] = []
+        timed_estimates: list[TimedEstimate] = []
         view: PipelineView | None = None
         for view in views(recording, self.preset):
-            look = _look(float(latest[max(view.samples, 1) - 1]), view)
-            if not looks or looks[-1][1:] != look[1:]:
-                looks.append(look)
+            estimate = _estimate_at(float(latest[max(view.samples, 1) - 1]), view)
+            if not timed_estimates or timed_estimates[-1][1:] != estimate[1:]:
+                timed_estimates.append(estimate)
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
         stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
         phases = tuple(phase.t0 for phase in view.phases[1:])
         return FoundSegmentation(
-            times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases
+            times,
+            tuple(map(_found_segment, view.segments)),
+            tuple(timed_estimates),
+            _intervals(view),
+            stated,
+            phases,
         )
 
 
-def _look(t: float, view: PipelineView) -> TimedEstimate:
+def _estimate_at(t: float, view: PipelineView) -> TimedEstimate:
     times = tuple(changepoint.t for changepoint in view.changepoints)
     return TimedEstimate(
         t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints)
@@ -77,7 +82,7 @@ def _intervals(view: PipelineView) -> dict[float, tuple[float, float]]:
     }
 
 
-def _part(segment: Segment) -> FoundSegment:
+def _found_segment(segment: Segment) -> FoundSegment:
     force_n = float(np.linalg.norm(segment.force))
     screw = None if segment.screw is None else (segment.screw.axis, segment.screw.pitch_m)
     return FoundSegment(
@@ -95,7 +100,7 @@ def baselines() -> list[Method]:
         from caesura_lab.evaluation import third_party_baselines  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(
-            f"{error.name} is not installed; {installing('judge')}, or give --no-baselines"
+            f"{error.name} is not installed; {install_command('judge')}, or give --no-baselines"
         ) from error
     return [
         Baseline("thresholds", thresholds),
@@ -105,5 +110,5 @@ def baselines() -> list[Method]:
         Baseline("BOCPD log", gaussian_log),
         Baseline("BOCPD speed", student_speed),
         Baseline("kernel", third_party_baselines.kernel),
-        Baseline("one segment", nothing),
+        Baseline("one segment", one_segment),
     ]

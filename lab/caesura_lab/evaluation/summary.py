@@ -36,7 +36,7 @@ class Measure:
 
     name: str
     unit: str
-    of: Callable[[Sequence[Score], Array], tuple[Array, int]]
+    estimates_of: Callable[[Sequence[Score], Array], tuple[Array, int]]
     higher_is_better: bool = True
 
 
@@ -52,27 +52,32 @@ def summarise(
     only: names of measures, None for all.
     """
     weights = _weights(len(scores), resamples, seed)
-    return {measure.name: _estimate(*measure.of(scores, weights)) for measure in _measures(only)}
+    return {measure.name: _estimate(*measure.estimates_of(scores, weights)) for measure in _measures(only)}
 
 
 def margins(
-    ours: Sequence[Score],
+    own: Sequence[Score],
     others: Sequence[Score],
     *,
     resamples: int = RESAMPLES,
     seed: int = 0,
     only: Collection[str] | None = None,
 ) -> dict[str, Estimate]:
-    """By how much Caesura exceeds the others in every measure, on the recordings that both were applied to.
+    """Return by how much one method exceeds another in every measure, on the recordings that both have.
 
     Both are resampled alike: a recording that is hard for both widens no interval. only: as for `summarise`.
     """
-    mine, theirs = ({score.recording: score for score in scores} for scores in (ours, others))
-    names = sorted(set(mine) & set(theirs))
+    own_by_recording, other_by_recording = (
+        {score.recording: score for score in scores} for scores in (own, others)
+    )
+    names = sorted(set(own_by_recording) & set(other_by_recording))
     weights = _weights(len(names), resamples, seed)
     differences = {}
     for measure in _measures(only):
-        (a, n), (b, m) = (measure.of([scores[name] for name in names], weights) for scores in (mine, theirs))
+        (a, n), (b, m) = (
+            measure.estimates_of([scores[name] for name in names], weights)
+            for scores in (own_by_recording, other_by_recording)
+        )
         differences[measure.name] = _estimate(a - b, min(n, m))
     return differences
 
@@ -101,13 +106,13 @@ def _ratio(
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
     """Sum over recordings of the first part over the sum of the second."""
 
-    def of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
+    def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         counts = np.array([parts(score) for score in scores], dtype=float)  # (n, 2)
         above, below = (weights @ counts).T
         with np.errstate(invalid="ignore", divide="ignore"):
             return above / below, int(np.ceil(counts[:, 1].sum()))
 
-    return of
+    return estimates_of
 
 
 def _quantile(
@@ -115,7 +120,7 @@ def _quantile(
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
     """The value that a share of all values of all recordings do not exceed."""
 
-    def of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
+    def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         pooled = [(value, i) for i, score in enumerate(scores) for value in values(score)]
         if not pooled:
             return np.full(len(weights), np.nan), 0
@@ -125,7 +130,7 @@ def _quantile(
         reached = (mass >= share * mass[:, -1:]).argmax(axis=1)
         return np.where(mass[:, -1] > 0, sorted_values[reached], np.nan), len(pooled)
 
-    return of
+    return estimates_of
 
 
 def _right(seconds: Mapping[tuple[str, str], float]) -> tuple[float, float]:

@@ -27,19 +27,19 @@ class GraspableObject:
 
 
 class CellSimulation:
-    """What stands around the robot, and what its fingers do. What they let go stays where it is."""
+    """Obstacles, the graspable object and the fingers. A released object stays where it is."""
 
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start
-        self._thing = _thing_of(scenario, load_kg)
-        self.width_m = WIDTH_OPEN_M if self._thing else 0.0
+        self._object = _object_of(scenario, load_kg)
+        self.width_m = WIDTH_OPEN_M if self._object else 0.0
         self.held_kg = 0.0
         self._goal_m, self._speed = self.width_m, 0.0
 
     @property
     def fingers_still(self) -> bool:
-        """Whether the fingers are where they were sent, or hold something."""
+        """Return whether the fingers have reached their goal or hold an object."""
         return abs(self.width_m - self._goal_m) < SETTLED_M
 
     def send_fingers(self, width_m: float, speed_m_per_s: float) -> None:
@@ -47,27 +47,27 @@ class CellSimulation:
         self._goal_m, self._speed = width_m, speed_m_per_s
 
     def tick(self, flange: Array, dt: float) -> None:
-        """Move the fingers on."""
+        """Simulate the fingers for one tick of dt [s]. flange: (3,) [m]."""
         step = self._speed * dt
         self.width_m += float(np.clip(self._goal_m - self.width_m, -step, step))
-        thing = self._thing
-        if thing is None:
+        graspable = self._object
+        if graspable is None:
             return
-        if self.held_kg and self.width_m > thing.width_m + SETTLED_M:
+        if self.held_kg and self.width_m > graspable.width_m + SETTLED_M:
             x, y, z = flange.tolist()
-            self._thing, self.held_kg = GraspableObject((x, y, z), thing.width_m, thing.kg), 0.0
-        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - thing.place) <= GRIP_REACH_M)
-        if near and self._goal_m < thing.width_m and self.width_m <= thing.width_m:
-            self.width_m = self._goal_m = thing.width_m
-            self.held_kg = thing.kg
+            self._object, self.held_kg = GraspableObject((x, y, z), graspable.width_m, graspable.kg), 0.0
+        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - graspable.place) <= GRIP_REACH_M)
+        if near and self._goal_m < graspable.width_m and self.width_m <= graspable.width_m:
+            self.width_m = self._goal_m = graspable.width_m
+            self.held_kg = graspable.kg
 
     def cell(self, safety: Safety = DEFAULT) -> Cell:
         """Return the cell that a check is made for."""
         return Cell(safety, self.surfaces, self.start)
 
 
-def _thing_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
-    """What the scenario grips, where it grips it."""
+def _object_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
+    """Return the object that the scenario grips, at its place; None without a grasp."""
     place: Vector = scenario.start
     for step in scenario.steps:
         place = step.to or place

@@ -16,7 +16,6 @@ from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
     FALL,
     FRICTION_NM,
-    GRAVITY,
     SimulationTrace,
     at_flange,
     start_posture,
@@ -30,6 +29,7 @@ from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_protocol.paths import Curve
 from caesura_protocol.rotations import cross, turning_of
+from caesura_service.constants import GRAVITY, JOINTS
 from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
@@ -83,7 +83,7 @@ class ArmMeasurement:
 
 
 class SimulatedArm:
-    """The arm in its world. `tick` goes one millisecond on; `trace` is everything that happened."""
+    """Simulated arm in its cell. `tick` advances one millisecond; `trace` returns all ticks."""
 
     def __init__(self, robot: Robot, world: CellSimulation, *, friction: float = 1.0) -> None:
         self.world = world
@@ -91,10 +91,10 @@ class SimulatedArm:
         self._friction_nm = friction * FRICTION_NM
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
-        self._v = np.zeros(7)
+        self._v = np.zeros(JOINTS)
         self._rows: list[Array] = []
         self.load_kg = 0.0  # that is set in the controller
-        self.felt = ArmMeasurement(
+        self.measured = ArmMeasurement(
             np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v
         )
         self.lower, self.upper = robot.lower_limits, robot.upper_limits
@@ -102,11 +102,11 @@ class SimulatedArm:
 
     @property
     def t(self) -> float:
-        """[s] since it began."""
+        """Return the simulated time [s]."""
         return DT * len(self._rows)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
-        """Go one tick on under a setpoint."""
+        """Simulate one tick under a setpoint; return the measurement."""
         arm = self._robot.hand_dynamics(self._q)
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
@@ -135,14 +135,14 @@ class SimulatedArm:
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
         torque = turning + cross(lever, pressed)
-        self.felt = ArmMeasurement(
+        self.measured = ArmMeasurement(
             arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque
         )
         self.world.tick(arm.position_base, DT)
-        return self.felt
+        return self.measured
 
-    def joint_hurry(self, path: Curve) -> float:
-        """Largest share of a joint's speed limit that a path from here asks for (q̇ = J⁺ twist)."""
+    def joint_speed_share(self, path: Curve) -> float:
+        """Return the largest share of a joint's speed limit that a path from here needs (q̇ = J⁺ twist)."""
         q, most = self._q, 0.0
         for t in np.arange(0.0, float(path.t[-1]), LOOK_S):
             value, velocity, _ = path.at(t)
@@ -156,7 +156,7 @@ class SimulatedArm:
         return most
 
     def trace(self) -> SimulationTrace:
-        """Everything so far; the controller's wrench stands where a hand's would."""
+        """Return the trace of all ticks; the controller's wrench is in place of a hand's."""
         rows = np.array(self._rows)
         parts = np.split(rows, [7, 14, 20, 26, 32, 35], axis=1)
         q, v, twist, environment, hand, contact, rest = parts
@@ -164,7 +164,7 @@ class SimulatedArm:
         return SimulationTrace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 
     def _wrench(self, want: Setpoint, arm: HandDynamics, twist: Array, lever: Array) -> Array:
-        """What the controller does to the flange (6,) [N, Nm]."""
+        """Return the controller's wrench on the flange (6,) [N, Nm]."""
         ahead = self._inertia(arm, lever) @ np.concatenate([want.acceleration, want.angular_acceleration])
         force = STIFFNESS_N_PER_M * (want.position - arm.position_base)
         force += DAMPING_NS_PER_M * (want.velocity - twist[:3]) + ahead[:3]

@@ -30,42 +30,45 @@ PRUNE_RATIO = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class PosteriorSnapshot:
-    """What one observation left: the posterior of the current segment's start."""
+    """Posterior of the current segment's start after one observation."""
 
     starts: Indices  # (h,) observations
     probabilities: Array  # (h,)
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
-    """Everything that was seen and believed on the way.
+class FilterTrace:
+    """Observations and posteriors of a whole run of the filter.
 
     smoothed: (n,) probability that a segment starts at each observation, as the online filter had it last;
     offline: the same from the whole recording at once; boundary_t: (n,) [s] where such a start lies in time.
     """
 
     observations: tuple[Observation, ...]
-    beliefs: tuple[PosteriorSnapshot, ...]
+    snapshots: tuple[PosteriorSnapshot, ...]
     smoothed: Array
     offline: Array
     boundary_t: Array
 
 
-def replay(recording: Recording, preset: str) -> Replay:
-    """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
+def trace_filter(recording: Recording, preset: str) -> FilterTrace:
+    """Run the filter over a recording.
+
+    Raises KeyError for an unknown preset, ValueError for no segmentation.
+    """
     chosen, conditioned = PRESETS[preset], condition(recording)
     observations, online = conditioned.observations, conditioned.make_filter(chosen)
-    beliefs = tuple(_believed(online, conditioned))
-    return Replay(
+    snapshots = tuple(_snapshots(online, conditioned))
+    return FilterTrace(
         observations=observations,
-        beliefs=beliefs,
+        snapshots=snapshots,
         smoothed=online.smoothed,
         offline=_offline(online, conditioned),
         boundary_t=_boundary_times(observations, continuous=chosen.continuous),
     )
 
 
-def _believed(online: ChangepointFilter, conditioned: ConditionedRecording) -> Iterator[PosteriorSnapshot]:
+def _snapshots(online: ChangepointFilter, conditioned: ConditionedRecording) -> Iterator[PosteriorSnapshot]:
     for observation, seen in zip(conditioned.observations, conditioned.inputs, strict=True):
         online.step(seen, boundary=observation.after_gap)
         yield PosteriorSnapshot(online.starts.copy(), np.minimum(online.posterior, 1.0))

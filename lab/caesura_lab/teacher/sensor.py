@@ -17,6 +17,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.noise import band_noise
 from caesura_lab.teacher.plan import DT, FULL_SPEED_NOISE, TICKS_PER_S, Plan
 from caesura_protocol.messages import WrenchSource
+from caesura_service.constants import JOINTS
 from caesura_service.robot import Robot
 
 # Smallest steps reported: about 1 µm, 1 µrad, 1 mN, 0.1 mNm. Powers of two, exact in any float.
@@ -36,8 +37,8 @@ JOINT_SLIP_RAD_PER_S = 0.02
 
 
 @dataclass(frozen=True)
-class _Chance:
-    """Everything random about the sensors of one demonstration, one row a tick."""
+class _SensorNoise:
+    """Random sensor errors of one demonstration, one row a tick."""
 
     joints: Array  # (n, 7) [rad]
     white: Array  # (n, 6) [N, Nm]
@@ -74,7 +75,7 @@ class Sensors:
         positions, quaternions = self._robot.flange_poses(q)
         signals = {
             "pos": _stepped(positions, POSITION_STEP),
-            "quat": _stepped(self._same_sign(quaternions), ANGLE_STEP),
+            "quat": _stepped(self._align_signs(quaternions), ANGLE_STEP),
             "q": q,
         }
         if self._source != "none":
@@ -123,27 +124,27 @@ class Sensors:
         self._last_velocity = velocity[-1]
         return np.diff(velocity, axis=0) / DT
 
-    def _same_sign(self, quaternions: Array) -> Array:
+    def _align_signs(self, quaternions: Array) -> Array:
         if quaternions[0] @ self._last_quaternion < 0.0:
             quaternions = -quaternions
         self._last_quaternion = quaternions[-1]
         return quaternions
 
 
-def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance:
+def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _SensorNoise:
     n, person = plan.ticks, plan.person
     scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
     wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
-    return _Chance(
-        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
+    return _SensorNoise(
+        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, JOINTS)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         joint_coloured=person.joint_noise * band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
-        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
+        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=JOINTS),
     )
 
 

@@ -21,7 +21,7 @@ _RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
 
 
 class Topic(NamedTuple):
-    """A topic of which messages are read."""
+    """Topic whose messages are read."""
 
     name: str
     type: str
@@ -30,29 +30,29 @@ class Topic(NamedTuple):
 
 @dataclass(frozen=True)
 class TopicSelection:
-    """What is taken from where."""
+    """Topic of each signal, and the options of the recording."""
 
     topic_of: Mapping[str, str]  # by signal
     options: Mapping[str, str]  # of the recording
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """What a row has."""
+        """Return the names of the signals in a row."""
         return tuple(self.topic_of)
 
-    def taken(self, topic: Topic, message: Any) -> Values:
-        """What of a message is taken."""
+    def select_values(self, topic: Topic, message: Any) -> Values:
+        """Return the selected values of a message, by signal."""
         told = values_of(topic.type, message, topic.rule)
         return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
 
 
-def plan_of(
-    heard: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
+def select_topics(
+    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
 ) -> TopicSelection:
-    """From some first messages of every topic. Raises RecordingError."""
-    topics = {topic.name: topic for topic, _ in heard}
+    """Select the topics and signals by some first messages of every topic. Raises RecordingError."""
+    topics = {topic.name: topic for topic, _ in messages}
     told: dict[str, set[str]] = {}
-    for topic, message in heard:
+    for topic, message in messages:
         for signal in values_of(topic.type, message, topic.rule):
             told.setdefault(signal, set()).add(topic.name)
     topic_of = {signal: _best(signal, names, topics) for signal, names in told.items()}
@@ -63,7 +63,7 @@ def plan_of(
         )
     if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
         del topic_of["quat"]
-    return TopicSelection(topic_of, _options(topic_of, heard, mapped, wrench_source))
+    return TopicSelection(topic_of, _options(topic_of, messages, mapped, wrench_source))
 
 
 def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
@@ -79,7 +79,7 @@ def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
 
 def _options(
     topic_of: Mapping[str, str],
-    heard: Sequence[tuple[Topic, Any]],
+    messages: Sequence[tuple[Topic, Any]],
     mapped: ColumnMapping | None,
     wrench_source: str | None,
 ) -> dict[str, str]:
@@ -87,7 +87,7 @@ def _options(
     of = topic_of.get("force") or topic_of.get("tau")
     if of is None:
         return {"wrench_source": "none", **said}
-    topic, message = next((topic, message) for topic, message in heard if topic.name == of)
+    topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
         **{key: said[key] for key in ("hand_on_robot",) if key in said},
         "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),

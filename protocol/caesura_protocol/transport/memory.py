@@ -19,7 +19,7 @@ from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryR
 
 
 def intersect(one: str, other: str) -> bool:
-    """Do two key expressions meet? A `*` stands for one part of a key.
+    """Return whether two key expressions intersect. A `*` stands for one part of a key.
 
     >>> intersect("caesura/v1/station/*/alive", "caesura/v1/station/cell-1/alive")
     True
@@ -92,8 +92,8 @@ class MemoryTransport:
             (*refusals, *(unanswered() for _ in late)),
         )
 
-    def alive(self, key: str) -> tuple[str, ...]:
-        """Keys of the tokens that exist now, sorted."""
+    def list_tokens(self, key: str) -> tuple[str, ...]:
+        """Return the keys of the tokens that exist now, sorted."""
         with self._network.lock:
             return tuple(sorted({token for token in self._network.tokens if intersect(key, token)}))
 
@@ -104,14 +104,14 @@ class MemoryTransport:
             yield
 
     @contextmanager
-    def answer(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Question for every query on the key."""
         with self._declared(self._network.queryables, key, inbox):
             yield
 
     @contextmanager
-    def token(self, key: str) -> Iterator[None]:
-        """Be seen on the key."""
+    def declare_token(self, key: str) -> Iterator[None]:
+        """Declare a liveliness token on the key."""
         with self._network.lock:
             self._network.tokens.append(key)
             self._offer(self._network.watchers, key, TokenChange(key, alive=True))
@@ -123,10 +123,10 @@ class MemoryTransport:
                 self._offer(self._network.watchers, key, TokenChange(key, alive=False))
 
     @contextmanager
-    def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""
         with self._declared(self._network.watchers, key, inbox):
-            for token in self.alive(key):
+            for token in self.list_tokens(key):
                 inbox.offer(TokenChange(token, alive=True))
             yield
 

@@ -12,10 +12,10 @@ from caesura_lab.evaluation.metrics import (
     TimedEstimate,
     confusion,
     covering,
-    disturbed,
     f1,
     match,
-    standing_since,
+    present_since,
+    segments_with_events,
 )
 
 WINDOW = (0.0, 10.0)
@@ -130,9 +130,9 @@ def test_covering_is_a_share(truth, found):
 
 
 def test_a_stretch_is_cut_once_however_often():
-    assert disturbed([5.0], [1.0, 2.0], WINDOW) == (1, 2)
-    assert disturbed([5.0], [], WINDOW) == (0, 2)
-    assert disturbed([], [1.0], WINDOW) == (1, 1)
+    assert segments_with_events([5.0], [1.0, 2.0], WINDOW) == (1, 2)
+    assert segments_with_events([5.0], [], WINDOW) == (0, 2)
+    assert segments_with_events([], [1.0], WINDOW) == (1, 1)
 
 
 def test_classes_are_compared_second_by_second():
@@ -147,15 +147,15 @@ def test_classes_are_compared_second_by_second():
 
 
 def test_a_changepoint_stands_since_it_was_last_absent():
-    looks = [
+    timed_estimates = [
         TimedEstimate(1.0, (), ()),
         TimedEstimate(1.1, (0.9,), (False,)),
         TimedEstimate(1.2, (), ()),
         TimedEstimate(1.3, (0.5, 1.1), (True, False)),
         TimedEstimate(1.8, (0.5, 0.95), (True, True)),
     ]
-    assert standing_since(looks, (1.0,), 0.15, final=False) == 1.3
-    assert standing_since(looks, (1.0,), 0.15, final=True) == 1.8
-    assert standing_since(looks, (1.0,), 0.05, final=False) == 1.8
-    assert standing_since(looks, (5.0,), 0.15, final=False) is None
-    assert standing_since([], (5.0,), 0.15, final=False) is None
+    assert present_since(timed_estimates, (1.0,), 0.15, final=False) == 1.3
+    assert present_since(timed_estimates, (1.0,), 0.15, final=True) == 1.8
+    assert present_since(timed_estimates, (1.0,), 0.05, final=False) == 1.8
+    assert present_since(timed_estimates, (5.0,), 0.15, final=False) is None
+    assert present_since([], (5.0,), 0.15, final=False) is None

@@ -27,7 +27,7 @@ from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
-from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
+from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
@@ -83,8 +83,8 @@ class Ros2Source:
         try:
             for key in self._keys():
                 self._stack.enter_context(transport.subscribe(key, self._inbox))
-            self._heard = self._discover(discover_s)
-            self._plan = self._planned(mapped, wrench_source)
+            self._first_messages = self._discover(discover_s)
+            self._plan = self._selection(mapped, wrench_source)
         except BaseException:
             self._stack.close()
             raise
@@ -97,17 +97,17 @@ class Ros2Source:
 
     @property
     def dropped(self) -> int:
-        """Messages that came faster than they were taken."""
+        """Return how many messages were dropped because the inbox was full."""
         return self._inbox.dropped
 
-    def closing(self, close: Callable[[], None]) -> None:
-        """Close this as well, last of all."""
+    def close_with(self, close: Callable[[], None]) -> None:
+        """Call `close` after everything else is closed."""
         topics = self._stack.pop_all()
         self._stack.callback(close)
         self._stack.push(topics)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscriptions."""
         self._over.set()
         self._stack.close()
 
@@ -115,12 +115,12 @@ class Ros2Source:
         """Yield rows as they become whole, those of the discovery first."""
         try:
             rows: list[Row] = []
-            for heard in self._all():
-                if heard is not None and heard.topic.rule.mark:
+            for received in self._received_messages():
+                if received is not None and received.topic.rule.mark:
                     yield Mark(self._joiner.latest_s)
-                elif heard is not None:
-                    rows += self._joined(heard)
-                if rows and (heard is None or len(rows) >= CHUNK_SAMPLES):
+                elif received is not None:
+                    rows += self._aligned_rows(received)
+                if rows and (received is None or len(rows) >= CHUNK_SAMPLES):
                     yield np.array(rows)
                     rows = []
             rows += self._joiner.flush()
@@ -129,21 +129,21 @@ class Ros2Source:
         finally:
             self.close()
 
-    def _joined(self, heard: ReceivedMessage) -> list[Row]:
+    def _aligned_rows(self, received: ReceivedMessage) -> list[Row]:
         with _as_source():
-            stamp = stamp_of(heard.message, heard.topic.name)
-            return self._joiner.push(stamp, self._plan.taken(heard.topic, heard.message))
+            stamp = stamp_of(received.message, received.topic.name)
+            return self._joiner.push(stamp, self._plan.select_values(received.topic, received.message))
 
-    def _all(self) -> Iterator[ReceivedMessage | None]:
+    def _received_messages(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""
-        yield from self._heard
-        self._heard = []
+        yield from self._first_messages
+        self._first_messages = []
         while True:
             item = self._inbox.get(TICK_S)
             if isinstance(item, ReceivedSample):
-                heard = self._read(item)
-                if heard is not None:
-                    yield heard
+                received = self._decode_message(item)
+                if received is not None:
+                    yield received
             else:
                 if self._over.is_set():
                     return
@@ -156,7 +156,7 @@ class Ros2Source:
             return [f"{self._domain}/**/{_dds(name)}/*" for name in READ]
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
-    def _read(self, delivery: ReceivedSample) -> ReceivedMessage | None:
+    def _decode_message(self, delivery: ReceivedSample) -> ReceivedMessage | None:
         """The message of a delivery. None for a topic that is not read. Raises SourceError."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
@@ -177,33 +177,33 @@ class Ros2Source:
         return ReceivedMessage(Topic(found.topic, kind, rule), message)
 
     def _discover(self, discover_s: float) -> list[ReceivedMessage]:
-        """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
-        heard: list[ReceivedMessage] = []
-        awaited = {name for name, rule in self._rules.items() if not rule.mark}
+        """Receive until every mapped topic has a message; for LISTEN_S without a mapping."""
+        received: list[ReceivedMessage] = []
+        missing_topics = {name for name, rule in self._rules.items() if not rule.mark}
         deadline = self._clock() + discover_s
         while self._clock() < deadline:
             item = self._inbox.get(TICK_S)
-            one = self._read(item) if isinstance(item, ReceivedSample) else None
+            one = self._decode_message(item) if isinstance(item, ReceivedSample) else None
             if one is None:
                 continue
-            if not heard and not self._rules:
+            if not received and not self._rules:
                 deadline = min(deadline, self._clock() + LISTEN_S)
-            heard.append(one)
-            awaited.discard(one.topic.name)
-            if self._rules and not awaited:
-                return heard
-        if awaited or not heard:
-            there = ", ".join(sorted({one.topic.name for one in heard})) or "nothing"
+            received.append(one)
+            missing_topics.discard(one.topic.name)
+            if self._rules and not missing_topics:
+                return received
+        if missing_topics or not received:
+            there = ", ".join(sorted({one.topic.name for one in received})) or "nothing"
             raise SourceError(
-                f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
+                f"ros2: no message of {', '.join(sorted(missing_topics)) or ' or '.join(READ)} within "
                 f"{discover_s:g} s; received {there}, listening to {', '.join(self._keys())}"
             )
-        return heard
+        return received
 
-    def _planned(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
+    def _selection(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
         with _as_source():
-            told = [(one.topic, one.message) for one in self._heard if not one.topic.rule.mark]
-            return plan_of(told, mapped, wrench_source)
+            pairs = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
+            return select_topics(pairs, mapped, wrench_source)
 
 
 def open_ros2(
@@ -229,7 +229,7 @@ def open_ros2(
     except BaseException:
         transport.close()
         raise
-    source.closing(transport.close)
+    source.close_with(transport.close)
     return source
 
 

@@ -4,7 +4,7 @@
     python scripts/real_recordings.py --copy DIRECTORY    # also puts the annotations beside the recordings
     python scripts/real_recordings.py --counts            # what is annotated, by repository
 
-DIRECTORY: where the recordings lie; else CAESURA_REAL_DATA, else ../shared/data/real. Each annotation names
+DIRECTORY: where the recordings lie; else CAESURA_REAL_DATA, else data/real. Each annotation names
 its recording, the SHA-256 of the file, the repository it comes from and its licence. The exit code is 1 where
 a recording is missing or differs from the one that was annotated.
 """
@@ -24,7 +24,6 @@ from typing import NamedTuple
 TOP = Path(__file__).resolve().parents[1]
 ANNOTATIONS = TOP / "data" / "real"
 VARIABLE = "CAESURA_REAL_DATA"
-DEFAULT = TOP.parent / "shared" / "data" / "real"
 SUFFIX = ".ann.json"
 READ_BYTES = 1 << 20
 
@@ -72,7 +71,7 @@ def sha256_of(path: Path) -> str:
 
 def directory_of(given: Path | None) -> Path:
     """Return the directory of the recordings: the argument, else the variable, else beside the repository."""
-    return given or Path(os.environ.get(VARIABLE) or DEFAULT)
+    return given or Path(os.environ.get(VARIABLE) or ANNOTATIONS)
 
 
 def counts(annotations: Path = ANNOTATIONS) -> dict[str, list[float]]:
@@ -109,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     states = {wanted: wanted.state(directory) for wanted in recordings()}
     for wanted, state in states.items():
         print(f"{wanted.file:22s} {state:8s} {wanted.licence}  {wanted.source}")
-        if options.copy and state == "ok":
+        if options.copy and state == "ok" and directory != ANNOTATIONS:
             shutil.copyfile(wanted.annotation, directory / wanted.annotation.name)
     absent = [wanted for wanted, state in states.items() if state != "ok"]
     print(f"{len(states) - len(absent)} of {len(states)} recordings in {directory} are as annotated")

@@ -48,13 +48,14 @@ ESTIMATE: WrenchSource = "joint_torque_estimate"  # of a robot without a sensor
 HANDS_ON_ROBOT: tuple[HandOnRobot, ...] = get_args(HandOnRobot)
 
 # The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.
+JOINTS = 7  # of the arm
 COLUMNS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
     "pos": ("px", "py", "pz"),
     "quat": ("qx", "qy", "qz", "qw"),
-    "q": tuple(f"q{i}" for i in range(1, 8)),
+    "q": tuple(f"q{i}" for i in range(1, JOINTS + 1)),
     "force": ("fx", "fy", "fz"),
     "torque": ("mx", "my", "mz"),
-    "tau": tuple(f"tau{i}" for i in range(1, 8)),
+    "tau": tuple(f"tau{i}" for i in range(1, JOINTS + 1)),
     "gripper": ("gripper",),
 }
 

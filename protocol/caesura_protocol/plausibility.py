@@ -29,11 +29,13 @@ TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
 ForceUnit = Literal["N", "kN", "mN", "gf"]
 
+METRES: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # in one of a unit
+RADIANS: Mapping[str, float] = {"rad": 1.0, "deg": math.pi / 180}
 #: What one of a unit is in the first unit of its row, which is that of the wire.
 UNITS: Mapping[Quantity, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "angle": {"rad": 1.0, "deg": math.pi / 180},
+    "length": METRES,
+    "angle": RADIANS,
     "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-3},
 }
 WIRE_UNIT: Mapping[Quantity, str] = {quantity: next(iter(units)) for quantity, units in UNITS.items()}

@@ -18,7 +18,7 @@ from caesura_lab.teacher.guided_arm import GuidedArmSimulation
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import Scenario, Step
-from caesura_service.changepoint.constant_models import GRAVITY, ConstantLevel
+from caesura_service.changepoint.constant_models import ConstantLevel
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
@@ -28,6 +28,7 @@ from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
+from caesura_service.constants import GRAVITY
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole
 from service.changepoint.quadrature import constant_velocity

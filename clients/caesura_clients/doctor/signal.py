@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_protocol.messages import Quantity, WrenchSource
-from caesura_protocol.plausibility import UNITS, implausible
+from caesura_protocol.plausibility import METRES, implausible
 from caesura_protocol.recording import unit_remedy
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ CELL_S = 0.1  # a movement is between means over cells: a tremor is none
 REST_CELLS = 3  # the fewest that say something of noise
 BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that was not tared
 NOISE_LIMIT_N = 1.0
-METRES = UNITS["length"]
 WHAT_FOR: Mapping[str, str] = {
     "force": "contact and load cannot be found",
     "quat": "apps have no orientation",

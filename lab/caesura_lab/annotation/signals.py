@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 
-RATE_HZ = 100.0  # of the grid, at most
+PLOT_HZ = 100.0  # of the grid, at most
 MAX_ROWS = 20_000
 SMOOTHING_S = 0.02  # standard deviation of the speed's Gaussian window
 HELD_S = 0.06  # a pose repeated for less than this was held between two readings
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 Array = NDArray[np.float64]
 
@@ -67,9 +67,9 @@ def drawn_signals(recording: Recording) -> Drawn:
 
 
 def _grid(t: Array) -> Array:
-    """Return the times of the grid: as fine as the samples, RATE_HZ and MAX_ROWS at most."""
+    """Return the times of the grid: as fine as the samples, PLOT_HZ and MAX_ROWS at most."""
     span = float(t[-1] - t[0])
-    steps = min(t.size - 1, max(int(span * RATE_HZ), 1), MAX_ROWS - 1)
+    steps = min(t.size - 1, max(int(span * PLOT_HZ), 1), MAX_ROWS - 1)
     return np.linspace(float(t[0]), float(t[-1]), steps + 1)
 
 

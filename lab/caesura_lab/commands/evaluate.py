@@ -21,7 +21,7 @@ from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
-from caesura_lab.evaluation.suites import REAL, SUITES, Case, Extent, files, missing_recordings, suite
+from caesura_lab.evaluation.suites import OPEN, SUITES, Case, Extent, files, missing_recordings, suite
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import installing
@@ -92,9 +92,9 @@ def evaluate(
         typer.Option(
             help="Real: the directory of the recordings.",
             envvar=DATA_VARIABLE,
-            show_default="../shared/data/real",
+            show_default="data/real",
         ),
-    ] = REAL,
+    ] = OPEN,
     preset: Annotated[
         list[str] | None, typer.Option(help="Preset of Caesura; may be given more than once.")
     ] = None,

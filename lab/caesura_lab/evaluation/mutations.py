@@ -22,6 +22,7 @@ from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.messages import App
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import CellSettings, Safety
+from caesura_service.constants import JOINTS
 
 TAUGHT_SEEDS = (500, 502)
 MOST_OPERATORS = 3
@@ -224,7 +225,8 @@ def _turn(apps: Apps, rng: Rng) -> Apps:
 
 def _joints(apps: Apps, rng: Rng) -> Apps:
     index = _any(apps, rng, "joints")
-    joints = np.add(apps[index].joints or (0.0,) * 7, 10.0 ** rng.uniform(-2.0, 0.5) * rng.normal(size=7))
+    size = 10.0 ** rng.uniform(-2.0, 0.5)
+    joints = np.add(apps[index].joints or (0.0,) * JOINTS, size * rng.normal(size=JOINTS))
     return _changed(apps, index, joints=tuple(joints.tolist()))
 
 

@@ -31,7 +31,6 @@ from scipy.stats import rankdata
 from caesura_lab.annotations import TruthError
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.teacher.movements import (
-    GRID_HZ,
     MOVING_M_PER_S,
     SMALL_M_PER_S,
     clear_dips,
@@ -41,6 +40,7 @@ from caesura_lab.teacher.movements import (
 from caesura_lab.teacher.scenarios import BASIC
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import WrenchSource
+from caesura_service.constants import GRID_HZ
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.bool_]

@@ -26,7 +26,6 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 
 OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
-REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
 READABLE = (".npz", ".csv")
 
 
@@ -134,7 +133,7 @@ class Extent:
 
     seeds: int = 5
     first_seed: int = 1
-    data: Path = REAL
+    data: Path = OPEN
     annotations: Path = OPEN
 
 

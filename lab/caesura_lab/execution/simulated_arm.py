@@ -16,7 +16,6 @@ from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
     FALL,
     FRICTION_NM,
-    GRAVITY,
     SimulationTrace,
     at_flange,
     start_posture,
@@ -30,6 +29,7 @@ from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_protocol.paths import Curve
 from caesura_protocol.rotations import cross, turning_of
+from caesura_service.constants import GRAVITY, JOINTS
 from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
@@ -91,7 +91,7 @@ class SimulatedArm:
         self._friction_nm = friction * FRICTION_NM
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
-        self._v = np.zeros(7)
+        self._v = np.zeros(JOINTS)
         self._rows: list[Array] = []
         self.load_kg = 0.0  # that is set in the controller
         self.felt = ArmMeasurement(

@@ -21,9 +21,9 @@ from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
+from caesura_service.constants import GRAVITY, JOINTS
 from caesura_service.robot import HandDynamics, Robot
 
-GRAVITY = 9.81
 FALL = np.array([0.0, 0.0, -GRAVITY])
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
@@ -77,7 +77,7 @@ class GuidedArmSimulation:
         self._stiction = plan.person.stiction
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
-        self._v = np.zeros(7)
+        self._v = np.zeros(JOINTS)
         self._weight_n = 0.0
         self._press_n = 0.0
         self._torque_nm = 0.0  # that the hand adds about the tool's axis

@@ -25,8 +25,8 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import BASIC
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
+from caesura_service.constants import GRID_HZ
 
-GRID_HZ = 100
 SMOOTH_S = 0.05
 MOVING_M_PER_S, CREEP_M_PER_S = 0.010, 0.002
 REST_S = 0.3

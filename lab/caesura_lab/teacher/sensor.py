@@ -17,6 +17,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.noise import band_noise
 from caesura_lab.teacher.plan import DT, FULL_SPEED_NOISE, TICKS_PER_S, Plan
 from caesura_protocol.messages import WrenchSource
+from caesura_service.constants import JOINTS
 from caesura_service.robot import Robot
 
 # Smallest steps reported: about 1 µm, 1 µrad, 1 mN, 0.1 mNm. Powers of two, exact in any float.
@@ -136,14 +137,14 @@ def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance
     wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
     return _Chance(
-        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, 7)),
+        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, JOINTS)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         joint_coloured=person.joint_noise * band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
-        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=7),
+        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=JOINTS),
     )
 
 

@@ -24,8 +24,8 @@ from scipy.signal import savgol_filter
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
+from caesura_service.constants import GRID_HZ
 
-GRID_HZ = 100
 MARGIN_S = 0.15  # kept away from boundaries when noise is measured
 TREND_S = 0.1  # slower than this is signal, faster is noise
 IMPACT_S = 0.15

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from caesura_lab.teacher.guided_arm import GRAVITY
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.speed_dips import SMALL_M, SMALL_M_PER_S, guided_dips, ideal_dips
+from caesura_service.constants import GRAVITY
 
 Class = Literal["motion", "steady", "contact", "transport", "hold", "sliding", "turning"]
 Level = Literal["major", "optional"]

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, Kind, Phase, Segment
+from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
 
 MAX_FPS = 100  # [1/s] unless another rate is asked for
-METRES: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 #: What the person does in a segment of each kind.
 VERBS: Mapping[Kind, str] = {

@@ -25,23 +25,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from caesura_protocol import plausibility
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.plausibility import METRES, RADIANS
 from caesura_protocol.recording import RecordingError
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-ANGLES = {"rad": 1.0, "deg": float(np.pi / 180.0)}
 #: A unit in Caesura's, by signal; positions keep the file's own `length_unit` where no unit is said.
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "pos": LENGTHS,
+    "t": plausibility.UNITS["time"],
+    "pos": METRES,
     "quat": {"1": 1.0},
-    "q": ANGLES,
+    "q": RADIANS,
     "force": {"N": 1.0, "kN": 1e3},
     "torque": {"Nm": 1.0, "Nmm": 1e-3},
     "tau": {"Nm": 1.0, "Nmm": 1e-3},
-    "gripper": LENGTHS,
+    "gripper": METRES,
 }
 SIGNAL_OF_COLUMN = {"t": "t", **{column: s for s, names in COLUMNS_OF_SIGNAL.items() for column in names}}
 
@@ -101,7 +101,7 @@ def _rule(mapped: ColumnMapping, ours: str, said: Any) -> Rule:
         raise mapped.wrong(f"{where}: unit {unit!r}, expected one of {', '.join(units)}")
     factor = units[unit]
     if "unit" in said and SIGNAL_OF_COLUMN[ours] == "pos":  # the rest of pos may be in another unit
-        factor /= LENGTHS[mapped.options.get("length_unit", "m")]
+        factor /= METRES[mapped.options.get("length_unit", "m")]
     return Rule(ours, str(said["column"]), factor * _scale(mapped, where, said.get("scale", 1.0)))
 
 

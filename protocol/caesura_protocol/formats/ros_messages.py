@@ -23,7 +23,7 @@ from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.poses import Transform, flange_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_protocol.formats.signal_aligner import NS
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS
 from caesura_protocol.recording import RecordingError
 
 Values = Mapping[str, Sequence[float]]
@@ -63,8 +63,8 @@ def _rule(mapped: ColumnMapping, topic: str, said: Any) -> TopicRule:
         raise mapped.wrong(f"{where}: force_of is {rule.force_of!r}, expected {' or '.join(FORCE_OF)}")
     if rule.type not in {None, *READ} and not rule.mark:
         raise mapped.wrong(f"{where}: type is {rule.type!r}, expected one of {', '.join(READ)}")
-    if rule.joints is not None and len(rule.joints) != 7:
-        raise mapped.wrong(f"{where}: joints has {len(rule.joints)} names, expected 7")
+    if rule.joints is not None and len(rule.joints) != JOINTS:
+        raise mapped.wrong(f"{where}: joints has {len(rule.joints)} names, expected {JOINTS}")
     mapped.known(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)
     return rule
 
@@ -180,7 +180,7 @@ def _arm_joint(name: str) -> int | None:
 
 def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) -> list[float]:
     """The seven joints, from the base on: by the rule's names, or by the numbers in their names."""
-    if not names and len(values) == 7:
+    if not names and len(values) == JOINTS:
         return [float(value) for value in values]
     by_name = dict(zip(names, values, strict=True)) if len(names) == len(values) else {}
     if rule.joints is not None:
@@ -188,11 +188,11 @@ def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) ->
     else:
         numbered = [(number, name) for name in by_name if (number := _arm_joint(name)) is not None]
         wanted = [name for _, name in sorted(numbered)]
-        if [number for number, _ in sorted(numbered)] != list(range(1, 8)):
+        if [number for number, _ in sorted(numbered)] != list(range(1, JOINTS + 1)):
             wanted = []
     missing = [name for name in wanted if name not in by_name]
-    if len(wanted) != 7 or missing:
-        what = f"no joint {missing[0]!r}" if missing else "joints that are not one arm's 1 to 7"
+    if len(wanted) != JOINTS or missing:
+        what = f"no joint {missing[0]!r}" if missing else f"joints that are not one arm's 1 to {JOINTS}"
         raise RecordingError(
             f"{rule.topic}: {what}; it has {', '.join(names) or 'none'} with {len(values)} values: "
             "name seven, from the base on, as joints in a mapping"

@@ -19,10 +19,10 @@ from caesura_service.changepoint.models import (
     signal,
 )
 from caesura_service.changepoint.profile_model import origin_of
+from caesura_service.constants import GRAVITY
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # [m/s²], as the thesis has it
 _Z = 2
 
 

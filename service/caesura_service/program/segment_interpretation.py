@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
+from caesura_service.constants import GRAVITY
 
-GRAVITY = 9.81
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up

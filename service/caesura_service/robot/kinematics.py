@@ -16,9 +16,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from caesura_service.constants import JOINTS
+
 Array = NDArray[np.float64]
 
-JOINTS = 7
 FLANGE, HAND_TCP = "panda_flange", "panda_hand_tcp"
 
 # [kg m²] motor inertia seen at the joint, as Franka states it for these drives (published in Drake's model).

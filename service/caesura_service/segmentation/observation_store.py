@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.models import ModelInput
+from caesura_service.constants import JOINTS
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
@@ -27,7 +28,7 @@ _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
 _SCALE, _ROTATION, _TORQUE, _COLUMNS = 23, slice(24, 27), slice(27, 30), 30
 _ROW = struct.Struct(f"{_COLUMNS}d")
-_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * 7, (0.0,) * 3
+_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
 SAME_S = 1e-3  # two times this close are the same

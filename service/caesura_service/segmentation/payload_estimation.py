@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from caesura_service.changepoint.constant_models import GRAVITY
 from caesura_service.changepoint.segments import InferredSegment
+from caesura_service.constants import GRAVITY
 from caesura_service.segmentation.observation_store import ObservationStore
 
 LEAST_BASELINE = 3  # observations of free space that a baseline needs

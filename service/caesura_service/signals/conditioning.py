@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.constants import GRID_HZ
 from caesura_service.signals.backend import Backend, best
 from caesura_service.signals.bias import ORIGIN, TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
@@ -38,7 +39,7 @@ Array = NDArray[np.float64]
 class ConditioningParameters:
     """How samples become observations. Raises ValueError for values that make no filter or no grid."""
 
-    grid_hz: float = 100.0
+    grid_hz: float = float(GRID_HZ)
     savgol_window: int = 11  # grid rows, odd
     savgol_order: int = 2
     segmentation_hz: float = 10.0  # divides grid_hz

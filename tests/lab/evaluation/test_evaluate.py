@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,7 +19,7 @@ from caesura_lab.evaluation.baselines import Baseline, thresholds
 from caesura_lab.evaluation.methods import PresetMethod
 from caesura_lab.evaluation.report import report
 from caesura_lab.evaluation.runner import NotApplicable, judge, judge_all
-from caesura_lab.evaluation.suites import REAL, Extent, FileCase, TaughtCase, suite
+from caesura_lab.evaluation.suites import Extent, FileCase, TaughtCase, suite
 from caesura_lab.teacher.scenarios import BASIC, SKILLS, Scenario
 from caesura_protocol.formats.read import load_recording
 
@@ -73,9 +74,10 @@ def test_misuse_is_one_line(arguments: tuple, expected: str):
 
 
 def test_a_preset_that_cannot_be_applied_says_so_and_stops_nobody():
-    case = FileCase(REAL / "modena_panda_0.npz")
+    real = Path(os.environ.get("CAESURA_REAL_DATA", DATA.parents[1] / "shared" / "data" / "real"))
+    case = FileCase(real / "modena_panda_0.npz")
     if not case.path.is_file():
-        pytest.skip(f"the real recordings are not in {REAL}")
+        pytest.skip(f"the real recordings are not in {real}")
     refused, judged = judge(case, [PresetMethod("force"), PresetMethod("default")])
     assert isinstance(refused, NotApplicable)
     assert "force only" in refused.reason

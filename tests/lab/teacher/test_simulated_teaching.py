@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from caesura_lab.teacher.guided_arm import GRAVITY
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import PICK_AND_PLACE, SCENARIOS, Scenario, Step
 from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
+from caesura_service.constants import GRAVITY
 from caesura_service.robot import Robot
 
 LIFT = Scenario(

@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from caesura_service.robot import JOINTS, ReachError, Robot, load_panda
+from caesura_service.constants import JOINTS
+from caesura_service.robot import ReachError, Robot, load_panda
 from caesura_service.robot.kinematics import SINGULAR_BELOW
 
 Array = NDArray[np.float64]

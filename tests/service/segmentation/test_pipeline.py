@@ -18,6 +18,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.constants import JOINTS
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
 from caesura_service.program import Paths, ProgramSegment, task_program
 from caesura_service.segmentation.pipeline import (
@@ -397,6 +398,7 @@ def test_the_wire_and_the_signals_name_the_same_columns():
     assert set(HANDS_ON_ROBOT) == set(wire.HANDS_ON_ROBOT)
     assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
     assert set(UNITS["length"]) == set(wire.LENGTH_UNITS)
+    assert JOINTS == wire.JOINTS == len(COLUMNS_OF_SIGNAL["q"]) == len(COLUMNS_OF_SIGNAL["tau"])
 
 
 def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):

@@ -23,12 +23,12 @@ from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
 from caesura_lab.evaluation.pairing import best_pairs
 from caesura_lab.evaluation.thesis.rows import Boundary, Row
 from caesura_protocol.recording import Recording
-from caesura_service.changepoint.constant_models import GRAVITY
 from caesura_service.changepoint.hazard import Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.changepoint.segments import verdict
 from caesura_service.conditioned_recording import ConditionedRecording, condition
+from caesura_service.constants import GRAVITY
 from caesura_service.offline_segmentation import views
 from caesura_service.signals import ConditioningParameters
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from caesura_service.changepoint.constant_models import (
-    GRAVITY,
     ConstantLevel,
     FreeSpaceForce,
     GripperHoldingChain,
@@ -50,6 +49,7 @@ from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
+from caesura_service.constants import GRAVITY
 
 Record = Mapping[str, Any]
 MOST_LENGTHS = 4096  # that are tabled; for what is longer the logarithm is taken anew

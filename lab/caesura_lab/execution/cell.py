@@ -24,10 +24,10 @@ class Cell:
     obstacles: Sequence[Surface] = field(default=())
     start: Vector | None = None
 
-    def top_at(self, x: float, y: float) -> float | None:
+    def surface_height(self, x: float, y: float) -> float | None:
         """Height [m] of the fingertips at which they touch something at a place, if there is anything."""
         return max((one.height_at(x, y) for one in self.obstacles if one.covers(x, y)), default=None)
 
-    def yields_at(self, x: float, y: float) -> float:
+    def compliance_depth(self, x: float, y: float) -> float:
         """Depth [m] by which what stands at a place can be pushed in."""
-        return max((one.yields_m for one in self.obstacles if one.covers(x, y)), default=0.0)
+        return max((one.compliance_depth_m for one in self.obstacles if one.covers(x, y)), default=0.0)

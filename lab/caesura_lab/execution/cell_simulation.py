@@ -32,8 +32,8 @@ class CellSimulation:
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start
-        self._thing = _thing_of(scenario, load_kg)
-        self.width_m = WIDTH_OPEN_M if self._thing else 0.0
+        self._object = _object_of(scenario, load_kg)
+        self.width_m = WIDTH_OPEN_M if self._object else 0.0
         self.held_kg = 0.0
         self._goal_m, self._speed = self.width_m, 0.0
 
@@ -50,23 +50,23 @@ class CellSimulation:
         """Move the fingers on."""
         step = self._speed * dt
         self.width_m += float(np.clip(self._goal_m - self.width_m, -step, step))
-        thing = self._thing
-        if thing is None:
+        graspable = self._object
+        if graspable is None:
             return
-        if self.held_kg and self.width_m > thing.width_m + SETTLED_M:
+        if self.held_kg and self.width_m > graspable.width_m + SETTLED_M:
             x, y, z = flange.tolist()
-            self._thing, self.held_kg = GraspableObject((x, y, z), thing.width_m, thing.kg), 0.0
-        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - thing.place) <= GRIP_REACH_M)
-        if near and self._goal_m < thing.width_m and self.width_m <= thing.width_m:
-            self.width_m = self._goal_m = thing.width_m
-            self.held_kg = thing.kg
+            self._object, self.held_kg = GraspableObject((x, y, z), graspable.width_m, graspable.kg), 0.0
+        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - graspable.place) <= GRIP_REACH_M)
+        if near and self._goal_m < graspable.width_m and self.width_m <= graspable.width_m:
+            self.width_m = self._goal_m = graspable.width_m
+            self.held_kg = graspable.kg
 
     def cell(self, safety: Safety = DEFAULT) -> Cell:
         """Return the cell that a check is made for."""
         return Cell(safety, self.surfaces, self.start)
 
 
-def _thing_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
+def _object_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
     """What the scenario grips, where it grips it."""
     place: Vector = scenario.start
     for step in scenario.steps:

@@ -14,14 +14,14 @@ from itertools import zip_longest
 import numpy as np
 
 from caesura_lab.execution.cell_simulation import CellSimulation
-from caesura_lab.execution.checks import Taught, check
+from caesura_lab.execution.checks import DemonstrationQuality, check
 from caesura_lab.execution.findings import RefusedError
-from caesura_lab.execution.safety_monitor import Stopped
+from caesura_lab.execution.safety_monitor import RobotStopped
 from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.execution.trajectories import ASTRAY_M
 from caesura_lab.teacher.guided_arm import SimulationTrace
-from caesura_lab.teacher.hand_force import aims_at
+from caesura_lab.teacher.hand_force import force_profile
 from caesura_lab.teacher.person import Person
 from caesura_lab.teacher.plan import Plan
 from caesura_lab.teacher.scenarios import Scenario
@@ -61,48 +61,48 @@ class RunResult:
 
 def execute(
     apps: Sequence[App],
-    place: SimulatedCell,
+    cell: SimulatedCell,
     safety: Safety = DEFAULT,
     *,
-    taught: Taught | None = None,
+    quality: DemonstrationQuality | None = None,
     robot: Robot | None = None,
 ) -> RunResult:
     """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
     robot = robot or load_panda()
-    report = check(apps, CellSimulation(place.scenario, place.person.load_kg).cell(safety), taught, robot)
+    report = check(apps, CellSimulation(cell.scenario, cell.person.load_kg).cell(safety), quality, robot)
     if not report.passed:
         raise RefusedError(report)
-    return run(apps, place, safety, robot)
+    return run(apps, cell, safety, robot)
 
 
 def run(
-    apps: Sequence[App], place: SimulatedCell, safety: Safety = DEFAULT, robot: Robot | None = None
+    apps: Sequence[App], cell: SimulatedCell, safety: Safety = DEFAULT, robot: Robot | None = None
 ) -> RunResult:
     """Run apps that a check has passed; the same arguments give the same bytes."""
     robot = robot or load_panda()
-    world = CellSimulation(place.scenario, place.person.load_kg)
-    world.start = _start(apps, world.start)
-    acting = SkillController(SimulatedArm(robot, world, friction=place.person.joint_friction), safety)
+    world = CellSimulation(cell.scenario, cell.person.load_kg)
+    world.start = _start_position(apps, world.start)
+    controller = SkillController(SimulatedArm(robot, world, friction=cell.person.joint_friction), safety)
     stopped, at = None, None
     spans: list[tuple[float, float]] = []
     try:
-        acting.stay(BEGIN_S)
+        controller.hold_position(BEGIN_S)
         for index, (app, following) in enumerate(zip_longest(apps, apps[1:])):
-            at, began = index, acting.arm.t
-            acting.run(app, following)
-            spans.append((began, acting.arm.t))
-            acting.pause(_pause(app, following, safety), following)
+            at, began = index, controller.arm.t
+            controller.run(app, following)
+            spans.append((began, controller.arm.t))
+            controller.pause(_pause(app, following, safety), following)
         at = None
-        acting.let_go()
-        acting.stay(END_S)
-    except Stopped as reason:
+        controller.release_contact()
+        controller.hold_position(END_S)
+    except RobotStopped as reason:
         stopped = str(reason)
-        acting.brake(BRAKE_S)
-    trace = acting.arm.trace()
-    return RunResult(trace, _recorded(trace, place, robot), stopped, at, tuple(spans))
+        controller.brake(BRAKE_S)
+    trace = controller.arm.trace()
+    return RunResult(trace, _recording_of(trace, cell, robot), stopped, at, tuple(spans))
 
 
-def _start(apps: Sequence[App], home: Vector) -> Vector:
+def _start_position(apps: Sequence[App], home: Vector) -> Vector:
     """Where a robot waits [m] that has gone to the start of the first path; home, where that is elsewhere."""
     path = apps[0].path if apps else None
     near = path is not None and math.dist(path.start.position, home) <= ASTRAY_M
@@ -113,19 +113,29 @@ def _pause(app: App, following: App | None, safety: Safety) -> float:
     return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
 
 
-def _recorded(trace: SimulationTrace, place: SimulatedCell, robot: Robot) -> Recording:
+def _recording_of(trace: SimulationTrace, cell: SimulatedCell, robot: Robot) -> Recording:
     """What the sensors of the place's robot make of it."""
-    plan = _plan_of(trace, place)
-    sensors = Sensors(robot, plan, place.wrench_source, np.random.default_rng([place.seed, 1]))
+    plan = _plan_of(trace, cell)
+    sensors = Sensors(robot, plan, cell.wrench_source, np.random.default_rng([cell.seed, 1]))
     signals = sensors.read(trace)
-    return Recording(trace.t, signals, wrench_source=place.wrench_source, name=f"{place.scenario.name}-run")
+    return Recording(trace.t, signals, wrench_source=cell.wrench_source, name=f"{cell.scenario.name}-run")
 
 
-def _plan_of(trace: SimulationTrace, place: SimulatedCell) -> Plan:
+def _plan_of(trace: SimulationTrace, cell: SimulatedCell) -> Plan:
     """A plan of the run's length: sensors draw their noise for a whole demonstration."""
     n = trace.t.size
     three, one = np.zeros((n, 3)), np.zeros(n)
-    aims = aims_at((), trace.t)
+    aims = force_profile((), trace.t)
     return Plan(
-        place.scenario, place.person, three, three, three, three, three, one, aims, trace.width, trace.load_kg
+        cell.scenario,
+        cell.person,
+        three,
+        three,
+        three,
+        three,
+        three,
+        one,
+        aims,
+        trace.width,
+        trace.load_kg,
     )

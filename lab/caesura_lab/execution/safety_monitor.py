@@ -17,7 +17,7 @@ JOINT_MARGIN_RAD = 0.02
 BRAKING_S = 0.08
 
 
-class Stopped(Exception):  # noqa: N818  (a stop is no error of the program that is running)
+class RobotStopped(Exception):  # noqa: N818  (a stop is no error of the program that is running)
     """The robot was stopped; the message says why, with value and limit."""
 
 
@@ -31,23 +31,27 @@ class SafetyMonitor:
         self._lower, self._upper = arm.lower + JOINT_MARGIN_RAD, arm.upper - JOINT_MARGIN_RAD
         self._joint_speeds = STOP_SHARE * arm.joint_speeds
 
-    def look(self, felt: ArmMeasurement) -> None:
+    def check_measurement(self, measured: ArmMeasurement) -> None:
         """Raises Stopped where a limit is reached."""
-        self._scalar("speed", float(np.linalg.norm(felt.twist[:3])), self._safety.speed_m_per_s, "m/s")
-        self._scalar("turn", float(np.linalg.norm(felt.twist[3:])), self._safety.turn_rad_per_s, "rad/s")
-        self._scalar("force", float(np.linalg.norm(felt.force)), self._safety.felt_force_n, "N")
-        ahead = felt.position + BRAKING_S * felt.twist[:3]
-        self._between("position", ahead, self._low, self._high, "m")
-        self._between("joint", felt.q + BRAKING_S * felt.v, self._lower, self._upper, "rad")
-        self._between("joint speed", felt.v, -self._joint_speeds, self._joint_speeds, "rad/s")
+        self._check_norm(
+            "speed", float(np.linalg.norm(measured.twist[:3])), self._safety.speed_m_per_s, "m/s"
+        )
+        self._check_norm(
+            "turn", float(np.linalg.norm(measured.twist[3:])), self._safety.turn_rad_per_s, "rad/s"
+        )
+        self._check_norm("force", float(np.linalg.norm(measured.force)), self._safety.felt_force_n, "N")
+        ahead = measured.position + BRAKING_S * measured.twist[:3]
+        self._check_interval("position", ahead, self._low, self._high, "m")
+        self._check_interval("joint", measured.q + BRAKING_S * measured.v, self._lower, self._upper, "rad")
+        self._check_interval("joint speed", measured.v, -self._joint_speeds, self._joint_speeds, "rad/s")
 
-    def _scalar(self, what: str, value: float, limit: float, unit: str) -> None:
+    def _check_norm(self, what: str, value: float, limit: float, unit: str) -> None:
         if value > STOP_SHARE * limit:
-            raise Stopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
+            raise RobotStopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
 
-    def _between(self, what: str, values: Array, low: Array, high: Array, unit: str) -> None:
+    def _check_interval(self, what: str, values: Array, low: Array, high: Array, unit: str) -> None:
         out = (values < low) | (values > high)
         if out.any():
             i = int(np.argmax(out))
             span = f"{low[i]:.3f} to {high[i]:.3f} {unit}"
-            raise Stopped(f"{what} {i + 1}: {values[i]:.3f} {unit} reaches its limits, {span}")
+            raise RobotStopped(f"{what} {i + 1}: {values[i]:.3f} {unit} reaches its limits, {span}")

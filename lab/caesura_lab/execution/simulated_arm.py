@@ -94,7 +94,7 @@ class SimulatedArm:
         self._v = np.zeros(JOINTS)
         self._rows: list[Array] = []
         self.load_kg = 0.0  # that is set in the controller
-        self.felt = ArmMeasurement(
+        self.measured = ArmMeasurement(
             np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v
         )
         self.lower, self.upper = robot.lower_limits, robot.upper_limits
@@ -135,13 +135,13 @@ class SimulatedArm:
         self._q = self._q + DT * self._v
         pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
         torque = turning + cross(lever, pressed)
-        self.felt = ArmMeasurement(
+        self.measured = ArmMeasurement(
             arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque
         )
         self.world.tick(arm.position_base, DT)
-        return self.felt
+        return self.measured
 
-    def joint_hurry(self, path: Curve) -> float:
+    def joint_speed_share(self, path: Curve) -> float:
         """Largest share of a joint's speed limit that a path from here asks for (q̇ = J⁺ twist)."""
         q, most = self._q, 0.0
         for t in np.arange(0.0, float(path.t[-1]), LOOK_S):

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from caesura_lab.execution.safety_monitor import SafetyMonitor, Stopped
+from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
-from caesura_lab.execution.trajectories import ASTRAY_M, course, press_direction
+from caesura_lab.execution.trajectories import ASTRAY_M, app_path, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.messages import App, AppKind, ScrewMotion
@@ -25,20 +25,20 @@ from caesura_protocol.screw_motion import tight_nm
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
-RISE_S, LET_GO_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
+RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
-YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
+COMPLIANT_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
 STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
-SETTLE_S, LOOK_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
-MISWEIGHED_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
+SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between two looks at them
+LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
-YIELD_M = 0.012  # from which depth on a target in a contact is one that gives way
-SINK_S = 0.3  # least time for pushing it in
-SINKING_M_PER_S = 0.09  # on its way there, on average
-SINK_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
+COMPLIANT_M = 0.012  # from which depth on a target in a contact is one that gives way
+PUSH_IN_S = 0.3  # least time for pushing it in
+PUSH_IN_M_PER_S = 0.09  # on its way there, on average
+BOTTOM_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far it looks for it
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
@@ -48,23 +48,23 @@ class SkillController:
 
     def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self.arm, self.safety = arm, safety
-        self._guard = SafetyMonitor(arm, safety)
-        self.setpoint = Setpoint(arm.felt.position, arm.felt.rotation)
-        self.along: Array | None = None  # direction in which it stands on something
+        self._monitor = SafetyMonitor(arm, safety)
+        self.setpoint = Setpoint(arm.measured.position, arm.measured.rotation)
+        self.contact_direction: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
 
     @property
-    def felt(self) -> ArmMeasurement:
+    def measured(self) -> ArmMeasurement:
         """The arm after the last tick."""
-        return self.arm.felt
+        return self.arm.measured
 
     def run(self, app: App, following: App | None) -> None:
         """Do an app. Raises Stopped."""
-        _ACTS[app.kind](self, app, following)
+        _SKILLS[app.kind](self, app, following)
 
-    def stay(self, seconds: float, force_n: float | None = None) -> None:
+    def hold_position(self, seconds: float, force_n: float | None = None) -> None:
         """Hold the place for some seconds, or stand on a contact with a force [N], by default as it does."""
-        if self.along is not None:
+        if self.contact_direction is not None:
             force_n = self._pressed_n if force_n is None else force_n
             self.press(min(force_n, self.safety.most_force_n), seconds)
             return
@@ -77,63 +77,71 @@ class SkillController:
         Where a hand crept in a rest to the start of the next path, the setpoint does.
         """
         path = None if following is None else following.path
-        if self.along is None and path is not None and seconds > 0.0:
+        if self.contact_direction is None and path is not None and seconds > 0.0:
             start, here = np.array(path.start.position), self.setpoint.position
             way = float(np.linalg.norm(start - here))
             if way <= ASTRAY_M and way <= CREEP_M_PER_S * seconds:
                 creep = Curve.through([0.0, seconds], [here, start])
                 for k in range(1, round(seconds / DT) + 1):
-                    self.tick(self._on(creep, k * DT))
+                    self.tick(self._setpoint_at(creep, k * DT))
                 return
-        leaves = self.along is not None and following is not None and APP_KINDS[following.kind].has_target
-        self.stay(max(seconds - LET_GO_S, 0.0) if leaves else seconds)
+        leaves = (
+            self.contact_direction is not None
+            and following is not None
+            and APP_KINDS[following.kind].has_target
+        )
+        self.hold_position(max(seconds - RELEASE_S, 0.0) if leaves else seconds)
 
     def send_fingers(self, width_m: float) -> None:
         """Stand firmly, move the fingers to a width [m] or to what is between them, and let it settle."""
         world, safety = self.arm.world, self.safety
-        self.stay(SETTLE_S, STANDING_N)
+        self.hold_position(SETTLE_S, STANDING_N)
         world.send_fingers(width_m, safety.gripper_m_per_s)
-        for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / LOOK_S)):
-            self.stay(LOOK_S, STANDING_N)
+        for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
+            self.hold_position(FINGER_POLL_S, STANDING_N)
             if world.fingers_still:
                 break
-        self.stay(SETTLE_S, STANDING_N)
+        self.hold_position(SETTLE_S, STANDING_N)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """One tick. Raises Stopped where a limit is reached."""
         self.setpoint = setpoint
-        felt = self.arm.tick(setpoint)
-        self._guard.look(felt)
-        return felt
+        measured = self.arm.tick(setpoint)
+        self._monitor.check_measurement(measured)
+        return measured
 
     def brake(self, seconds: float) -> None:
         """Stop where it is: no force but that of its stiffness about the place; without a guard."""
-        still = Setpoint(self.felt.position, self.felt.rotation)
+        still = Setpoint(self.measured.position, self.measured.rotation)
         for _ in range(round(seconds / DT)):
-            still.position = still.position + 0.1 * (self.felt.position - still.position)
+            still.position = still.position + 0.1 * (self.measured.position - still.position)
             self.arm.tick(still)
 
-    def go(self, app: App, *, until: Array | None = None) -> None:
+    def follow_path(self, app: App, *, approach: Array | None = None) -> None:
         """Follow an app's path; or until something is felt in a direction (3,), past its target if need."""
-        self.let_go()
-        search = self._search_speed(app, until)
-        path = self.course(app, _seconds(app), None if until is None else search * until)
+        self.release_contact()
+        search = self._search_speed(app, approach)
+        path = self.path_within_limits(app, _seconds(app), None if approach is None else search * approach)
         seconds = float(path.t[-1])
-        tight = Tight(app.screw)
-        search_s = 0.0 if until is None else self.safety.search_m / search
+        torque_stop = TorqueStop(app.screw)
+        search_s = 0.0 if approach is None else self.safety.search_m / search
         weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
         for k in range(1, round((seconds + search_s) / DT) + 1):
-            felt = self.tick(self._on(path, k * DT))
-            if tight.reached(felt):
+            measured = self.tick(self._setpoint_at(path, k * DT))
+            if torque_stop.reached(measured):
                 break
             if k == weighed:
-                self._weigh(felt)
-            if until is not None and k > weighed and -float(until @ felt.force) > self.safety.contact_n:
-                self._stand_on(until)
-                self._meet(until)
+                self._check_load(measured)
+            if (
+                approach is not None
+                and k > weighed
+                and -float(approach @ measured.force) > self.safety.contact_n
+            ):
+                self._enter_contact(approach)
+                self._settle_on_contact(approach)
                 return
-        if until is not None:
-            raise Stopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
+        if approach is not None:
+            raise RobotStopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
     def press(
         self,
@@ -148,25 +156,25 @@ class SkillController:
         path: to follow across that direction meanwhile; along it the force decides. The direction turns with
         the tool. screw: what is turned meanwhile, until it is tight.
         """
-        if self.along is None:
-            raise Stopped(NOTHING_TO_PRESS)
+        if self.contact_direction is None:
+            raise RobotStopped(NOTHING_TO_PRESS)
         aside = np.zeros(3) if aside is None else aside
         rise = min(RISE_S, 0.4 * seconds)
-        along, in_tool = self.along, self.setpoint.rotation.T @ self.along
+        along, in_tool = self.contact_direction, self.setpoint.rotation.T @ self.contact_direction
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
-        tight = Tight(screw)
+        torque_stop = TorqueStop(screw)
         for k in range(1, round(seconds / DT) + 1):
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
-            setpoint = still if path is None else self._on(path, k * DT)
+            setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
             push = along * (want + self._correction_n) + share * aside
-            felt = self.tick(replace(setpoint, push=push, along=along))
-            if tight.reached(felt):
+            measured = self.tick(replace(setpoint, push=push, along=along))
+            if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = want + float(along @ felt.force)
+            wrong = want + float(along @ measured.force)
             self._correction_n = float(
                 np.clip(
                     self._correction_n + FORCE_GAIN_PER_S * DT * wrong,
@@ -174,51 +182,51 @@ class SkillController:
                     FORCE_CORRECTION_N,
                 )
             )
-            sunk += DT * float(along @ felt.twist[:3])
+            sunk += DT * float(along @ measured.twist[:3])
             if sunk > self.safety.search_m:
-                raise Stopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
-        deep = along * (along @ (self.felt.position - self.setpoint.position))
-        self.along, self.setpoint.position = along, self.setpoint.position + deep
+                raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
+        deep = along * (along @ (self.measured.position - self.setpoint.position))
+        self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
 
-    def sink(self, depth_m: float, force_n: float, seconds: float) -> None:
+    def push_compliant(self, depth_m: float, force_n: float, seconds: float) -> None:
         """Push in what gives way, by a depth [m] along the contact, or until it pushes back with a force."""
-        along = self.along
+        along = self.contact_direction
         if along is None:
-            raise Stopped(NOTHING_TO_PRESS)
+            raise RobotStopped(NOTHING_TO_PRESS)
         start = self.setpoint.position
-        leaving = along * max(float(along @ self.felt.twist[:3]), 0.0)
-        arriving = SINK_M_PER_S * along
+        leaving = along * max(float(along @ self.measured.twist[:3]), 0.0)
+        arriving = BOTTOM_M_PER_S * along
         ends = [start, start + depth_m * along]
         path = Curve.through([0.0, seconds], ends, leaving=leaving, arriving=arriving)
-        for k in range(1, round((seconds + BEYOND_M / SINK_M_PER_S) / DT) + 1):
-            felt = self.tick(self._on(path, k * DT))
-            if -float(along @ felt.force) >= force_n:
+        for k in range(1, round((seconds + BEYOND_M / BOTTOM_M_PER_S) / DT) + 1):
+            measured = self.tick(self._setpoint_at(path, k * DT))
+            if -float(along @ measured.force) >= force_n:
                 break
-        self._stand_on(along)
+        self._enter_contact(along)
 
-    def let_go(self) -> None:
+    def release_contact(self) -> None:
         """Take the force back, and hold the place that was reached."""
-        if self.along is None:
+        if self.contact_direction is None:
             return
-        along, began_n, correction = self.along, self._pressed_n, self._correction_n
-        ticks = round(LET_GO_S / DT)
+        along, began_n, correction = self.contact_direction, self._pressed_n, self._correction_n
+        ticks = round(RELEASE_S / DT)
         for k in range(ticks):
             left = 1.0 - (k + 1) / ticks
             push = left * (began_n + correction) * along
-            self.tick(Setpoint(self.felt.position, self.setpoint.rotation, push=push, along=along))
-        self.along, self._pressed_n, self._correction_n = None, 0.0, 0.0
-        self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
+            self.tick(Setpoint(self.measured.position, self.setpoint.rotation, push=push, along=along))
+        self.contact_direction, self._pressed_n, self._correction_n = None, 0.0, 0.0
+        self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
-    def course(self, app: App, seconds: float, arriving: Array | None = None) -> Curve:
+    def path_within_limits(self, app: App, seconds: float, arriving: Array | None = None) -> Curve:
         """The path of an app from where the robot is, in its seconds, or slower where a limit asks for it."""
         here = self.setpoint
-        path = course(app, here.position, here.rotation, seconds, arriving)
-        slower = max(self.safety.slower(*path.peaks()), self.arm.joint_hurry(path) / JOINT_SHARE)
+        path = app_path(app, here.position, here.rotation, seconds, arriving)
+        slower = max(self.safety.slower(*path.peaks()), self.arm.joint_speed_share(path) / JOINT_SHARE)
         if slower == 1.0:
             return path
-        return course(app, here.position, here.rotation, slower * seconds, arriving)
+        return app_path(app, here.position, here.rotation, slower * seconds, arriving)
 
-    def _on(self, path: Curve, t: float) -> Setpoint:
+    def _setpoint_at(self, path: Curve, t: float) -> Setpoint:
         """Where a path is at a time [s]; without orientation it keeps the one that it has."""
         value, velocity, acceleration = path.at(t)
         setpoint = Setpoint(value[:3], self.setpoint.rotation, velocity[:3], acceleration[:3])
@@ -229,35 +237,35 @@ class SkillController:
             setpoint.turning, setpoint.angular_acceleration = turning
         return setpoint
 
-    def _search_speed(self, app: App, until: Array | None) -> float:
+    def _search_speed(self, app: App, approach: Array | None) -> float:
         """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
-        way = target_of(self, app)[0] - self.setpoint.position
-        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / _seconds(app)
+        way = target_pose(self, app)[0] - self.setpoint.position
+        fits = 0.0 if approach is None else ARRIVING_SHARE * float(approach @ way) / _seconds(app)
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
 
-    def _weigh(self, felt: ArmMeasurement) -> None:
+    def _check_load(self, measured: ArmMeasurement) -> None:
         """Compare what hangs on the arm with what the program says; what is off would pass for a contact."""
-        wrong = float(felt.force[2])
-        if abs(wrong) > MISWEIGHED_N:
+        wrong = float(measured.force[2])
+        if abs(wrong) > LOAD_ERROR_LIMIT_N:
             how = "lighter" if wrong > 0.0 else "heavier"
             load = f"{self.arm.load_kg:.2f} kg of its load"
-            raise Stopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
+            raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
 
-    def _meet(self, along: Array) -> None:
+    def _settle_on_contact(self, along: Array) -> None:
         """Come to rest on what was met, so that it is one event and what follows another."""
         still = replace(self.setpoint, push=MEET_N * along)
         for _ in range(round(MEET_S / DT)):
             self.tick(still)
-        self._stand_on(along)
+        self._enter_contact(along)
 
-    def _stand_on(self, along: Array) -> None:
-        self.along = along
+    def _enter_contact(self, along: Array) -> None:
+        self.contact_direction = along
         self.arm.load_kg = 0.0  # what is held rests on what is stood on
-        self._pressed_n, self._correction_n = max(-float(along @ self.felt.force), 0.0), 0.0
-        self.setpoint = Setpoint(self.felt.position, self.setpoint.rotation)
+        self._pressed_n, self._correction_n = max(-float(along @ self.measured.force), 0.0), 0.0
+        self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
 
-class Tight:
+class TorqueStop:
     """Whether what is turned resists more than it was taught to: then its app is done."""
 
     def __init__(self, screw: ScrewMotion | None) -> None:
@@ -266,18 +274,18 @@ class Tight:
         if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 
-    def reached(self, felt: ArmMeasurement) -> bool:
+    def reached(self, measured: ArmMeasurement) -> bool:
         """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
         if self._most_nm is None:
             return False
-        about_point = felt.torque + cross(felt.position - self._point, felt.force)
+        about_point = measured.torque + cross(measured.position - self._point, measured.force)
         return -float(self._axis @ about_point) > self._most_nm
 
 
-def target_of(acting: SkillController, app: App) -> tuple[Array, Array]:
+def target_pose(controller: SkillController, app: App) -> tuple[Array, Array]:
     """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
-    position = acting.setpoint.position if app.target is None else np.array(app.target)
-    rotation = acting.setpoint.rotation if app.orientation is None else matrix_of(app.orientation)
+    position = controller.setpoint.position if app.target is None else np.array(app.target)
+    rotation = controller.setpoint.rotation if app.orientation is None else matrix_of(app.orientation)
     return position, rotation
 
 
@@ -285,67 +293,69 @@ def _seconds(app: App) -> float:
     return app.tn - app.t0
 
 
-def _move(acting: SkillController, app: App, following: App | None) -> None:
-    acting.go(app)
+def _move(controller: SkillController, app: App, following: App | None) -> None:
+    controller.follow_path(app)
 
 
-def _touch(acting: SkillController, app: App, following: App | None) -> None:
-    _, rotation = target_of(acting, app)
+def _move_to_contact(controller: SkillController, app: App, following: App | None) -> None:
+    _, rotation = target_pose(controller, app)
     force = following.force if following is not None and following.kind == "apply_force" else None
-    until = press_direction(rotation, None if force is None else np.array(force))
-    acting.go(app, until=until)
+    approach = press_direction(rotation, None if force is None else np.array(force))
+    controller.follow_path(app, approach=approach)
 
 
-def _carry(acting: SkillController, app: App, following: App | None) -> None:
-    acting.arm.load_kg = app.load_kg or 0.0
+def _transport(controller: SkillController, app: App, following: App | None) -> None:
+    controller.arm.load_kg = app.load_kg or 0.0
     if following is not None and APP_KINDS[following.kind].in_contact:
-        _touch(acting, app, following)
+        _move_to_contact(controller, app, following)
     else:
-        _move(acting, app, following)
+        _move(controller, app, following)
 
 
-def _apply(acting: SkillController, app: App, following: App | None) -> None:
+def _apply_force(controller: SkillController, app: App, following: App | None) -> None:
     force = np.array(app.force)
-    if acting.along is None:
-        raise Stopped(NOTHING_TO_PRESS)
-    along = acting.along
-    target, _ = target_of(acting, app)
-    across = (target - acting.setpoint.position) - along * (along @ (target - acting.setpoint.position))
+    if controller.contact_direction is None:
+        raise RobotStopped(NOTHING_TO_PRESS)
+    along = controller.contact_direction
+    target, _ = target_pose(controller, app)
+    across = (target - controller.setpoint.position) - along * (
+        along @ (target - controller.setpoint.position)
+    )
     slides = float(np.linalg.norm(across)) > SLIDE_M
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
-    seconds, depth = _seconds(app), float(along @ (target - acting.setpoint.position))
-    if depth > YIELD_M and not slides:
-        sinking = min(max(SINK_S, depth / SINKING_M_PER_S), 0.5 * seconds)
-        acting.sink(depth, straight, sinking)
+    seconds, depth = _seconds(app), float(along @ (target - controller.setpoint.position))
+    if depth > COMPLIANT_M and not slides:
+        sinking = min(max(PUSH_IN_S, depth / PUSH_IN_M_PER_S), 0.5 * seconds)
+        controller.push_compliant(depth, straight, sinking)
         seconds -= sinking
     path = None
     if app.target is not None:
-        path = acting.course(app, seconds)
+        path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
-    acting.press(straight, seconds, None if slides else aside, path, app.screw)
+    controller.press(straight, seconds, None if slides else aside, path, app.screw)
 
 
-def _grasp(acting: SkillController, app: App, following: App | None) -> None:
-    world = acting.arm.world
-    acting.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
+def _grasp(controller: SkillController, app: App, following: App | None) -> None:
+    world = controller.arm.world
+    controller.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
     if not world.held_kg:
-        raise Stopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
+        raise RobotStopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
 
 
-def _move_fingers(acting: SkillController, app: App, following: App | None) -> None:
-    width = acting.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
-    acting.send_fingers(width)
-    if not acting.arm.world.held_kg:
-        acting.arm.load_kg = 0.0
+def _move_fingers(controller: SkillController, app: App, following: App | None) -> None:
+    width = controller.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
+    controller.send_fingers(width)
+    if not controller.arm.world.held_kg:
+        controller.arm.load_kg = 0.0
 
 
-_ACTS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {
+_SKILLS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {
     "cartesian_motion": _move,
-    "move_to_contact": _touch,
-    "apply_force": _apply,
+    "move_to_contact": _move_to_contact,
+    "apply_force": _apply_force,
     "grasp": _grasp,
     "gripper_move": _move_fingers,
-    "transport": _carry,
-    "hold": _carry,
+    "transport": _transport,
+    "hold": _transport,
 }

@@ -15,7 +15,7 @@ LEAST_S = 1e-3
 FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
 
 
-def course(
+def app_path(
     app: App, position: Array, rotation: Array, seconds: float, arriving: Array | None = None
 ) -> Curve:
     """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.

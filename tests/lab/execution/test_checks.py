@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.cell_simulation import CellSimulation
-from caesura_lab.execution.checks import Taught, check
+from caesura_lab.execution.checks import DemonstrationQuality, check
 from caesura_lab.execution.findings import CheckReport
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
@@ -209,7 +209,7 @@ def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robo
 
 
 def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> None:
-    taught = Taught((Gap(t0=3.0, tn=3.2, reason="evicted"),))
+    taught = DemonstrationQuality((Gap(t0=3.0, tn=3.2, reason="evicted"),))
     report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), taught, robot)
     assert report.passed
     said = [str(one) for one in report.warnings if one.index is not None]

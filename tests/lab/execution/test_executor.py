@@ -14,7 +14,7 @@ from caesura_lab.evaluation.mutations import violations
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
 from caesura_lab.execution.findings import RefusedError
-from caesura_lab.execution.safety_monitor import SafetyMonitor, Stopped
+from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import start_posture
@@ -76,8 +76,8 @@ def test_a_press_has_the_force_that_is_asked_for(pressed: RunResult) -> None:
 def test_runs_keep_to_their_limits(pressed: RunResult, picked: RunResult) -> None:
     assert violations(pressed.trace, DEFAULT) == []
     assert violations(picked.trace, DEFAULT) == []
-    tight = violations(picked.trace, Safety(speed_m_per_s=0.1, felt_force_n=5.0))
-    assert [one.split()[0] for one in tight] == ["speed", "force"]
+    torque_stop = violations(picked.trace, Safety(speed_m_per_s=0.1, felt_force_n=5.0))
+    assert [one.split()[0] for one in torque_stop] == ["speed", "force"]
 
 
 def test_what_was_recorded_gives_the_same_program(pressed: RunResult) -> None:
@@ -165,26 +165,26 @@ def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
 
 def test_a_movement_is_slowed_to_the_limits_of_the_joints(robot: Robot) -> None:
     """Joint 7 turns the tool about its axis, by 60° in 1 s: a peak of 1.96 rad/s."""
-    acting = SkillController(SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25)), DEFAULT)
-    here = acting.felt
+    controller = SkillController(SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25)), DEFAULT)
+    here = controller.measured
     turned = Rotation.from_matrix(here.rotation) * Rotation.from_euler("z", 60.0, degrees=True)
     moving = app("cartesian_motion", 0.0, 1.0, tuple(here.position.tolist()))
     moving = moving.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
-    path = acting.course(moving, 1.0)
+    path = controller.path_within_limits(moving, 1.0)
     assert path.t[-1] == 1.0
-    assert acting.arm.joint_hurry(path) == pytest.approx(1.875 * np.radians(60.0) / 2.61, rel=0.03)
-    acting.arm.joint_speeds = 0.4 * acting.arm.joint_speeds
-    slowed = acting.course(moving, 1.0)
-    assert acting.arm.joint_hurry(slowed) == pytest.approx(0.85, rel=0.02)
+    assert controller.arm.joint_speed_share(path) == pytest.approx(1.875 * np.radians(60.0) / 2.61, rel=0.03)
+    controller.arm.joint_speeds = 0.4 * controller.arm.joint_speeds
+    slowed = controller.path_within_limits(moving, 1.0)
+    assert controller.arm.joint_speed_share(slowed) == pytest.approx(0.85, rel=0.02)
 
 
 @pytest.mark.parametrize(("row", "said"), [(0, "speed 0.6"), (4, "turn 2.4")])
 def test_the_guard_stops_what_is_too_fast_all_the_same(row: int, said: str, robot: Robot) -> None:
-    acting = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
+    controller = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
     twist = np.zeros(6)
     twist[row] = 0.6 if row < 3 else 2.4
-    with pytest.raises(Stopped, match=said):
-        SafetyMonitor(acting, DEFAULT).look(replace(acting.felt, twist=twist))
+    with pytest.raises(RobotStopped, match=said):
+        SafetyMonitor(controller, DEFAULT).check_measurement(replace(controller.measured, twist=twist))
 
 
 def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
@@ -218,17 +218,17 @@ def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> 
 
 def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
     arm = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
-    acting = SkillController(arm, DEFAULT)
-    crept = tuple(np.add(arm.felt.position, (0.004, 0.0, 0.0)).tolist())
+    controller = SkillController(arm, DEFAULT)
+    crept = tuple(np.add(arm.measured.position, (0.004, 0.0, 0.0)).tolist())
     path = AppPath(
         start=ViaPoint(t=2.0, position=crept, orientation=DOWN), tn=3.0, length_m=0.04, deviation_m=0.0,
         deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
     following = app("cartesian_motion", 2.0, 3.0, (-0.02, -0.57, 0.33), path=path)
-    acting.pause(0.4, following)  # too fast for a rest
-    assert acting.setpoint.position != pytest.approx(crept, abs=1e-3)
-    acting.pause(1.0, following)
-    assert acting.setpoint.position == pytest.approx(crept, abs=1e-6)
+    controller.pause(0.4, following)  # too fast for a rest
+    assert controller.setpoint.position != pytest.approx(crept, abs=1e-3)
+    controller.pause(1.0, following)
+    assert controller.setpoint.position == pytest.approx(crept, abs=1e-6)
 
 
 def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:
@@ -290,9 +290,9 @@ def driven(torque_nm: float) -> tuple[App, ...]:
 
 def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
     place = SimulatedCell(SCENARIOS["screwing"], THESIS, 1)
-    done, tight = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
+    done, torque_stop = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
     assert done.stopped is None
-    assert tight.stopped is None
+    assert torque_stop.stopped is None
     (screw,) = (one.screw for one in segment_recording(done.recording).segments if one.kind == "turning")
     assert screw is not None
     # The arm lags by 0.7 Nm at 60 Nm/rad, and a turning begins and ends where it is faster than 0.1 rad/s.
@@ -300,6 +300,6 @@ def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot)
     assert np.degrees(np.arccos(-screw.axis[2])) < 3.0
     assert screw.pitch_m == pytest.approx(0.0015, rel=0.1)
     assert torque_about_axis(screw) == pytest.approx(-0.6, abs=0.1), "0.4 Nm, and 0.25 Nm more each radian"
-    most_nm, stopped_nm = (float(one.trace.environment[:, 5].max()) for one in (done, tight))
+    most_nm, stopped_nm = (float(one.trace.environment[:, 5].max()) for one in (done, torque_stop))
     assert most_nm == pytest.approx(0.66, abs=0.05)
     assert stopped_nm == pytest.approx(1.5 * 0.3, abs=0.03), "at one and a half times what was taught"

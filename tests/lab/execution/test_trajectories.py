@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from tests.harness.programs import DOWN, app
 
-from caesura_lab.execution.trajectories import course
+from caesura_lab.execution.trajectories import app_path
 from caesura_protocol.messages import AppPath, ViaPoint
 from caesura_protocol.paths import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of, turning_of
@@ -46,12 +46,12 @@ def test_a_path_leads_from_where_the_robot_is_through_its_via_points_in_the_time
         tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
     moving = app("cartesian_motion", 2.05, 4.05, (0.4, -0.4, 0.3), path=path)
-    near = course(moving, np.array([0.304, -0.5, 0.3]), matrix_of(DOWN), 4.0)
+    near = app_path(moving, np.array([0.304, -0.5, 0.3]), matrix_of(DOWN), 4.0)
     assert near.t[-1] == 4.0
     assert_allclose(near.at(0.0)[0][:3], (0.304, -0.5, 0.3))
     assert_allclose(near.at(4.0)[0][:3], (0.4, -0.4, 0.3), atol=1e-12)
     assert np.linalg.norm(near.sampled(50)[:, :3] - CORNER, axis=1).min() < 1e-3
-    far = course(moving, np.array([0.3, -0.6, 0.3]), matrix_of(DOWN), 4.0)
+    far = app_path(moving, np.array([0.3, -0.6, 0.3]), matrix_of(DOWN), 4.0)
     assert np.linalg.norm(far.sampled(50)[:, :3] - start.position, axis=1).min() < 1e-3
     assert far.t[-1] == 4.0
 
@@ -64,10 +64,10 @@ def test_the_way_to_the_start_of_a_turn_takes_its_share_of_the_time_and_no_more(
     )  # fmt: skip
     turning = app("cartesian_motion", 2.0, 4.0, CORNER, path=path)
     turning = turning.model_copy(update={"orientation": tuple(turned.as_quat().tolist())})
-    beside = course(turning, np.add(CORNER, (0.015, 0.0, 0.0)), matrix_of(DOWN), 2.0)
+    beside = app_path(turning, np.add(CORNER, (0.015, 0.0, 0.0)), matrix_of(DOWN), 2.0)
     assert beside.t[1] == pytest.approx(2.0 * 0.015 / (0.015 + 0.1 * np.pi / 2.0))  # it was 60 % of the time
     leaning = Rotation.from_euler("x", 0.3) * Rotation.from_quat(DOWN)
-    aside = course(turning, np.array(CORNER), leaning.as_matrix(), 2.0)
+    aside = app_path(turning, np.array(CORNER), leaning.as_matrix(), 2.0)
     assert aside.t[1] == pytest.approx(2.0 * 0.3 / (0.3 + np.pi / 2.0))
 
 
@@ -78,9 +78,9 @@ def test_towards_a_contact_the_speed_rises_and_falls_once() -> None:
         deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
     moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.4, 0.3), path=path)
-    taught = course(moving, np.array(path.start.position), matrix_of(DOWN), 2.0)
+    taught = app_path(moving, np.array(path.start.position), matrix_of(DOWN), 2.0)
     assert_allclose(taught.at(1.0)[1][:3], (0.0, 0.01, 0.0), atol=1e-12)  # elsewhere it is as it was taught
-    curve = course(moving, np.array(path.start.position), matrix_of(DOWN), 2.0, np.zeros(3))
+    curve = app_path(moving, np.array(path.start.position), matrix_of(DOWN), 2.0, np.zeros(3))
     speeds = np.array([np.linalg.norm(curve.at(t)[1][:3]) for t in np.linspace(0.0, 2.0, 41)])
     assert (np.diff(speeds)[:18] > 0.0).all()
     assert (np.diff(speeds)[-18:] < 0.0).all()

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.checks.fidelity import Taught, fidelity_findings
+from caesura_lab.execution.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_lab.execution.checks.preconditions import order_findings
 from caesura_lab.execution.checks.reachability import reach_findings
 from caesura_lab.execution.checks.value_ranges import value_findings
@@ -18,13 +18,13 @@ from caesura_lab.execution.findings import CheckReport, Finding
 from caesura_protocol.messages import App
 from caesura_service.robot import Robot, load_panda
 
-__all__ = ["Taught", "check"]
+__all__ = ["DemonstrationQuality", "check"]
 
 
 def check(
     apps: Sequence[App],
     cell: Cell | None = None,
-    taught: Taught | None = None,
+    quality: DemonstrationQuality | None = None,
     robot: Robot | None = None,
 ) -> CheckReport:
     """Everything that is wrong with a program, app by app; deterministic.
@@ -39,5 +39,5 @@ def check(
     found += order_findings(apps)
     if not broken:
         found += reach_findings(apps, cell, robot or load_panda())
-        found += fidelity_findings(apps, taught, cell.safety)
+        found += fidelity_findings(apps, quality, cell.safety)
     return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

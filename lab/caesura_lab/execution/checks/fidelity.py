@@ -25,34 +25,36 @@ STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by les
 
 
 @dataclass(frozen=True)
-class Taught:
+class DemonstrationQuality:
     """What is known of a demonstration beside its apps: what was not observed, what the wrench is worth."""
 
     gaps: Sequence[Gap] = ()
     wrench: WrenchReport | None = None
 
 
-def fidelity_findings(apps: Sequence[App], taught: Taught | None, safety: Safety) -> list[Finding]:
-    """What of the demonstration the program leaves out; without `taught`, what the apps say of themselves."""
+def fidelity_findings(
+    apps: Sequence[App], quality: DemonstrationQuality | None, safety: Safety
+) -> list[Finding]:
+    """Find what of the demonstration the program leaves out; without `quality`, by what the apps state."""
     found: list[Finding] = []
-    if taught is not None:
-        found += _of_the_wrench(taught.wrench)
-        found += _without_path(apps)
-    here: ViaPoint | None = None
+    if quality is not None:
+        found += _wrench_findings(quality.wrench)
+        found += _missing_paths(apps)
+    pose: ViaPoint | None = None
     for index, app in enumerate(apps):
         before = apps[index - 1] if index else None
-        reasons = [*_path(app), *_between(before, here, app, safety), *_effort(app)]
-        if taught is not None:
-            reasons += _unobserved(app, taught.gaps)
+        reasons = [*_path_deviation(app), *_motion_before(before, pose, app, safety), *_force_limits(app)]
+        if quality is not None:
+            reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
-        here = _after(app, here)
+        pose = _pose_after(app, pose)
     return found
 
 
 Reason = tuple[str, float | None, float | None]  # with value and limit
 
 
-def _path(app: App) -> Iterator[Reason]:
+def _path_deviation(app: App) -> Iterator[Reason]:
     path = app.path
     if path is None:
         return
@@ -72,7 +74,7 @@ def _path(app: App) -> Iterator[Reason]:
         )
 
 
-def _between(before: App | None, here: ViaPoint | None, app: App, safety: Safety) -> Iterator[Reason]:
+def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: Safety) -> Iterator[Reason]:
     """What was done since the app before it, and is in no app."""
     if before is None:
         return
@@ -83,19 +85,19 @@ def _between(before: App | None, here: ViaPoint | None, app: App, safety: Safety
             pause,
             safety.pause_s,
         )
-    if here is None or app.path is None:
+    if pose is None or app.path is None:
         return
-    start, when = app.path.start, f"{min(here.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
-    moved = math.dist(start.position, here.position)
+    start, when = app.path.start, f"{min(pose.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
+    moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
         yield (f"begins where {1000 * moved:.0f} mm taught at {when} lead, in no app", moved, STEPPED_M)
-    turned = _angle(here, start)
+    turned = _orientation_change(pose, start)
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
         yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
 
 
-def _effort(app: App) -> Iterator[Reason]:
+def _force_limits(app: App) -> Iterator[Reason]:
     if is_limited(app):
         exerted = float(np.linalg.norm(app.force or ()))
         yield (
@@ -118,13 +120,13 @@ def _effort(app: App) -> Iterator[Reason]:
         )
 
 
-def _unobserved(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
+def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
     for gap in gaps:
         if gap.t0 < app.tn and app.t0 < gap.tn:
             yield (f"was not observed from {gap.t0:.2f} to {gap.tn:.2f} s: look at what it does", None, None)
 
 
-def _of_the_wrench(wrench: WrenchReport | None) -> Iterator[Finding]:
+def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
     if wrench is None:
         return
     if not wrench.stated:
@@ -135,7 +137,7 @@ def _of_the_wrench(wrench: WrenchReport | None) -> Iterator[Finding]:
         yield Finding("warning", None, None, reason)
 
 
-def _without_path(apps: Sequence[App]) -> Iterator[Finding]:
+def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
     moving = [(index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels]
     without = [(index, app) for index, app in moving if app.path is None]
     reason = "the path that was taught is not known: straight to the target"
@@ -146,15 +148,15 @@ def _without_path(apps: Sequence[App]) -> Iterator[Finding]:
         yield Finding("warning", index, app.kind, reason)
 
 
-def _after(app: App, here: ViaPoint | None) -> ViaPoint | None:
+def _pose_after(app: App, pose: ViaPoint | None) -> ViaPoint | None:
     """Where the robot is after an app, and when that was taught."""
     if app.target is None:
-        return here
-    orientation = app.orientation if here is None else app.orientation or here.orientation
+        return pose
+    orientation = app.orientation if pose is None else app.orientation or pose.orientation
     return ViaPoint(t=app.tn, position=app.target, orientation=orientation)
 
 
-def _angle(one: ViaPoint, other: ViaPoint) -> float:
+def _orientation_change(one: ViaPoint, other: ViaPoint) -> float:
     """[rad] between two orientations; 0 where one is not known."""
     if one.orientation is None or other.orientation is None:
         return 0.0

@@ -16,21 +16,21 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
     for index, app in enumerate(apps):
         following = apps[index + 1] if index + 1 < len(apps) else None
         grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
-        reason = _wrong(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
+        reason = _violations(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
         if reason:
             found.append(Finding("error", index, app.kind, reason))
         if app.kind == "grasp":
             holding = index
         elif app.kind == "gripper_move":
             holding = None
-        touching = _touches(app, following, touching)
+        touching = _in_contact_after(app, following, touching)
     if holding is not None:
         reason = "grasps what is never released: a Gripper Move must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
     return found
 
 
-def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
+def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
     if app.kind == "apply_force" and not touching:
         return "presses without a contact: a Move To Contact must come before it"
     if app.kind == "grasp" and holds:
@@ -42,7 +42,7 @@ def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str 
     return None
 
 
-def _touches(app: App, following: App | None, before: bool) -> bool:
+def _in_contact_after(app: App, following: App | None, before: bool) -> bool:
     """Whether the robot stands on something after an app; a carry that a contact follows sets down."""
     if app.kind == "move_to_contact":
         return True

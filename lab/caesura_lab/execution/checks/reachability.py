@@ -9,7 +9,7 @@ import numpy as np
 
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.findings import Finding
-from caesura_lab.execution.trajectories import course, press_direction
+from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import POSTURE
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
@@ -39,7 +39,7 @@ SEEDS = (
 
 
 @dataclass(frozen=True)
-class _Here:
+class _ArmState:
     """The arm before an app, as far as it is known: place (3,), rotation (3, 3), joints (7,), contact."""
 
     place: Array | None
@@ -50,17 +50,17 @@ class _Here:
 
 def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
     """What the arm cannot do, and where it would go too fast, too far, or into something."""
-    look = _Looking(cell, robot)
-    here = _Here(None if cell.start is None else np.array(cell.start), None, None, touching=False)
+    checker = _ReachabilityChecker(cell, robot)
+    state = _ArmState(None if cell.start is None else np.array(cell.start), None, None, touching=False)
     found: list[Finding] = []
     for index, app in enumerate(apps):
         following = apps[index + 1] if index + 1 < len(apps) else None
-        some, here = look.at(index, app, following, here)
+        some, state = checker.check_app(index, app, following, state)
         found += some
     return found
 
 
-class _Looking:
+class _ReachabilityChecker:
     def __init__(self, cell: Cell, robot: Robot) -> None:
         self._cell, self._safety, self._robot = cell, cell.safety, robot
         self._low = robot.lower_limits + JOINT_MARGIN_RAD
@@ -68,31 +68,33 @@ class _Looking:
         self._low_place = np.array(cell.safety.workspace_low) + EDGE_M - BEGINS_M
         self._high_place = np.array(cell.safety.workspace_high) - EDGE_M + BEGINS_M
 
-    def at(self, index: int, app: App, following: App | None, here: _Here) -> tuple[list[Finding], _Here]:
+    def check_app(
+        self, index: int, app: App, following: App | None, state: _ArmState
+    ) -> tuple[list[Finding], _ArmState]:
         """What is wrong with an app, and where the arm is after it."""
         ends = app.kind == "move_to_contact" or (
             APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
         )
-        after = _after(app, here, touching=ends or (here.touching and APP_KINDS[app.kind].in_contact))
-        reasons = [*self._joints(app), *self._place(app)]
+        after = _state_after(app, state, touching=ends or (state.touching and APP_KINDS[app.kind].in_contact))
+        reasons = [*self._check_joints(app), *self._check_target(app)]
         joints = after.joints
         if app.target is not None and not reasons:
-            joints, reason = self._reached(app, app.target, here)
+            joints, reason = self._joints_at_target(app, app.target, state)
             reasons += [reason] if reason else []
         path = None
         if reasons:
             after = replace(after, place=None)  # where it would be is not known
-        elif app.target is not None and here.place is not None and APP_KINDS[app.kind].needs:
-            path = _path(app, here)
+        elif app.target is not None and state.place is not None and APP_KINDS[app.kind].needs:
+            path = _planned_path(app, state)
         if app.kind == "apply_force":
-            reasons += self._press(app, here, path)
+            reasons += self._check_press(app, state, path)
         elif path is not None:
-            reasons += self._way(path, here, joints, ends=ends)
+            reasons += self._check_path(path, state, joints, ends=ends)
         found = [Finding("error", index, app.kind, reason) for reason in reasons]
-        found += [] if path is None else self._pace(index, app, path)
+        found += [] if path is None else self._slowdown(index, app, path)
         return found, replace(after, joints=joints)
 
-    def _joints(self, app: App) -> Iterator[str]:
+    def _check_joints(self, app: App) -> Iterator[str]:
         if app.joints is None:
             return
         q = np.array(app.joints)
@@ -108,7 +110,7 @@ class _Looking:
                     f"at most {1000 * ASTRAY_M:.0f} mm are expected: one of them is wrong"
                 )
 
-    def _place(self, app: App) -> Iterator[str]:
+    def _check_target(self, app: App) -> Iterator[str]:
         if app.target is None:
             return
         low, high = self._safety.workspace_low, self._safety.workspace_high
@@ -119,15 +121,17 @@ class _Looking:
                 limits = f"{least:g} to {most:g} m"
                 yield f"target {axis} {value:.3f} m is outside of the workspace, {limits}{guess}"
 
-    def _reached(self, app: App, target: Vector, here: _Here) -> tuple[Array | None, str | None]:
+    def _joints_at_target(
+        self, app: App, target: Vector, state: _ArmState
+    ) -> tuple[Array | None, str | None]:
         """Joints (7,) at the target, or why there are none."""
         seeds = [*([] if app.joints is None else [np.array(app.joints)])]
-        seeds += [] if here.joints is None else [here.joints]
+        seeds += [] if state.joints is None else [state.joints]
         seeds += [np.array(seed) for seed in SEEDS]
         best = (np.inf, np.inf)
         for seed in seeds:
-            q, left, turn = self._robot.nearest_joints(target, _quaternion(app, here), seed)
-            if left < REACH_M and turn < REACH_RAD and self._inside(q):
+            q, left, turn = self._robot.nearest_joints(target, _quaternion(app, state), seed)
+            if left < REACH_M and turn < REACH_RAD and self._within_joint_limits(q):
                 return q, None
             best = min(best, (left, turn))
         if best[0] < REACH_M and best[1] < REACH_RAD:
@@ -137,7 +141,7 @@ class _Looking:
             f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
         )
 
-    def _pace(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
+    def _slowdown(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
         """A movement that was taught faster than the limits is done slower."""
         speed, turn = path.peaks()
         slower, seconds = self._safety.slower(speed, turn), float(path.t[-1])
@@ -153,15 +157,17 @@ class _Looking:
         )
         yield Finding("warning", index, app.kind, reason, peak, PLANNED_SHARE * limit)
 
-    def _way(self, path: Curve, here: _Here, joints: Array | None, *, ends: bool) -> Iterator[str]:
+    def _check_path(
+        self, path: Curve, state: _ArmState, joints: Array | None, *, ends: bool
+    ) -> Iterator[str]:
         """Along the path to the target: is it within reach, and free?"""
         longest = float(np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1).max())
         points = path.sampled(max(1, int(np.ceil(longest / STEP_M))))
         start, q = points[0, :3], joints
         for pose in points[::-1]:
             point = pose[:3]
-            turned = pose[3:] if len(pose) == 7 else _quaternion(None, here)
-            if reason := self._blocked(point, turned, start, here, ends=ends):
+            turned = pose[3:] if len(pose) == 7 else _quaternion(None, state)
+            if reason := self._collision(point, turned, start, state, ends=ends):
                 yield reason
                 return
             if (point < self._low_place).any() or (point > self._high_place).any():
@@ -169,58 +175,60 @@ class _Looking:
                 return
             if q is not None:
                 q, left, turn = self._robot.nearest_joints(point, turned, q)
-                if left > REACH_M or turn > REACH_RAD or not self._inside(q):
+                if left > REACH_M or turn > REACH_RAD or not self._within_joint_limits(q):
                     yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
                     return
 
-    def _blocked(self, point: Array, turned: Array, start: Array, here: _Here, *, ends: bool) -> str | None:
+    def _collision(
+        self, point: Array, turned: Array, start: Array, state: _ArmState, *, ends: bool
+    ) -> str | None:
         """Why a pose of the flange is not free: its fingertips are in something."""
         x, y, z = (point + FINGERS_BELOW_FLANGE_M * matrix_of(turned)[:, 2]).tolist()
-        top = self._cell.top_at(x, y)
-        if top is None or z >= top - DEPTH_M - (self._cell.yields_at(x, y) if ends else 0.0):
+        top = self._cell.surface_height(x, y)
+        if top is None or z >= top - DEPTH_M - (self._cell.compliance_depth(x, y) if ends else 0.0):
             return None
         aside = float(np.linalg.norm(point[:2] - start[:2]))
-        if here.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
+        if state.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
             return None
         inside = 1000 * (top - z)
         return f"its way leads through {_mm(point)}, {inside:.0f} mm inside of what stands there"
 
-    def _press(self, app: App, here: _Here, path: Curve | None) -> Iterator[str]:
+    def _check_press(self, app: App, state: _ArmState, path: Curve | None) -> Iterator[str]:
         force = np.array(app.force)
-        rotation = here.rotation if app.orientation is None else matrix_of(app.orientation)
+        rotation = state.rotation if app.orientation is None else matrix_of(app.orientation)
         if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
             yield "pulls on what it touches: its force points away from the tool"
         if path is None:
             return
-        deep = _depth(path, force, rotation)
+        deep = _press_depth(path, force, rotation)
         if deep > self._safety.search_m:
             most = 1000 * self._safety.search_m
             yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
 
-    def _inside(self, q: Array) -> bool:
+    def _within_joint_limits(self, q: Array) -> bool:
         return bool(((q >= self._low) & (q <= self._high)).all())
 
 
-def _after(app: App, here: _Here, *, touching: bool) -> _Here:
-    return _Here(
-        here.place if app.target is None else np.array(app.target),
-        here.rotation if app.orientation is None else matrix_of(app.orientation),
-        here.joints,
+def _state_after(app: App, state: _ArmState, *, touching: bool) -> _ArmState:
+    return _ArmState(
+        state.place if app.target is None else np.array(app.target),
+        state.rotation if app.orientation is None else matrix_of(app.orientation),
+        state.joints,
         touching,
     )
 
 
-def _path(app: App, here: _Here) -> Curve:
+def _planned_path(app: App, state: _ArmState) -> Curve:
     """The reproduced path from where the arm is; without a known rotation, from where it was taught."""
-    assert here.place is not None, "is asked for where the place is known"
-    rotation = here.rotation
+    assert state.place is not None, "is asked for where the place is known"
+    rotation = state.rotation
     if rotation is None:
         taught = app.path.start.orientation if app.path is not None else None
         rotation = matrix_of(taught or app.orientation or (1.0, 0.0, 0.0, 0.0))
-    return course(app, here.place, rotation, app.tn - app.t0)
+    return app_path(app, state.place, rotation, app.tn - app.t0)
 
 
-def _depth(path: Curve, force: Array, rotation: Array | None) -> float:
+def _press_depth(path: Curve, force: Array, rotation: Array | None) -> float:
     """How deep [m] a path presses: its way along the direction of the press, which turns with the tool."""
     if rotation is None:
         along = force / np.linalg.norm(force)
@@ -234,11 +242,11 @@ def _depth(path: Curve, force: Array, rotation: Array | None) -> float:
     return float(np.max(np.cumsum(np.vecdot(np.diff(points[:, :3], axis=0), turned[1:]))))
 
 
-def _quaternion(app: App | None, here: _Here) -> Array:
+def _quaternion(app: App | None, state: _ArmState) -> Array:
     if app is not None and app.orientation is not None:
         given = np.array(app.orientation)
         return np.asarray(given / np.linalg.norm(given), dtype=np.float64)
-    return np.array((1.0, 0.0, 0.0, 0.0)) if here.rotation is None else quaternion_of(here.rotation)
+    return np.array((1.0, 0.0, 0.0, 0.0)) if state.rotation is None else quaternion_of(state.rotation)
 
 
 def _mm(point: object) -> str:

@@ -40,8 +40,12 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
     """What is wrong with the numbers of each app."""
     found: list[Finding] = []
     for index, app in enumerate(apps):
-        wrong = list(_not_numbers(index, app))
-        found += wrong or [*_missing(index, app), *_beyond(index, app, safety), *_still(index, app)]
+        wrong = list(_non_finite(index, app))
+        found += wrong or [
+            *_missing(index, app),
+            *_out_of_range(index, app, safety),
+            *_repeated_times(index, app),
+        ]
     for index, (before, app) in enumerate(pairwise(apps), start=1):
         if app.t0 < before.t0:
             reason = f"begins at {app.t0:.2f} s, before the app before it at {before.t0:.2f} s"
@@ -49,7 +53,7 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
     return found
 
 
-def _not_numbers(index: int, app: App) -> Iterator[Finding]:
+def _non_finite(index: int, app: App) -> Iterator[Finding]:
     given: list[tuple[str, Any, int]] = [(name, getattr(app, name), WIDTHS.get(name, 1)) for name in NUMBERS]
     if app.screw is not None:
         numbers = ((name, WIDTHS_OF_SCREW.get(name, 1)) for name in NUMBERS_OF_SCREW)
@@ -73,7 +77,7 @@ def _missing(index: int, app: App) -> Iterator[Finding]:
             yield Finding("error", index, app.kind, f"has no {name}")
 
 
-def _still(index: int, app: App) -> Iterator[Finding]:
+def _repeated_times(index: int, app: App) -> Iterator[Finding]:
     """Points of its path between which no time passes: there is no speed between these."""
     if app.path is None:
         return
@@ -84,7 +88,7 @@ def _still(index: int, app: App) -> Iterator[Finding]:
             yield Finding("error", index, app.kind, reason, t, before)
 
 
-def _beyond(index: int, app: App, safety: Safety) -> Iterator[Finding]:
+def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
     """Numbers beyond their limits."""
     for what in (*_ranges(app, safety), *_press_ranges(app, safety)):
         if not what.least <= what.value <= what.most:

@@ -70,7 +70,7 @@ class Surface:
         return self.touch_height_m
 
     @property
-    def yields_m(self) -> float:
+    def compliance_depth_m(self) -> float:
         """Depth [m] to which it can be pushed in."""
         return self.travel_m
 

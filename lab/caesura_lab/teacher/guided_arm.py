@@ -71,7 +71,7 @@ class GuidedArmSimulation:
         self._robot, self._plan = robot, plan
         self._contact = contact_with(plan.scenario.surfaces)
         rate_per_s = plan.person.force_rate_per_s
-        self._effort = None if rate_per_s is None else HandForceController(plan.aims, rate_per_s, DT)
+        self._hand_force = None if rate_per_s is None else HandForceController(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * FRICTION_NM
         self._damping = plan.person.guiding_damping * DAMPING
         self._stiction = plan.person.stiction
@@ -113,15 +113,15 @@ class GuidedArmSimulation:
         tip = tip_motion(arm.position_base, twist, lever)
         spin = float(twist[3:] @ arm.rotation_base[:, 2])
         contact, torque_nm, normal_n = self._contact(*tip, spin, DT, GRAVITY * load_kg)
-        self._feel(tick, load_kg, normal_n, torque_nm)
+        self._adapt_hand(tick, load_kg, normal_n, torque_nm)
         outside = contact + load_kg * FALL
         turning = torque_nm * arm.rotation_base[:, 2]
-        given = hand + at_flange(outside, lever) - self._damping * twist
-        given[3:] += turning
+        flange_wrench = hand + at_flange(outside, lever) - self._damping * twist
+        flange_wrench[3:] += turning
         friction_nm = self._friction_nm
         if self._stiction != 1.0:
             friction_nm = joint_friction(self._v, friction_nm, self._stiction)
-        change = velocity_change(arm, self._v, given, friction_nm, load_kg, lever)
+        change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, lever)
         if load_kg > 0.0:
             outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
         row[:7], row[7:14], row[14:20] = self._q, self._v, twist
@@ -133,32 +133,32 @@ class GuidedArmSimulation:
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
         """What the hand does to the flange: hold its set place, and what it adds to that."""
-        plan, person, effort = self._plan, self._plan.person, self._effort
-        place = effort.place if effort else 1.0
+        plan, person, hand_force = self._plan, self._plan.person, self._hand_force
+        place = hand_force.position_share if hand_force else 1.0
         wrench = np.empty(6)
         wrench[:3] = person.stiffness_n_per_m * (place * (plan.position[tick] - arm.position_base))
         wrench[:3] += person.damping_ns_per_m * (place * (plan.velocity[tick] - twist[:3])) + plan.force[tick]
-        wanted = self._orientation
+        rotation = self._orientation
         rate = twist[3:]
         stiffness, damping = HAND_TURN_STIFFNESS, HAND_TURN_DAMPING
         if plan.turns is None:
             wrench[2] += self._weight_n - self._press_n
         else:
             toward = plan.turns.rotation[tick]
-            wanted, rate = toward @ wanted, rate - plan.turns.rate[tick]
+            rotation, rate = toward @ rotation, rate - plan.turns.rate[tick]
             stiffness, damping = FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING
             wrench[2] += self._weight_n
             wrench[:3] -= self._press_n * toward[:, 2]
-        if effort:
-            wrench[:3] += effort.push(tick) - (1.0 - place) * plan.feed_forward[tick]
-        turn = wanted @ arm.rotation_base.T
+        if hand_force:
+            wrench[:3] += hand_force.force_at(tick) - (1.0 - place) * plan.feed_forward[tick]
+        turn = rotation @ arm.rotation_base.T
         error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
         wrench[3:] = stiffness * error - damping * rate + plan.torque[tick]
         if self._torque_nm:
             wrench[3:] += self._torque_nm * arm.rotation_base[:, 2]
         return wrench
 
-    def _feel(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
+    def _adapt_hand(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
         """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes or turns back.
 
         A hand holds its own effort, so a load that it has gripped rests on the surface, not on the hand.
@@ -166,11 +166,11 @@ class GuidedArmSimulation:
         self._torque_nm -= DT / TORQUE_FELT_S * (torque_nm + self._torque_nm)
         weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
         self._weight_n += DT / WEIGHT_FELT_S * (weight - self._weight_n)
-        if self._effort:
-            self._effort.feel(tick, normal_n)
-        meant, effort_n = float(self._plan.press[tick]), normal_n - GRAVITY * load_kg
-        wrong = meant - effort_n if normal_n > 0.0 and meant > LEAST_PRESS_N else -self._press_n
-        corrected = self._press_n + DT / PRESS_FELT_S * wrong
+        if self._hand_force:
+            self._hand_force.update(tick, normal_n)
+        intended_n, effort_n = float(self._plan.press[tick]), normal_n - GRAVITY * load_kg
+        error_n = intended_n - effort_n if normal_n > 0.0 and intended_n > LEAST_PRESS_N else -self._press_n
+        corrected = self._press_n + DT / PRESS_FELT_S * error_n
         self._press_n = min(max(corrected, -PRESS_CORRECTION_N), PRESS_CORRECTION_N)
 
 
@@ -196,7 +196,7 @@ def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[A
 def velocity_change(
     arm: HandDynamics,
     v: Array,
-    given: Array,
+    flange_wrench: Array,
     friction_nm: Array,
     load_kg: float,
     lever: Array,
@@ -210,9 +210,9 @@ def velocity_change(
     if load_kg > 0.0:
         at_tip = tip_jacobian(arm.jacobian, lever)
         mass = mass + load_kg * at_tip.T @ at_tip
-    resist: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
-    push: Array = DT * (arm.jacobian.T @ given + torques - resist * v)
-    return np.asarray(np.linalg.solve(mass + np.diag(DT * resist), push), dtype=np.float64)
+    resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
+    impulse: Array = DT * (arm.jacobian.T @ flange_wrench + torques - resistance * v)
+    return np.asarray(np.linalg.solve(mass + np.diag(DT * resistance), impulse), dtype=np.float64)
 
 
 def tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:

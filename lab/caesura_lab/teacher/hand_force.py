@@ -35,7 +35,7 @@ class ForceSetpoint:
 
 
 @dataclass(frozen=True)
-class Aims:
+class ForceProfile:
     """Aims tick by tick: force (n,) [N], aside (n, 2), waits and yields (n,)."""
 
     force: Array
@@ -44,19 +44,19 @@ class Aims:
     yields: NDArray[np.bool_]
 
 
-def aims_at(aims: Sequence[ForceSetpoint], t: Array) -> Aims:
+def force_profile(setpoints: Sequence[ForceSetpoint], t: Array) -> ForceProfile:
     """The aim that holds at each of the times t (n,) [s]; none before the first."""
-    known = (ForceSetpoint(0.0), *aims)
-    at = np.searchsorted([aim.start_s for aim in aims], t, side="right")
-    return Aims(
-        np.array([aim.force_n for aim in known])[at],
-        np.array([aim.aside for aim in known])[at],
-        np.array([aim.waits for aim in known])[at],
-        np.array([aim.yields for aim in known])[at],
+    all_setpoints = (ForceSetpoint(0.0), *setpoints)
+    at = np.searchsorted([setpoint.start_s for setpoint in setpoints], t, side="right")
+    return ForceProfile(
+        np.array([setpoint.force_n for setpoint in all_setpoints])[at],
+        np.array([setpoint.aside for setpoint in all_setpoints])[at],
+        np.array([setpoint.waits for setpoint in all_setpoints])[at],
+        np.array([setpoint.yields for setpoint in all_setpoints])[at],
     )
 
 
-def goal_to_reach(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
+def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
     """Force [N] to aim at so that a first order response goes from one force to another in a time; no pull.
 
     The forces of the thesis' tables are those with which a segment ends (3.2.2).
@@ -71,24 +71,24 @@ class HandForceController:
     force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.
     """
 
-    def __init__(self, aims: Aims, rate_per_s: float, dt: float) -> None:
-        self._aims = aims
+    def __init__(self, setpoints: ForceProfile, rate_per_s: float, dt: float) -> None:
+        self._profile = setpoints
         self._force_step = dt * rate_per_s
-        self._place_step = dt / SWITCH_S
+        self._position_step = dt / SWITCH_S
         self._met = False
         self.force_n = 0.0
-        self.place = 1.0
+        self.position_share = 1.0
 
-    def push(self, tick: int) -> Array:
+    def force_at(self, tick: int) -> Array:
         """Force of the hand on the flange at a tick, (3,) [N]."""
-        x, y = self._aims.aside[tick]
+        x, y = self._profile.aside[tick]
         return self.force_n * np.array([x, y, -1.0])
 
-    def feel(self, tick: int, normal_n: float) -> None:
+    def update(self, tick: int, normal_n: float) -> None:
         """Go on by a tick in which a surface has pushed back with a force."""
-        waits, yields = bool(self._aims.waits[tick]), bool(self._aims.yields[tick])
+        waits, yields = bool(self._profile.waits[tick]), bool(self._profile.yields[tick])
         self._met = normal_n > 0.0 or (yields and (self._met or not waits))
-        place = float(not (yields and self._met))
-        goal = float(self._aims.force[tick]) if self._met else 0.0
-        self.place += self._place_step * (place - self.place)
+        position_share = float(not (yields and self._met))
+        goal = float(self._profile.force[tick]) if self._met else 0.0
+        self.position_share += self._position_step * (position_share - self.position_share)
         self.force_n += self._force_step * (goal - self.force_n)

@@ -92,7 +92,7 @@ def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
     t: (m,) [s], rising; position: (m, 3) [m]; force: (m, 3) [N].
     """
     grid, velocity = velocity_on_grid(t, position)
-    felt = np.column_stack([np.interp(grid, t, axis) for axis in force.T])
+    force_on_grid = np.column_stack([np.interp(grid, t, axis) for axis in force.T])
     speed = np.linalg.norm(velocity, axis=1)
     spans = movement_spans(speed)
     figures: dict[str, list[float]] = {name: [] for name in FIGURES}
@@ -101,7 +101,7 @@ def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
             figures[name].append(value)
     for name, side in (("start_edge", -1), ("stop_edge", 1)):
         figures[name] = [edge for span in spans if (edge := _edge(speed, span, side)) is not None]
-    figures |= _creep(speed, spans) | _forces(felt, spans) | _innovations(velocity)
+    figures |= _creep(speed, spans) | _forces(force_on_grid, spans) | _innovations(velocity)
     return {name: [v for v in values if np.isfinite(v)] for name, values in figures.items()}
 
 
@@ -111,8 +111,8 @@ def _forces(force: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]
     edges = [0, *(edge for span in spans for edge in span), len(force)]
     rests = [force[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > REST_S * GRID_HZ]
     levels = [level for r in rests if np.linalg.norm(level := np.median(r, axis=0)) < FREE_N]
-    apart = [float(np.linalg.norm(np.ptp(np.array(levels), axis=0)))] if len(levels) > 1 else []
-    return {"force_noise": [float(fast[a:b].std()) for a, b in spans], "rest_force": apart}
+    ranges = [float(np.linalg.norm(np.ptp(np.array(levels), axis=0)))] if len(levels) > 1 else []
+    return {"force_noise": [float(fast[a:b].std()) for a, b in spans], "rest_force": ranges}
 
 
 def _innovations(velocity: Array) -> dict[str, list[float]]:
@@ -122,9 +122,10 @@ def _innovations(velocity: Array) -> dict[str, list[float]]:
     rho = np.exp(-STEP_TICKS / GRID_HZ / MEMORY_S)
     new = np.linalg.norm(steps[2:] - 2.0 * rho * steps[1:-1] + rho**2 * steps[:-2], axis=1) / np.sqrt(3.0)
     speed = np.linalg.norm(steps[1:-1], axis=1) * GRID_HZ / STEP_TICKS
-    ranges = {"innovation_slow": SLOW_M_PER_S, "innovation_fast": FAST_M_PER_S}
+    speed_ranges = {"innovation_slow": SLOW_M_PER_S, "innovation_fast": FAST_M_PER_S}
     return {
-        name: (1e3 * new[(speed >= low) & (speed < high)]).tolist() for name, (low, high) in ranges.items()
+        name: (1e3 * new[(speed >= low) & (speed < high)]).tolist()
+        for name, (low, high) in speed_ranges.items()
     }
 
 

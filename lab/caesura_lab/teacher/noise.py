@@ -24,7 +24,7 @@ def band_noise(
     return noise
 
 
-def wandering(n: int, width: int, seconds: float, rate_hz: float, rng: np.random.Generator) -> Array:
+def ornstein_uhlenbeck(n: int, width: int, seconds: float, rate_hz: float, rng: np.random.Generator) -> Array:
     """Ornstein-Uhlenbeck process that forgets within some seconds, from 0; (n, width)."""
     keep = np.exp(-1.0 / (rate_hz * seconds))
     drive = np.sqrt(1.0 - keep**2) * rng.normal(size=(n, width))

@@ -11,19 +11,19 @@ from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 Event = Literal["start", "contact_on", "contact_off"]
-FIRST = "reach"
+FIRST_PHASE = "reach"
 
 
-class Beginning(NamedTuple):
+class PhaseStart(NamedTuple):
     """A skill by name, the event with which it begins, and when the hand means to begin it [s]."""
 
     name: str
     event: Event
-    meant_s: float
+    intended_s: float
 
 
 def phases_of(
-    beginnings: Sequence[Beginning], changepoints: Sequence[dict[str, Any]], end_s: float
+    starts: Sequence[PhaseStart], changepoints: Sequence[dict[str, Any]], end_s: float
 ) -> list[dict[str, Any]]:
     """Phases from 0 to end_s [s], each from its event on.
 
@@ -32,13 +32,13 @@ def phases_of(
     that time belongs to is then not clear.
     """
     times = [0.0]
-    for name, event, meant_s in beginnings:
+    for name, event, intended_s in starts:
         del name
         found = [mark["t"] for mark in changepoints if mark["kind"] == event and mark["t"] > times[-1]]
         if not found:
             return []
-        times.append(min(found, key=lambda t: abs(t - meant_s)))
-    names = [FIRST, *(beginning.name for beginning in beginnings)]
+        times.append(min(found, key=lambda t: abs(t - intended_s)))
+    names = [FIRST_PHASE, *(start.name for start in starts)]
     ends = pairwise([*times, end_s])
     phases = [{"t0": t0, "t1": t1, "name": name} for name, (t0, t1) in zip(names, ends, strict=True)]
-    return phases if beginnings else []
+    return phases if starts else []

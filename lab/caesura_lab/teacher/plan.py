@@ -17,13 +17,13 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.habits import IDEAL
-from caesura_lab.teacher.hand_force import Aims, ForceSetpoint, aims_at, goal_to_reach
+from caesura_lab.teacher.hand_force import ForceProfile, ForceSetpoint, force_goal, force_profile
 from caesura_lab.teacher.motion_profiles import Array, Movement, Stroke, Vector, path, time_of_share
-from caesura_lab.teacher.noise import band_noise, wandering
+from caesura_lab.teacher.noise import band_noise, ornstein_uhlenbeck
 from caesura_lab.teacher.person import Person
-from caesura_lab.teacher.phases import Beginning
+from caesura_lab.teacher.phases import PhaseStart
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, Kind, Scenario, Step, tips
-from caesura_lab.teacher.shapes import Barrel
+from caesura_lab.teacher.shapes import HorizontalCylinder
 from caesura_lab.teacher.submovements import Sweep, draw_bow, draw_submovements
 from caesura_lab.teacher.turns import Turns, turning_torque, turns_about
 
@@ -33,7 +33,7 @@ FINGER_TRAVEL_S = 0.56
 WIDTH_OPEN_M, WIDTH_OBJECT_M = 0.08, 0.05
 MOVING = ("move", "touch", "slide", "turn", "circle", "insert")  # steps whose time is that of a speed
 PASSING_OVERLAP = 0.13  # of a stroke's duration, by which it and the next reach into each other
-LET_GO_S = 0.3  # in which a force is let go when the hand leaves
+RELEASE_S = 0.3  # in which a force is let go when the hand leaves
 PRESS_RISE_S = 0.5  # longest time in which a hand builds a force up
 PRELOAD_LEAD_S = 0.16
 CREEP_M_PER_S = 0.005  # intended speed at which the hand fully overcomes the arm's friction
@@ -79,11 +79,11 @@ class Plan:
     torque: Array
     feed_forward: Array
     press: Array
-    aims: Aims
+    aims: ForceProfile
     width: Array
     load_kg: Array
     turns: Turns | None = None
-    phases: tuple[Beginning, ...] = ()
+    phases: tuple[PhaseStart, ...] = ()
 
     @property
     def ticks(self) -> int:
@@ -116,9 +116,9 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
     width, held = _gripper(
         t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
     )
-    torque = TURN_WANDER_NM * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
+    torque = TURN_WANDER_NM * ornstein_uhlenbeck(n, 3, WANDER_S, TICKS_PER_S, rng)
     load_kg = person.load_kg * held.astype(np.float64)
-    aims = aims_at(planner.aims, t)
+    aims = force_profile(planner.aims, t)
     if turns is not None:
         torque += turning_torque(turns, person, DT, rng)
     return Plan(
@@ -158,7 +158,7 @@ class _Planner:
         self.angle = 0.0  # [rad] to which the turns so far lead
         self.turns: list[Movement] = []  # of the tool, [rad] in the first of three columns
         self.angle_factor = self._draw_angle_factor()
-        self.phases: list[Beginning] = []
+        self.phases: list[PhaseStart] = []
         self.inserted_m = 0.0  # how far below the surface the tip stands in a hole
         self.shifts: list[Stroke] = []  # of the place it holds, without meaning to move
         self.pushes: list[Stroke] = []
@@ -174,9 +174,9 @@ class _Planner:
         self.now -= self.lead
         self.overlap = self._draw_overlap(step)
         if step.begins is not None:
-            self.phases.append(Beginning(*step.begins, self.now))
+            self.phases.append(PhaseStart(*step.begins, self.now))
         before = len(self.strokes)
-        _ACTS[step.kind](self, step, duration + self.lead)
+        _STEPS[step.kind](self, step, duration + self.lead)
         if step.angle_deg is not None and step.kind != "turn":
             self._turn_along(self.strokes[before], self._angle(step.angle_deg))
         self.now += self.lead + duration
@@ -248,7 +248,7 @@ class _Planner:
     def _move(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
         self.inserted_m = 0.0
-        self._let_go(min(LET_GO_S, duration))
+        self._release_force(min(RELEASE_S, duration))
         long = not step.passing and not step.via and np.linalg.norm(goal - self.place) > LONG_MOVE_M
         if long and self.rng.random() < self.person.hesitation:
             self._hesitate(goal, duration)
@@ -300,13 +300,13 @@ class _Planner:
 
     def _slide(self, step: Step, duration: float) -> None:
         goal = self._scattered(step)
-        here = self._surface_below(self.place)
-        depth = here.height_at(*self.place[:2]) - self.place[2]
+        surface = self._surface_below(self.place)
+        depth = surface.height_at(*self.place[:2]) - self.place[2]
         goal[2] = self.place[2]
         via: tuple[Vector, ...] = ()
-        if isinstance(here, Barrel):
-            via = here.arc(self.place, goal, depth)
-            goal[2] = here.height_at(*goal[:2]) - depth
+        if isinstance(surface, HorizontalCylinder):
+            via = surface.arc(self.place, goal, depth)
+            goal[2] = surface.height_at(*goal[:2]) - depth
         self._stroke(goal, duration * (1.0 + self.overlap), flat=True, via=via)
         self._press_down(self._force(step), duration, duration, yields=False)
 
@@ -394,7 +394,7 @@ class _Planner:
 
     def _aim(self, force: float, aside: Array, duration: float, rate_per_s: float, *, yields: bool) -> None:
         """Control the force from now on; after a touch since the surface is met, if that is before."""
-        goal = goal_to_reach(force, self.press, duration, rate_per_s)
+        goal = force_goal(force, self.press, duration, rate_per_s)
         if self.press == 0.0:
             self.aside = (float(aside[0]), float(aside[1]))
         if self.touch_s is not None:
@@ -403,7 +403,7 @@ class _Planner:
         self.press = goal + (self.press - goal) * exp(-rate_per_s * duration)
         self.touch_s = None
 
-    def _let_go(self, duration: float) -> None:
+    def _release_force(self, duration: float) -> None:
         if self.person.force_rate_per_s is None:
             self._push_with(np.zeros(3), 0.0, duration)
         self.aims.append(ForceSetpoint(self.now))
@@ -424,7 +424,7 @@ class _Planner:
         return max(below, key=lambda s: s.touch_height_m)
 
 
-_ACTS: Mapping[Kind, Callable[[_Planner, Step, float], None]] = {
+_STEPS: Mapping[Kind, Callable[[_Planner, Step, float], None]] = {
     "move": _Planner._move,
     "touch": _Planner._touch,
     "press": _Planner._press,
@@ -493,7 +493,7 @@ def _unsteadiness(velocity: Array, person: Person, rng: np.random.Generator) -> 
     most = FULL_SPEED_NOISE if person.habits.speed_noise else 1.0
     moving = np.minimum(most, np.linalg.norm(velocity, axis=1, keepdims=True) / FULL_UNREST_M_PER_S)
     force = person.tremor_n * band_noise(n, 3, TREMOR_HZ, TICKS_PER_S, rng)
-    force += person.wander_n * wandering(n, 3, WANDER_S, TICKS_PER_S, rng)
+    force += person.wander_n * ornstein_uhlenbeck(n, 3, WANDER_S, TICKS_PER_S, rng)
     force += person.unrest_n * moving * band_noise(n, 3, UNREST_HZ, TICKS_PER_S, rng)
     return force
 

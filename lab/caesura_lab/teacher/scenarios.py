@@ -22,7 +22,7 @@ from typing import Literal
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.motion_profiles import Vector
 from caesura_lab.teacher.phases import Event
-from caesura_lab.teacher.shapes import Barrel, Hole, Screw
+from caesura_lab.teacher.shapes import Hole, HorizontalCylinder, Screw
 
 FINGERS_BELOW_FLANGE_M = 0.1034
 Kind = Literal["move", "touch", "press", "slide", "grasp", "release", "dwell", "turn", "circle", "insert"]
@@ -366,13 +366,13 @@ CIRCLE = Scenario(
     whole_pose=True,
 )
 
-BARREL = Barrel(tips(0.260))
+BARREL = HorizontalCylinder(tips(0.260))
 
 
 def _on_barrel(x: float, angle_deg: float) -> Vector:
     """Place on the barrel where its normal leans by an angle towards y."""
     angle = radians(angle_deg)
-    return (x, BARREL.bend_m * sin(angle), 0.260 - BARREL.bend_m * (1.0 - cos(angle)))
+    return (x, BARREL.radius_m * sin(angle), 0.260 - BARREL.radius_m * (1.0 - cos(angle)))
 
 
 CONTOUR = Scenario(

@@ -37,7 +37,7 @@ JOINT_SLIP_RAD_PER_S = 0.02
 
 
 @dataclass(frozen=True)
-class _Chance:
+class _SensorNoise:
     """Everything random about the sensors of one demonstration, one row a tick."""
 
     joints: Array  # (n, 7) [rad]
@@ -75,7 +75,7 @@ class Sensors:
         positions, quaternions = self._robot.flange_poses(q)
         signals = {
             "pos": _stepped(positions, POSITION_STEP),
-            "quat": _stepped(self._same_sign(quaternions), ANGLE_STEP),
+            "quat": _stepped(self._align_signs(quaternions), ANGLE_STEP),
             "q": q,
         }
         if self._source != "none":
@@ -124,19 +124,19 @@ class Sensors:
         self._last_velocity = velocity[-1]
         return np.diff(velocity, axis=0) / DT
 
-    def _same_sign(self, quaternions: Array) -> Array:
+    def _align_signs(self, quaternions: Array) -> Array:
         if quaternions[0] @ self._last_quaternion < 0.0:
             quaternions = -quaternions
         self._last_quaternion = quaternions[-1]
         return quaternions
 
 
-def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _Chance:
+def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _SensorNoise:
     n, person = plan.ticks, plan.person
     scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
     wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
-    return _Chance(
+    return _SensorNoise(
         joints=person.position_noise_m / REACH_M * rng.normal(size=(n, JOINTS)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),

@@ -21,7 +21,7 @@ ENGAGEMENT_NMS_PER_RAD = 0.3
 BACKLASH_NM = 0.03  # with which a head holds a tool that is turned back: a ratchet
 WALL_N_PER_M, WALL_NS_PER_M = 4e3, 60.0
 CHAMFER_M = 0.005  # depth from which the walls of a hole guide with their full stiffness
-BARREL_SHARE = 0.9  # of the barrel's radius, by which it reaches to either side
+CYLINDER_SHARE = 0.9  # of the barrel's radius, by which it reaches to either side
 ARC_POINTS = 6
 UP: Vector = (0.0, 0.0, 1.0)
 
@@ -50,30 +50,30 @@ class Hole(Surface):
     resistance_n_per_m: float = 150.0
 
     @property
-    def yields_m(self) -> float:
+    def compliance_depth_m(self) -> float:
         """Depth [m] to which a peg can be pushed in."""
         return self.floor_m
 
 
 @dataclass(frozen=True)
-class Barrel(Surface):
+class HorizontalCylinder(Surface):
     """A cylinder that lies level along the base's x axis; `touch_height_m` is the height of its crown.
 
     bend_m: radius of its curvature.
     """
 
-    bend_m: float = 0.2
+    radius_m: float = 0.2
 
     def covers(self, x: float, y: float) -> bool:
         """Whether a point of the base plane [m] lies over its upper side."""
         del x
-        return abs(y - self.center_m[1]) < BARREL_SHARE * self.bend_m
+        return abs(y - self.center_m[1]) < CYLINDER_SHARE * self.radius_m
 
     def height_at(self, x: float, y: float) -> float:
         """Height [m] of the fingertips at which it is touched over a point of the base plane [m]."""
         del x
         aside = y - self.center_m[1]
-        return self.touch_height_m - self.bend_m + sqrt(self.bend_m**2 - aside**2)
+        return self.touch_height_m - self.radius_m + sqrt(self.radius_m**2 - aside**2)
 
     def arc(self, start: Array, goal: Array, depth_m: float) -> tuple[Vector, ...]:
         """Points between two places (3,) [m] along the surface, at a depth below it [m]."""
@@ -83,15 +83,15 @@ class Barrel(Surface):
     def depth_and_normal(self, x: float, y: float, z: float) -> tuple[float, Vector]:
         """Depth [m] of a point below the surface, and the normal there."""
         del x
-        aside, above = y - self.center_m[1], z - self.touch_height_m + self.bend_m
+        aside, above = y - self.center_m[1], z - self.touch_height_m + self.radius_m
         distance = hypot(aside, above)
-        return self.bend_m - distance, (0.0, aside / distance, above / distance)
+        return self.radius_m - distance, (0.0, aside / distance, above / distance)
 
 
-SHAPED = (Screw, Hole, Barrel)
+SHAPED = (Screw, Hole, HorizontalCylinder)
 
 
-class Felt(NamedTuple):
+class ContactWrench(NamedTuple):
     """What a contact does to a tool: force (3,) [N] at its tip, torque [Nm] about its axis, normal [N]."""
 
     force: Array
@@ -99,30 +99,30 @@ class Felt(NamedTuple):
     normal_n: float
 
 
-NOTHING = Felt(np.zeros(3), 0.0, 0.0)
-Contact = Callable[[Sequence[float], Sequence[float], float, float, float], Felt]
+NO_CONTACT = ContactWrench(np.zeros(3), 0.0, 0.0)
+Contact = Callable[[Sequence[float], Sequence[float], float, float, float], ContactWrench]
 
 
 def contact_with(surfaces: Sequence[Surface]) -> Contact:
-    """Return what surfaces do to a tool's tip, as `ShapedTouch.touch`.
+    """Return what surfaces do to a tool's tip, as `ShapedContact.wrench_at`.
 
     Level surfaces use the faster `FingertipContact`.
     """
     if any(isinstance(surface, SHAPED) for surface in surfaces):
-        return ShapedTouch(surfaces).touch
+        return ShapedContact(surfaces).wrench_at
     level = FingertipContact(surfaces)
 
-    def touch(
+    def wrench_at(
         position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
-    ) -> Felt:
+    ) -> ContactWrench:
         del spin
         force = np.array(level.force(position, velocity, dt, load_n))
-        return Felt(force, 0.0, float(force[2]))
+        return ContactWrench(force, 0.0, float(force[2]))
 
-    return touch
+    return wrench_at
 
 
-class ShapedTouch:
+class ShapedContact:
     """Contact of the tool's tip with surfaces of any shape.
 
     Keeps bristles, depths and turns between steps. Fingers that have pushed a peg in stand below the rim of
@@ -132,51 +132,51 @@ class ShapedTouch:
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         self._surfaces = tuple(surfaces)
         self._stretch = np.zeros(3)  # [m] of the friction's bristle
-        self._twist = 0.0  # [rad] by which a tool leads the screw's head
-        self._driven = 0.0  # [rad] by which the screw has been turned in
-        self._sunk = 0.0  # [m] by which a peg is in its hole
+        self._lead_rad = 0.0  # [rad] by which a tool leads the screw's head
+        self._driven_rad = 0.0  # [rad] by which the screw has been turned in
+        self._insertion_m = 0.0  # [m] by which a peg is in its hole
 
-    def touch(
+    def wrench_at(
         self, position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
-    ) -> Felt:
+    ) -> ContactWrench:
         """What the surfaces do to a tip at a position [m] with a velocity [m/s], in a step of dt [s].
 
         spin: rate [rad/s] of the tool about its axis, which points to its tip.
         load_n: as of `FingertipContact`.
         """
         x, y, z = position
-        within = [s for s in self._surfaces if isinstance(s, Hole)] if self._sunk else self._surfaces
+        within = [s for s in self._surfaces if isinstance(s, Hole)] if self._insertion_m else self._surfaces
         covering = [s for s in within if s.covers(x, y)]
         surface = max(covering, key=lambda s: s.height_at(x, y) - z, default=None)
         if surface is None:
-            return self._lost()
+            return self._end_contact()
         depth, normal = self._depth(surface, x, y, z)
         depth += surface.depth_for(load_n)
         rate = -(velocity[0] * normal[0] + velocity[1] * normal[1] + velocity[2] * normal[2])
         normal_n = surface.normal_force(depth, rate)
         if normal_n == 0.0:
-            return self._lost()
+            return self._end_contact()
         along = np.array(normal)
         force = normal_n * along + self._friction(np.array(velocity), along, surface.friction * normal_n, dt)
         if isinstance(surface, Hole):
-            self._give_way(surface, depth)
+            self._push_in(surface, depth)
             if load_n > 0.0:
-                force += self._walls(surface, x, y, velocity)
-        torque_nm = self._resist(surface, spin, dt) if isinstance(surface, Screw) else 0.0
-        return Felt(force, torque_nm, normal_n)
+                force += self._wall_force(surface, x, y, velocity)
+        torque_nm = self._screw_torque(surface, spin, dt) if isinstance(surface, Screw) else 0.0
+        return ContactWrench(force, torque_nm, normal_n)
 
-    def _lost(self) -> Felt:
-        self._stretch, self._twist = np.zeros(3), 0.0
-        return NOTHING
+    def _end_contact(self) -> ContactWrench:
+        self._stretch, self._lead_rad = np.zeros(3), 0.0
+        return NO_CONTACT
 
     def _depth(self, surface: Surface, x: float, y: float, z: float) -> tuple[float, Vector]:
-        if isinstance(surface, Barrel):
+        if isinstance(surface, HorizontalCylinder):
             return surface.depth_and_normal(x, y, z)
         depth = surface.touch_height_m - z
         if isinstance(surface, Screw):
-            depth -= surface.pitch_m * self._driven / (2.0 * pi)
+            depth -= surface.pitch_m * self._driven_rad / (2.0 * pi)
         elif isinstance(surface, Hole):
-            depth -= self._sunk
+            depth -= self._insertion_m
         return depth, UP
 
     def _friction(self, velocity: Array, normal: Array, limit_n: float, dt: float) -> Array:
@@ -191,29 +191,29 @@ class ShapedTouch:
         over = max(1.0, float(np.linalg.norm(force)) / limit_n)
         return np.asarray(force / over)
 
-    def _give_way(self, hole: Hole, depth: float) -> None:
+    def _push_in(self, hole: Hole, depth: float) -> None:
         """Sink by as much as the force at rest exceeds the resistance."""
-        resistance = hole.resistance_n + hole.resistance_n_per_m * self._sunk
+        resistance = hole.resistance_n + hole.resistance_n_per_m * self._insertion_m
         over = hole.static_force(depth) - resistance
         if over > 0.0:
-            self._sunk = min(hole.floor_m, self._sunk + over / hole.stiffness_n_per_m)
+            self._insertion_m = min(hole.floor_m, self._insertion_m + over / hole.stiffness_n_per_m)
 
-    def _walls(self, hole: Hole, x: float, y: float, velocity: Sequence[float]) -> Array:
-        share = min(1.0, self._sunk / CHAMFER_M)
+    def _wall_force(self, hole: Hole, x: float, y: float, velocity: Sequence[float]) -> Array:
+        share = min(1.0, self._insertion_m / CHAMFER_M)
         aside = np.array([x - hole.center_m[0], y - hole.center_m[1], 0.0])
         moving = np.array([velocity[0], velocity[1], 0.0])
         return np.asarray(-share * (WALL_N_PER_M * aside + WALL_NS_PER_M * moving))
 
-    def _resist(self, screw: Screw, spin: float, dt: float) -> float:
+    def _screw_torque(self, screw: Screw, spin: float, dt: float) -> float:
         """Torque [Nm] on the tool about its axis: the head follows where the thread gives way."""
-        self._twist += dt * spin
-        most = (screw.torque_nm + screw.torque_nm_per_rad * self._driven) / ENGAGEMENT_NM_PER_RAD
+        self._lead_rad += dt * spin
+        most = (screw.torque_nm + screw.torque_nm_per_rad * self._driven_rad) / ENGAGEMENT_NM_PER_RAD
         least = -BACKLASH_NM / ENGAGEMENT_NM_PER_RAD
-        if self._twist > most:
-            self._driven += self._twist - most
-            self._twist = most
-        elif self._twist < least:
-            self._twist = least
+        if self._lead_rad > most:
+            self._driven_rad += self._lead_rad - most
+            self._lead_rad = most
+        elif self._lead_rad < least:
+            self._lead_rad = least
         else:
-            return -ENGAGEMENT_NM_PER_RAD * self._twist - ENGAGEMENT_NMS_PER_RAD * spin
-        return -ENGAGEMENT_NM_PER_RAD * self._twist
+            return -ENGAGEMENT_NM_PER_RAD * self._lead_rad - ENGAGEMENT_NMS_PER_RAD * spin
+        return -ENGAGEMENT_NM_PER_RAD * self._lead_rad

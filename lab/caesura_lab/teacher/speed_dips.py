@@ -15,7 +15,7 @@ import numpy as np
 from caesura_lab.teacher.motion_profiles import Array
 
 CORNER_DEG, CORNER_DIP, CORNER_LOOK_S = 45.0, 0.6, 0.25
-DOUBT_DEG = 5.0  # this close to the limit an annotator leaves a turn open
+UNCERTAIN_DEG = 5.0  # this close to the limit an annotator leaves a turn open
 VISIBLE_DIP = 0.9  # of the lesser peak; nine of ten optional dips of the open annotations are deeper
 SMALL_M_PER_S, SMALL_M = 0.025, 0.010  # of corrections: slower or shorter than any other movement
 SLOW_M_PER_S = 0.040  # a movement whose smoothed speed stays below is slow
@@ -50,13 +50,15 @@ def guided_dips(velocity: Array, dt: float) -> list[Dip]:
     befores, afters = [0, *minima[:-1]], [*minima[1:], len(speed)]
     arounds = zip(befores, minima, afters, strict=True) if minima else ()
     turns = [_readings(velocity, speed, around, look) for around in arounds]
-    turned = [tick for tick, turn in zip(minima, turns, strict=True) if max(turn) > CORNER_DEG - DOUBT_DEG]
+    turned = [
+        tick for tick, turn in zip(minima, turns, strict=True) if max(turn) > CORNER_DEG - UNCERTAIN_DEG
+    ]
     edges = [0, *turned, len(speed)]
     legs = [np.linalg.norm(np.sum(velocity[a:b], axis=0) * dt) for a, b in pairwise(edges)]
     long = {tick for tick, beside in zip(turned, pairwise(legs), strict=True) if min(beside) >= SMALL_M}
     dips = []
     for tick, turn in zip(minima, turns, strict=True):
-        sure = tick in long and min(turn) > CORNER_DEG + DOUBT_DEG
+        sure = tick in long and min(turn) > CORNER_DEG + UNCERTAIN_DEG
         dips.append(Dip(tick, "corner" if tick in turned else "dip", not sure))
     near = round(CORNER_LOOK_S / dt)
     visible = clear_minima(speed, VISIBLE_DIP, least)

@@ -29,7 +29,7 @@ from caesura_service.constants import GRID_HZ
 MARGIN_S = 0.15  # kept away from boundaries when noise is measured
 TREND_S = 0.1  # slower than this is signal, faster is noise
 IMPACT_S = 0.15
-LET_GO_S = 0.8  # looked at before the end of a contact
+RELEASE_S = 0.8  # looked at before the end of a contact
 RISE_TO_N = 8.0
 
 # Unit, and the range in real recordings (the statistics of several robots that this simulation was built to).
@@ -101,7 +101,7 @@ def _rise(t: Array, force: Array, contact: dict[str, float]) -> float:
 
 def _release(t: Array, force: Array, contact: dict[str, float]) -> float:
     """Time [s] that the force at the end of a contact takes to go."""
-    end = (t > contact["t1"] - LET_GO_S) & (t < contact["t1"])
+    end = (t > contact["t1"] - RELEASE_S) & (t < contact["t1"])
     size = np.linalg.norm(force[end], axis=1)
     held = np.flatnonzero(size > 0.9 * np.quantile(size, 0.9))
     return float(contact["t1"] - t[end][held[-1]])

@@ -34,7 +34,7 @@ RESTS_OF: Mapping[Class, tuple[Class, ...]] = {
     "turning": ("steady", "hold", "contact"),
 }
 Mask = NDArray[np.bool_]
-Way = Callable[[Array, float], float]
+DistanceMeasure = Callable[[Array, float], float]
 
 RULE = (
     "from the simulation's true state: major = boundary between motion and a rest that lasts >=0.3 s; "
@@ -102,21 +102,21 @@ class TrueState:
         return bool(len(self.rate))
 
     @property
-    def pace(self) -> Array:
+    def reference_speed(self) -> Array:
         """(n,) [m/s] speed, or that of a point at a hand's breadth from the tip where it is turned faster."""
         speed = np.linalg.norm(self.velocity, axis=1)
         if not self.turns:
             return np.asarray(speed)
         return np.asarray(np.maximum(speed, HAND_BREADTH_M * np.linalg.norm(self.rate, axis=1)))
 
-    def moving(self, first: int, last: int, cls: Class) -> Array:
+    def velocity_of_class(self, first: int, last: int, cls: Class) -> Array:
         """Velocity [m/s] by which a class moves in ticks first to last: (n, 3), on a level surface (n, 2)."""
         if cls == "turning":
             return np.asarray(HAND_BREADTH_M * self.rate[first:last])
         return self.velocity[first:last, : 2 if cls == "sliding" and not self.turns else 3]
 
     @property
-    def effort(self) -> Array:
+    def hand_force_n(self) -> Array:
         """(n,) [N] with which the hand presses: what the surface carries without the load."""
         return self.normal - GRAVITY * self.load_kg
 
@@ -150,7 +150,7 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     marks += decays + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
-    marks = _told_apart(marks, corners_too=guided)
+    marks = _without_coincident(marks, corners_too=guided)
     return {
         "window": [0.0, _time(state, state.t.size - 1)],
         "rule": (GUIDED_RULE if guided else RULE) + TURNING_RULE * state.turns,
@@ -186,43 +186,47 @@ def contact_spans(state: TrueState) -> list[tuple[int, int]]:
 def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -> list[TickSpan]:
     """The whole demonstration as consecutive spans."""
     edges = {0, state.t.size, *(e for contact in contacts for e in contact)}
-    taken = {e for held in runs(state.load_kg > 0.0) for e in held}
-    edges |= {e for e in taken if not any(a <= e < b for a, b in contacts)}
+    grip_edges = {e for held in runs(state.load_kg > 0.0) for e in held}
+    edges |= {e for e in grip_edges if not any(a <= e < b for a, b in contacts)}
     touching = {first for first, _ in contacts}
     spans: list[TickSpan] = []
     for first, last in pairwise(sorted(edges)):
         held = bool(state.load_kg[first] > 0.0)
-        names: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
-        names = ("sliding", "contact") if first in touching else names
-        spans += _motion_spans(state, first, last, names, guided=guided)
+        classes: tuple[Class, Class] = ("transport", "hold") if held else ("motion", "steady")
+        classes = ("sliding", "contact") if first in touching else classes
+        spans += _motion_spans(state, first, last, classes, guided=guided)
     return spans
 
 
 def _motion_spans(
-    state: TrueState, first: int, last: int, names: tuple[Class, Class], *, guided: bool
+    state: TrueState, first: int, last: int, classes: tuple[Class, Class], *, guided: bool
 ) -> list[TickSpan]:
     """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
-    way = _reach if state.turns else _way
-    find = partial(_guided_moves if guided else _ideal_moves, way=way)
-    velocity = state.moving(first, last, names[0])
-    turns = find(*_pace(state, state.moving(first, last, "turning")), "turning") if state.turns else []
+    distance_of = _largest_distance if state.turns else _chord_length
+    find = partial(_guided_moves if guided else _ideal_moves, distance_of=distance_of)
+    velocity = state.velocity_of_class(first, last, classes[0])
+    turns = (
+        find(*_speed_inputs(state, state.velocity_of_class(first, last, "turning")), "turning")
+        if state.turns
+        else []
+    )
     in_place = [turn for turn in turns if not turn.small and _in_place(state, first, turn)]
     for turn in in_place:
         velocity = velocity.copy()
         velocity[turn.first : turn.last] = 0.0
-    moves = find(*_pace(state, velocity), names[0])
+    moves = find(*_speed_inputs(state, velocity), classes[0])
     if turns:
-        moves = _with_turns(state, moves, turns, in_place)
+        moves = _merge_turns(state, moves, turns, in_place)
     at, spans = 0, []
-    for move in _joined(moves, last - first, round(REST_S / state.dt)):
-        spans += [TickSpan(at, move.first, names[1])] * (move.first > at)
+    for move in _join_short_rests(moves, last - first, round(REST_S / state.dt)):
+        spans += [TickSpan(at, move.first, classes[1])] * (move.first > at)
         spans.append(move)
         at = move.last
-    spans += [TickSpan(at, last - first, names[1])] * (last - first > at)
+    spans += [TickSpan(at, last - first, classes[1])] * (last - first > at)
     return [s._replace(first=first + s.first, last=first + s.last) for s in spans]
 
 
-def _pace(state: TrueState, velocity: Array) -> tuple[Array, Array, float]:
+def _speed_inputs(state: TrueState, velocity: Array) -> tuple[Array, Array, float]:
     """Velocity, smoothed speed (n,) [m/s] and tick [s]: what movements are found in."""
     speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
     return velocity, speed, state.dt
@@ -232,10 +236,10 @@ def _in_place(state: TrueState, first: int, turn: TickSpan) -> bool:
     """Whether the tip hardly travels in a turn of a stretch that begins at a tick."""
     ticks = slice(first + turn.first, first + turn.last)
     turned = state.dt * float(np.linalg.norm(HAND_BREADTH_M * state.rate[ticks], axis=1).sum())
-    return _reach(state.velocity[ticks], state.dt) < TRAVEL_SHARE * turned
+    return _largest_distance(state.velocity[ticks], state.dt) < TRAVEL_SHARE * turned
 
 
-def _with_turns(
+def _merge_turns(
     state: TrueState, moves: list[TickSpan], turns: list[TickSpan], in_place: list[TickSpan]
 ) -> list[TickSpan]:
     """Movements and turns of a stretch, apart: what travels and turns is a movement.
@@ -244,8 +248,10 @@ def _with_turns(
     turn beside anything larger is nothing.
     """
     rest = round(REST_S / state.dt)
-    left = [turn for turn in in_place if not any(m.first < turn.first and turn.last < m.last for m in moves)]
-    moves = [_apart(move, left) for move in moves]
+    remaining = [
+        turn for turn in in_place if not any(m.first < turn.first and turn.last < m.last for m in moves)
+    ]
+    moves = [_without_turn_edges(move, remaining) for move in moves]
     moves = [move for move in moves if move.first < move.last]
     for turn in turns:
         if turn.small or turn in in_place:
@@ -257,14 +263,14 @@ def _with_turns(
             begin = move.first if move.first - at >= rest else min(at, move.first)
             end = move.last if turn.last - move.last >= rest else max(turn.last, move.last)
             moves[index] = move._replace(first=begin, last=end)
-            left += [turn._replace(first=at, last=begin)] * (begin > at)
+            remaining += [turn._replace(first=at, last=begin)] * (begin > at)
             at = end
-        left += [turn._replace(first=at)] * (turn.last > at)
-    small = [turn for turn in turns if turn.small and not any(_overlap(turn, m) for m in moves + left)]
-    return sorted(moves + left + small)
+        remaining += [turn._replace(first=at)] * (turn.last > at)
+    small = [turn for turn in turns if turn.small and not any(_overlap(turn, m) for m in moves + remaining)]
+    return sorted(moves + remaining + small)
 
 
-def _apart(move: TickSpan, turns: list[TickSpan]) -> TickSpan:
+def _without_turn_edges(move: TickSpan, turns: list[TickSpan]) -> TickSpan:
     """A movement without the ends that smoothing has put into a turn beside it."""
     first = max([move.first, *(turn.last for turn in turns if turn.first <= move.first < turn.last)])
     last = min([move.last, *(turn.first for turn in turns if turn.first < move.last <= turn.last)])
@@ -275,17 +281,21 @@ def _overlap(one: TickSpan, other: TickSpan) -> bool:
     return one.first < other.last and other.first < one.last
 
 
-def _ideal_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[TickSpan]:
+def _ideal_moves(
+    velocity: Array, speed: Array, dt: float, cls: Class, distance_of: DistanceMeasure
+) -> list[TickSpan]:
     """Movements of ideal people: what exceeds 5 mm/s, if it exceeds 10 mm/s."""
     moves = []
     for a, b in runs(speed > START_M_PER_S):
-        small = bool(speed[a:b].max() < SMALL_M_PER_S or way(velocity[a:b], dt) < SMALL_M)
+        small = bool(speed[a:b].max() < SMALL_M_PER_S or distance_of(velocity[a:b], dt) < SMALL_M)
         if speed[a:b].max() > SURE_M_PER_S:
-            moves.append(TickSpan(a, b, cls, small or _slips(a, b, dt, cls)))
+            moves.append(TickSpan(a, b, cls, small or _is_slip(a, b, dt, cls)))
     return moves
 
 
-def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way) -> list[TickSpan]:
+def _guided_moves(
+    velocity: Array, speed: Array, dt: float, cls: Class, distance_of: DistanceMeasure
+) -> list[TickSpan]:
     """Movements of people with habits: what exceeds 10 mm/s, and beside it tracing and small corrections.
 
     A small run beside a large one is a correction: the large movement starts and stops where it does itself.
@@ -294,21 +304,21 @@ def _guided_moves(velocity: Array, speed: Array, dt: float, cls: Class, way: Way
     large = [
         (a, b)
         for a, b in runs(speed > SURE_M_PER_S)
-        if speed[a:b].max() >= SMALL_M_PER_S and way(velocity[a:b], dt) >= SMALL_M
+        if speed[a:b].max() >= SMALL_M_PER_S and distance_of(velocity[a:b], dt) >= SMALL_M
     ]
-    fast = [TickSpan(a, b, cls, _slips(a, b, dt, cls)) for a, b in _bridged(large, rest)]
-    left = speed > TRACING_M_PER_S
+    fast = [TickSpan(a, b, cls, _is_slip(a, b, dt, cls)) for a, b in _join_close(large, rest)]
+    remaining = speed > TRACING_M_PER_S
     for move in fast:
-        left[move.first : move.last] = False
+        remaining[move.first : move.last] = False
     slow = []
-    for a, b in _bridged(runs(left), rest, apart=fast):
-        traced = way(velocity[a:b], dt) >= TRACING_M
+    for a, b in _join_close(runs(remaining), rest, apart=fast):
+        traced = distance_of(velocity[a:b], dt) >= TRACING_M
         if traced or speed[a:b].max() > SURE_M_PER_S:
-            slow.append(TickSpan(a, b, cls, not traced or _slips(a, b, dt, cls)))
+            slow.append(TickSpan(a, b, cls, not traced or _is_slip(a, b, dt, cls)))
     return sorted(fast + slow)
 
 
-def _bridged(
+def _join_close(
     stretches: list[tuple[int, int]], rest: int, apart: Sequence[TickSpan] = ()
 ) -> list[tuple[int, int]]:
     """Join stretches that less than a rest [ticks] parts, unless a span of `apart` lies between them."""
@@ -321,20 +331,20 @@ def _bridged(
     return joined
 
 
-def _way(velocity: Array, dt: float) -> float:
+def _chord_length(velocity: Array, dt: float) -> float:
     return float(np.linalg.norm(np.sum(velocity, axis=0) * dt))
 
 
-def _reach(velocity: Array, dt: float) -> float:
+def _largest_distance(velocity: Array, dt: float) -> float:
     """How far [m] a movement gets from where it begins; unlike its way not 0 for one that returns."""
     return float(np.linalg.norm(np.cumsum(velocity, axis=0) * dt, axis=1).max())
 
 
-def _slips(first: int, last: int, dt: float, cls: Class) -> bool:
+def _is_slip(first: int, last: int, dt: float, cls: Class) -> bool:
     return cls == "sliding" and (last - first) * dt < SLIDE_S
 
 
-def _joined(moves: list[TickSpan], length: int, rest: int) -> list[TickSpan]:
+def _join_short_rests(moves: list[TickSpan], length: int, rest: int) -> list[TickSpan]:
     """Movements without the rests that are too short to part them: two that are alike become one.
 
     A small movement takes a short rest beside it, so that the large one starts and stops where it does.
@@ -404,7 +414,7 @@ def _with_edge(state: TrueState, mark: dict[str, Any]) -> dict[str, Any]:
         return mark
     tick, look = round(mark["t"] / state.dt), round(EDGE_TOL_S / state.dt)
     near = slice(max(0, tick - look), tick + look)
-    speed = state.pace[near]
+    speed = state.reference_speed[near]
     gradual = float(np.sum((speed > START_M_PER_S) & (speed < SURE_M_PER_S)) * state.dt)
     return {**mark, "tol": round(min(EDGE_TOL_S, max(mark["tol"], gradual)), 3)}
 
@@ -417,8 +427,8 @@ def _without_doubtful_rests(
     Such a span has no class, and a start or stop beside it is optional. In contact a press may move the hand.
     marks: one for each pair of spans.
     """
-    speed = uniform_filter1d(state.pace, round(SMOOTH_S / state.dt), mode="nearest")
-    spans = [s._replace(clear=s.cls not in ("steady", "hold") or _rests(speed, s, state.dt)) for s in spans]
+    speed = uniform_filter1d(state.reference_speed, round(SMOOTH_S / state.dt), mode="nearest")
+    spans = [s._replace(clear=s.cls not in ("steady", "hold") or _is_rest(speed, s, state.dt)) for s in spans]
     marks = [
         mark if (before.clear and after.clear) or mark["kind"] not in ("start", "stop") else _optional(mark)
         for mark, (before, after) in zip(marks, pairwise(spans), strict=True)
@@ -426,7 +436,7 @@ def _without_doubtful_rests(
     return spans, marks
 
 
-def _rests(speed: Array, span: TickSpan, dt: float) -> bool:
+def _is_rest(speed: Array, span: TickSpan, dt: float) -> bool:
     """Whether a rest is one by the lower threshold too; the recording's ends may cut it."""
     slow = runs(speed[span.first : span.last] < START_M_PER_S)
     longest = max((last - first for first, last in slow), default=0)
@@ -461,12 +471,12 @@ def _within_motions(state: TrueState, spans: list[TickSpan], *, guided: bool) ->
 
 
 def _smoothed(state: TrueState, span: TickSpan) -> Array:
-    part = state.moving(span.first, span.last, span.cls)
+    part = state.velocity_of_class(span.first, span.last, span.cls)
     smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
     return smooth
 
 
-def _told_apart(marks: list[dict[str, Any]], *, corners_too: bool) -> list[dict[str, Any]]:
+def _without_coincident(marks: list[dict[str, Any]], *, corners_too: bool) -> list[dict[str, Any]]:
     """A turn or a stop within reading uncertainty of a contact that begins or ends is no event of its own.
 
     corners_too: nor is a corner near a start or stop, which is the clearer of the two.
@@ -486,20 +496,22 @@ def _decays(state: TrueState, contacts: list[tuple[int, int]]) -> list[dict[str,
     """Where the force of each contact begins to decay for good."""
     marks = []
     for first, last in contacts:
-        effort = uniform_filter1d(state.effort[first:last], round(SMOOTH_S / state.dt), mode="nearest")
-        strong = np.flatnonzero(effort > DECAY_BEGINS * _plateau(effort))
+        hand_force_n = uniform_filter1d(
+            state.hand_force_n[first:last], round(SMOOTH_S / state.dt), mode="nearest"
+        )
+        strong = np.flatnonzero(hand_force_n > DECAY_BEGINS * _plateau(hand_force_n))
         if strong.size and (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
             marks.append(_mark(_time(state, first + int(strong[-1])), "optional", "decay"))
     return marks
 
 
-def _plateau(effort: Array) -> float:
+def _plateau(hand_force_n: Array) -> float:
     """Force [N] of the press proper: approach, travel of a button and release left out."""
-    return float(np.median(effort[effort >= PLATEAU_SHARE * np.quantile(effort, 0.9)]))
+    return float(np.median(hand_force_n[hand_force_n >= PLATEAU_SHARE * np.quantile(hand_force_n, 0.9)]))
 
 
 def _force(state: TrueState, first: int, last: int) -> dict[str, float]:
-    newton = round(_plateau(state.effort[first:last]), 2)
+    newton = round(_plateau(state.hand_force_n[first:last]), 2)
     return {"t0": _time(state, first), "t1": _time(state, last), "newton": newton}
 
 

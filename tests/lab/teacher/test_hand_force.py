@@ -12,8 +12,8 @@ from caesura_lab.teacher.hand_force import (
     SWITCH_S,
     ForceSetpoint,
     HandForceController,
-    aims_at,
-    goal_to_reach,
+    force_goal,
+    force_profile,
 )
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.plan import make_plan
@@ -35,7 +35,7 @@ TICKS = np.arange(4000) * DT
 
 def followed(touch_s: float) -> tuple[list[float], list[float]]:
     """Force and control of the place at every tick, with a surface that is met at a time."""
-    effort = HandForceController(aims_at(AIMS, TICKS), RATE_PER_S, DT)
+    effort = HandForceController(force_profile(AIMS, TICKS), RATE_PER_S, DT)
     forces, places = [], []
     for tick, t in enumerate(TICKS):
         effort.feel(tick, float(touch_s <= t < 3.2))
@@ -45,16 +45,16 @@ def followed(touch_s: float) -> tuple[list[float], list[float]]:
 
 
 def test_an_aim_holds_until_the_next():
-    aims = aims_at(AIMS, np.array([0.4, 0.5, 0.9, 1.0, 3.5]))
+    aims = force_profile(AIMS, np.array([0.4, 0.5, 0.9, 1.0, 3.5]))
     assert aims.force.tolist() == [0.0, 10.0, 10.0, 10.0, 0.0]
     assert aims.waits.tolist() == [False, True, True, False, False]
     assert aims.aside[:, 0].tolist() == [0.0, 0.0, 0.0, 0.1, 0.0]
 
 
 def test_a_force_of_a_table_is_reached_in_time_and_never_by_pulling():
-    goal = goal_to_reach(3.3, 15.0, 0.6, RATE_PER_S)
+    goal = force_goal(3.3, 15.0, 0.6, RATE_PER_S)
     assert goal + (15.0 - goal) * exp(-RATE_PER_S * 0.6) == pytest.approx(3.3)
-    assert goal_to_reach(1.0, 15.0, 0.1, RATE_PER_S) == 0.0
+    assert force_goal(1.0, 15.0, 0.1, RATE_PER_S) == 0.0
 
 
 @pytest.mark.parametrize(("touch_s", "begins_s"), [(0.7, 0.7), (2.0, 1.0)])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_lab.teacher.noise import band_noise, wandering
+from caesura_lab.teacher.noise import band_noise, ornstein_uhlenbeck
 
 N, RATE = 100_000, 1000.0
 
@@ -18,7 +18,7 @@ def test_band_noise_has_unit_variance_and_its_power_in_the_band(hertz: tuple[flo
 
 
 def test_wandering_starts_at_0_and_forgets_in_its_time() -> None:
-    wander = wandering(N, 20, 0.8, RATE, np.random.default_rng(0))
+    wander = ornstein_uhlenbeck(N, 20, 0.8, RATE, np.random.default_rng(0))
     settled = wander[5000:]
     later = np.mean(settled[:-800] * settled[800:]) / np.mean(settled**2)
     assert np.abs(wander[0]).max() < 0.2

@@ -9,15 +9,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from caesura_lab.teacher.fingertip_contact import Surface
-from caesura_lab.teacher.shapes import Barrel, Felt, Hole, Screw, ShapedTouch
+from caesura_lab.teacher.shapes import ContactWrench, Hole, HorizontalCylinder, Screw, ShapedContact
 
 STILL, DT = (0.0, 0.0, 0.0), 1e-3
 SCREW = Screw(0.1, radius_m=0.01)
 HOLE = Hole(0.1, radius_m=0.01)
-BARREL = Barrel(0.3, center_m=(0.0, 0.1), bend_m=0.2)
+BARREL = HorizontalCylinder(0.3, center_m=(0.0, 0.1), radius_m=0.2)
 
 
-def turned(touch: ShapedTouch, turns: float, rate: float, z: float) -> Felt:
+def turned(touch: ShapedContact, turns: float, rate: float, z: float) -> ContactWrench:
     """The last of what is felt over some turns at a rate [rad/s]."""
     felt = [
         touch.touch((0.0, 0.0, z), STILL, rate, DT, 0.0)
@@ -27,7 +27,7 @@ def turned(touch: ShapedTouch, turns: float, rate: float, z: float) -> Felt:
 
 
 def test_a_screw_that_is_driven_by_two_turns_is_two_pitches_lower() -> None:
-    touch, z = ShapedTouch([SCREW]), 0.1 - 0.004
+    touch, z = ShapedContact([SCREW]), 0.1 - 0.004
     before = touch.touch((0.0, 0.0, z), STILL, 0.0, DT, 0.0).normal_n
     after = turned(touch, 2.0, 2.0, z)
     assert (before - after.normal_n) / SCREW.stiffness_n_per_m == pytest.approx(2 * SCREW.pitch_m, rel=0.01)
@@ -35,7 +35,7 @@ def test_a_screw_that_is_driven_by_two_turns_is_two_pitches_lower() -> None:
 
 
 def test_a_screw_lets_a_tool_turn_back_freely_and_does_not_come_out() -> None:
-    touch, z = ShapedTouch([SCREW]), 0.1 - 0.002
+    touch, z = ShapedContact([SCREW]), 0.1 - 0.002
     turned(touch, 0.5, 2.0, z)
     low = touch.touch((0.0, 0.0, z), STILL, 0.0, DT, 0.0).normal_n
     back = turned(touch, 0.5, -2.0, z)
@@ -44,11 +44,11 @@ def test_a_screw_lets_a_tool_turn_back_freely_and_does_not_come_out() -> None:
 
 
 def test_a_tool_in_the_air_feels_no_screw() -> None:
-    assert_allclose(ShapedTouch([SCREW]).touch((0.0, 0.0, 0.101), STILL, 2.0, DT, 0.0).force, 0.0)
+    assert_allclose(ShapedContact([SCREW]).touch((0.0, 0.0, 0.101), STILL, 2.0, DT, 0.0).force, 0.0)
 
 
 def test_a_hole_gives_way_above_its_resistance_only_down_to_its_floor() -> None:
-    touch = ShapedTouch([HOLE, Surface(0.1)])
+    touch = ShapedContact([HOLE, Surface(0.1)])
     weak = HOLE.depth_for(0.9 * HOLE.resistance_n)
     assert touch.touch((0.0, 0.0, 0.1 - weak), STILL, 0.0, DT, 0.0).normal_n == pytest.approx(9.0)
     for depth in np.linspace(weak, HOLE.floor_m, 2500):
@@ -61,7 +61,7 @@ def test_a_hole_gives_way_above_its_resistance_only_down_to_its_floor() -> None:
 
 
 def test_the_walls_of_a_hole_push_a_peg_back_and_leave_empty_fingers_alone() -> None:
-    touch = ShapedTouch([HOLE, Surface(0.1)])
+    touch = ShapedContact([HOLE, Surface(0.1)])
     for _ in range(100):
         touch.touch((0.0, 0.0, 0.1 - 0.02), STILL, 0.0, DT, 2.0)
     assert touch.touch((0.003, 0.0, 0.08), STILL, 0.0, DT, 2.0).force[0] < -5.0
@@ -74,13 +74,13 @@ def test_the_walls_of_a_hole_push_a_peg_back_and_leave_empty_fingers_alone() -> 
 @pytest.mark.parametrize("lean", [-0.6, 0.0, 0.5])
 def test_a_barrel_pushes_along_its_normal(lean: float) -> None:
     y, z = 0.1 + 0.199 * sin(lean), 0.3 - 0.2 + 0.199 * cos(lean)
-    felt = ShapedTouch([BARREL]).touch((0.0, y, z), STILL, 0.0, DT, 0.0)
+    felt = ShapedContact([BARREL]).touch((0.0, y, z), STILL, 0.0, DT, 0.0)
     assert_allclose(felt.force, felt.normal_n * (0.0 * felt.force + [0.0, sin(lean), cos(lean)]), atol=1e-9)
     assert felt.normal_n == pytest.approx(BARREL.static_force(0.001))
 
 
 def test_friction_on_a_barrel_is_along_it_and_never_more_than_its_share() -> None:
-    touch, lean = ShapedTouch([BARREL]), 0.5
+    touch, lean = ShapedContact([BARREL]), 0.5
     along = (0.0, 0.1 * cos(lean), -0.1 * sin(lean))
     place = (0.0, 0.1 + 0.199 * sin(lean), 0.1 + 0.199 * cos(lean))
     for _ in range(50):

@@ -60,8 +60,8 @@ def test_the_wrench_source_changes_the_wrench_and_nothing_else(robot: Robot) -> 
 def test_joint_torque_estimates_err_by_newtons_in_motion(robot: Robot) -> None:
     true = teach(SHORT, seed=3, wrench_source="flange_sensor_with_hand", robot=robot).recording
     estimate = teach(SHORT, seed=3, wrench_source="joint_torque_estimate", robot=robot).recording
-    moving = (true.t > 0.8) & (true.t < 1.4)
-    error = np.linalg.norm((estimate.signals["force"] - true.signals["force"])[moving], axis=1)
+    velocity_of_class = (true.t > 0.8) & (true.t < 1.4)
+    error = np.linalg.norm((estimate.signals["force"] - true.signals["force"])[velocity_of_class], axis=1)
     assert 1.0 < np.sqrt(np.mean(error**2)) < 8.0
 
 

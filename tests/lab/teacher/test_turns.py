@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_lab.annotations import truth_of
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.phases import Beginning, phases_of
+from caesura_lab.teacher.phases import PhaseStart, phases_of
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, SKILLS, Scenario, Step
 from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_service.robot import Robot
@@ -190,8 +190,8 @@ def test_events_of_phases_are_taken_in_their_order_and_a_missing_one_leaves_none
     marks = [
         {"kind": kind, "t": t} for kind, t in (("contact_on", 2.0), ("contact_off", 3.0), ("contact_on", 6.0))
     ]
-    pick, carry = Beginning("pick", "contact_on", 2.2), Beginning("carry", "contact_off", 1.0)
-    found = phases_of((pick, carry, Beginning("place", "contact_on", 3.1)), marks, 9.0)
+    pick, carry = PhaseStart("pick", "contact_on", 2.2), PhaseStart("carry", "contact_off", 1.0)
+    found = phases_of((pick, carry, PhaseStart("place", "contact_on", 3.1)), marks, 9.0)
     assert [(phase["name"], phase["t0"], phase["t1"]) for phase in found] == [
         ("reach", 0.0, 2.0),
         ("pick", 2.0, 3.0),

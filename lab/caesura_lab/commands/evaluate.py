@@ -21,7 +21,7 @@ from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
-from caesura_lab.evaluation.suites import OPEN, SUITES, Case, Extent, files, missing_recordings, suite
+from caesura_lab.evaluation.suites import OPEN, SUITES, Case, SuiteOptions, files, missing_recordings, suite
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import installing
@@ -39,7 +39,7 @@ SEEDS, THESIS_SEEDS = 5, 20
 SLACK_S = 0.2
 DATA_VARIABLE = "CAESURA_REAL_DATA"
 
-Made = TypeVar("Made")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Page:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class SuiteVerdicts:
     """Verdicts of named methods, and notes on recordings that were missing."""
 
     title: str
@@ -144,20 +144,22 @@ def evaluate(
                 suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
             )
             if evidence:
-                extent = Extent(seeds or SEEDS, first_seed, data)
+                extent = SuiteOptions(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
                 for note in missing_recordings(suite_name, extent):
                     typer.echo(note, err=True)
-                page = _evidence(suite_name, cases, workers)
+                page = _evidence_page(suite_name, cases, workers)
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
-                page = _roundtrip(people, workers) if mutated is None else _mutated(mutated, workers)
+                page = (
+                    _round_trip_page(people, workers) if mutated is None else _mutation_page(mutated, workers)
+                )
             elif suite_name == THESIS and not recordings:
-                page = _thesis(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
+                page = _thesis_page(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             elif suite_name == REALISM and not recordings:
-                page = _realism(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
+                page = _realism_page(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
             else:
-                extent = Extent(seeds or SEEDS, first_seed, data)
+                extent = SuiteOptions(seeds or SEEDS, first_seed, data)
                 cases = _cases(recordings or [], suite_name, extent)
                 missing = missing_recordings(suite_name, extent)
                 if calibrated:
@@ -166,11 +168,11 @@ def evaluate(
                     methods = _ablated()
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                leniencies = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
-                judged = Judgement(
+                tolerance_options = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
+                judged = SuiteVerdicts(
                     title=_title(suite_name, cases, tolerance),
                     methods=[method.name for method in methods],
-                    verdicts=_judged(cases, methods, leniencies, workers),
+                    verdicts=_judged(cases, methods, tolerance_options, workers),
                     missing=missing,
                 )
                 if calibrated:
@@ -185,13 +187,13 @@ def evaluate(
 # The suites below import a second's worth of scipy, which every command would wait for.
 
 
-def _thesis(seeds: range, workers: int) -> Page:
+def _thesis_page(seeds: range, workers: int) -> Page:
     from caesura_lab.evaluation.thesis import suite as thesis  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import summary as thesis_summary  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import tables as thesis_tables  # noqa: PLC0415
 
     tasks = thesis.tasks(seeds)
-    result = thesis_summary.summarise(_watched(each(thesis.perform, tasks, workers=workers), tasks))
+    result = thesis_summary.summarise(_with_progress(each(thesis.run_task, tasks, workers=workers), tasks))
     title = thesis_tables.title(seeds)
     return Page(
         text=lambda: thesis_tables.as_text(result, title),
@@ -200,12 +202,12 @@ def _thesis(seeds: range, workers: int) -> Page:
     )
 
 
-def _roundtrip(seeds: range, workers: int) -> Page:
+def _round_trip_page(seeds: range, workers: int) -> Page:
     from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
     cases = program_round_trip.cases(seeds)
     summary = program_round_trip.summarise(
-        _watched(each(program_round_trip.travel, cases, workers=workers), cases)
+        _with_progress(each(program_round_trip.run_round_trip, cases, workers=workers), cases)
     )
     title = program_round_trip.title(seeds)
     return Page(
@@ -215,11 +217,11 @@ def _roundtrip(seeds: range, workers: int) -> Page:
     )
 
 
-def _realism(data: Path, seeds: range, workers: int) -> Page:
+def _realism_page(data: Path, seeds: range, workers: int) -> Page:
     from caesura_lab.evaluation import realism  # noqa: PLC0415
 
     cases = realism.cases(data, seeds)
-    result = realism.summarise(_watched(each(realism.load, cases, workers=workers), cases))
+    result = realism.summarise(_with_progress(each(realism.load, cases, workers=workers), cases))
     title = realism.title(seeds)
     return Page(
         text=lambda: realism.as_text(result, title),
@@ -228,11 +230,11 @@ def _realism(data: Path, seeds: range, workers: int) -> Page:
     )
 
 
-def _mutated(count: int, workers: int) -> Page:
+def _mutation_page(count: int, workers: int) -> Page:
     from caesura_lab.evaluation import mutations  # noqa: PLC0415
 
     numbers = range(count)
-    fates = list(_watched(each(mutations.meet_fate, numbers, workers=workers), numbers))
+    fates = list(_with_progress(each(mutations.run_mutation, numbers, workers=workers), numbers))
     return Page(
         text=lambda: mutations.as_text(fates),
         markdown=lambda: mutations.as_markdown(fates),
@@ -240,17 +242,19 @@ def _mutated(count: int, workers: int) -> Page:
     )
 
 
-def _evidence(suite_name: str | None, cases: Sequence[Case], workers: int) -> Page:
-    told = libraries.ordered(_watched(each(libraries.tell, cases, workers=workers), cases))
-    title = libraries.title(f"suite {suite_name}" if suite_name else "files", told)
+def _evidence_page(suite_name: str | None, cases: Sequence[Case], workers: int) -> Page:
+    evidences = libraries.sorted_by_recording(
+        _with_progress(each(libraries.library_evidence, cases, workers=workers), cases)
+    )
+    title = libraries.title(f"suite {suite_name}" if suite_name else "files", evidences)
     return Page(
-        text=lambda: libraries.as_text(told, title),
-        markdown=lambda: libraries.as_markdown(told, title),
-        plain=lambda: libraries.as_json(told, title),
+        text=lambda: libraries.as_text(evidences, title),
+        markdown=lambda: libraries.as_markdown(evidences, title),
+        plain=lambda: libraries.as_json(evidences, title),
     )
 
 
-def _page(judged: Judgement, detailed: Sequence[str]) -> Page:
+def _page(judged: SuiteVerdicts, detailed: Sequence[str]) -> Page:
     result = report(judged.title, judged.methods, judged.verdicts, judged.missing)
     return Page(
         text=lambda: as_text(result, detailed=detailed),
@@ -259,7 +263,7 @@ def _page(judged: Judgement, detailed: Sequence[str]) -> Page:
     )
 
 
-def _calibration(judged: Judgement, diagram_file: Path | None) -> Page:
+def _calibration(judged: SuiteVerdicts, diagram_file: Path | None) -> Page:
     result = calibrate(judged.title, judged.methods, judged.verdicts, judged.missing)
     if diagram_file is not None:
         _draw(result, diagram_file)
@@ -288,7 +292,7 @@ def _check_calibration(
         raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
 
 
-def _draw(result: calibration.Calibrated, file: Path) -> None:
+def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
         diagram.write(result, file)
     except ModuleNotFoundError as error:
@@ -313,7 +317,7 @@ def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
 def _cases(
     recordings: Sequence[Path],
     suite_name: str | None,
-    extent: Extent,
+    extent: SuiteOptions,
     *,
     known: Sequence[str] = ALL_SUITES,
 ) -> list[Case]:
@@ -327,13 +331,16 @@ def _cases(
 
 
 def _judged(
-    cases: Sequence[Case], methods: Sequence[Method], leniencies: Sequence[ToleranceOptions], workers: int
+    cases: Sequence[Case],
+    methods: Sequence[Method],
+    tolerance_options: Sequence[ToleranceOptions],
+    workers: int,
 ) -> list[Verdict]:
-    verdicts = _watched(judge_all(cases, methods, leniencies, workers=workers), cases)
+    verdicts = _with_progress(judge_all(cases, methods, tolerance_options, workers=workers), cases)
     return [verdict for some in verdicts for verdict in some]
 
 
-def _watched(results: Iterator[Made], of: Sized) -> Iterator[Made]:
+def _with_progress(results: Iterator[R], of: Sized) -> Iterator[R]:
     """Yield the results, with a bar that shows how many have come."""
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:

@@ -74,7 +74,7 @@ def _kind(signals: Signals, first: int, last: int) -> str:
     return "motion" if moves else "steady"
 
 
-def nothing(signals: Signals) -> NDArray[np.intp]:
+def one_segment(signals: Signals) -> NDArray[np.intp]:
     """One segment."""
     return np.array([], dtype=np.intp)
 

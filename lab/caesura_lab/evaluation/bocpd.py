@@ -100,7 +100,7 @@ def _log_det(entries: Mapping[tuple[int, int], Array]) -> Array:
 
 
 @dataclass(frozen=True)
-class Detected:
+class DetectionResult:
     """Result of a detection in n observations.
 
     log_joint: (n,) log p(x, the last segment starts at s) at the end; log_evidence: of all observations;
@@ -112,7 +112,7 @@ class Detected:
     starts: Indices
 
 
-def detect(rows: Array, prior: NormalInverseWishart, mean_segment: float, least: int = 1) -> Detected:
+def detect(rows: Array, prior: NormalInverseWishart, mean_segment: float, least: int = 1) -> DetectionResult:
     """Detect changepoints in rows (n, d).
 
     mean_segment: in observations, more than `least`; least: observations of every segment but the last. A
@@ -136,7 +136,7 @@ def detect(rows: Array, prior: NormalInverseWishart, mean_segment: float, least:
             summed[t + 1] = np.log(hazard) + _log_sum(summed[:long_enough] + ending[:long_enough])
     log_joint = summed + ending
     last = int((best + ending).argmax())
-    return Detected(log_joint, _log_sum(log_joint), _followed(parent, last))
+    return DetectionResult(log_joint, _log_sum(log_joint), _followed(parent, last))
 
 
 def _log_sum(values: Array) -> float:

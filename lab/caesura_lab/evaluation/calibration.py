@@ -19,7 +19,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from caesura_lab.evaluation.runner import NotApplicable, Verdict
-from caesura_lab.evaluation.score import Score, Stated
+from caesura_lab.evaluation.score import Score, StatedProbability
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid, with_slack
 
 EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
@@ -28,7 +28,7 @@ NORMAL_975 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 
 
 @dataclass(frozen=True)
-class Share:
+class RightShare:
     """Share of n cases that was right, with its 95 % interval; nan without cases."""
 
     n: int
@@ -38,14 +38,14 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Bin:
+class ProbabilityBin:
     """Cases whose stated probability lies from `low` to below `high`; weight: in changepoints or seconds."""
 
     low: float
     high: float
     weight: float
     stated: float  # mean
-    share: Share
+    share: RightShare
 
     @property
     def distance(self) -> float:
@@ -65,10 +65,10 @@ class ReliabilityCurve:
     weight: float
     brier: float
     ece: float
-    bins: tuple[Bin, ...]
+    bins: tuple[ProbabilityBin, ...]
 
     @property
-    def furthest(self) -> Bin | None:
+    def furthest(self) -> ProbabilityBin | None:
         """Return the bin from `LIKELY` up, with `FEW` cases or more, that is furthest from calibrated."""
         known = [one for one in self.bins if one.low >= LIKELY and one.share.n >= FEW]
         return max(known, key=lambda one: one.distance, default=None)
@@ -85,12 +85,12 @@ class Calibration:
     slack_s: float
     changepoints: ReliabilityCurve
     classes: ReliabilityCurve
-    within: Share
+    within: RightShare
     interval_s: float
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibrationReport:
     """Every method under every slack; notes: on recordings that were not judged."""
 
     title: str
@@ -100,7 +100,7 @@ class Calibrated:
 
 def calibrate(
     title: str, methods: Sequence[str], verdicts: Iterable[Verdict], notes: Sequence[str] = ()
-) -> Calibrated:
+) -> CalibrationReport:
     """Compare the probabilities that methods stated with the outcomes; verdicts in any order."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
@@ -115,7 +115,7 @@ def calibrate(
         for name in methods
         for slack in slacks
     ]
-    return Calibrated(title, tuple(found), (*unfit, *notes))
+    return CalibrationReport(title, tuple(found), (*unfit, *notes))
 
 
 def _calibration(method: str, slack_s: float, scores: Sequence[Score]) -> Calibration:
@@ -130,7 +130,7 @@ def _calibration(method: str, slack_s: float, scores: Sequence[Score]) -> Calibr
     )
 
 
-def curve(statements: Sequence[Stated]) -> ReliabilityCurve:
+def curve(statements: Sequence[StatedProbability]) -> ReliabilityCurve:
     """Sort statements into bins, and compare each bin's mean with the share that was right."""
     bins = tuple(_bin(low, high, statements) for low, high in pairwise(EDGES))
     weight = sum(one.of for one in statements)
@@ -142,29 +142,29 @@ def curve(statements: Sequence[Stated]) -> ReliabilityCurve:
     return ReliabilityCurve(len(statements), weight, error / weight, distance / weight, bins)
 
 
-def _bin(low: float, high: float, statements: Sequence[Stated]) -> Bin:
+def _bin(low: float, high: float, statements: Sequence[StatedProbability]) -> ProbabilityBin:
     last = high == EDGES[-1]
     inside = [s for s in statements if low <= s.probability < high or (last and s.probability >= high)]
     weight = sum(one.of for one in inside)
     if not weight:
-        return Bin(low, high, 0.0, math.nan, share(0.0, 0.0, 0))
+        return ProbabilityBin(low, high, 0.0, math.nan, share(0.0, 0.0, 0))
     stated = sum(one.probability * one.of for one in inside) / weight
     cases = weight**2 / sum(one.of**2 for one in inside)
     right = sum(one.right for one in inside) / weight
-    return Bin(low, high, weight, stated, share(right * cases, cases, len(inside)))
+    return ProbabilityBin(low, high, weight, stated, share(right * cases, cases, len(inside)))
 
 
-def share(right: float, of: float, n: int) -> Share:
+def share(right: float, of: float, n: int) -> RightShare:
     """Return right / of with Wilson's interval; n: of how many cases, as it is shown."""
     if not of:
-        return Share(n, math.nan, math.nan, math.nan)
+        return RightShare(n, math.nan, math.nan, math.nan)
     p, z = right / of, NORMAL_975
     middle = (p + z**2 / (2 * of)) / (1 + z**2 / of)
     half = z / (1 + z**2 / of) * math.sqrt(p * (1 - p) / of + z**2 / (4 * of**2))
-    return Share(n, p, max(middle - half, 0.0), min(middle + half, 1.0))
+    return RightShare(n, p, max(middle - half, 0.0), min(middle + half, 1.0))
 
 
-def grids(result: Calibrated, layout: str) -> list[Grid]:
+def grids(result: CalibrationReport, layout: str) -> list[Grid]:
     """One table of changepoints a method and slack, one of classes a method, and a summary."""
     found = []
     for one in result.calibrations:
@@ -184,7 +184,7 @@ def once(calibrations: Sequence[Calibration]) -> list[Calibration]:
 
 
 def _reliability(
-    title: str, heading: str, one: ReliabilityCurve, layout: str, count: Callable[[Bin], str]
+    title: str, heading: str, one: ReliabilityCurve, layout: str, count: Callable[[ProbabilityBin], str]
 ) -> Grid:
     rows = tuple(
         (f"{b.low:g}–{b.high:g}", count(b), f"{b.stated:.3f}", _shown(b.share, layout))
@@ -194,7 +194,7 @@ def _reliability(
     return Grid(title, ("stated", heading, "mean stated", "right"), rows)
 
 
-def _shown(one: Share, layout: str) -> str:
+def _shown(one: RightShare, layout: str) -> str:
     return layout.format(f"{one.right:.2f}", f"{one.low:.2f}…{one.high:.2f}") if one.n else "–"
 
 
@@ -202,7 +202,7 @@ def _number(value: float, digits: int) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _furthest(result: Calibrated) -> Grid:
+def _furthest(result: CalibrationReport) -> Grid:
     def cells(one: ReliabilityCurve) -> tuple[str, str]:
         worst = one.furthest
         return ("–", "–") if worst is None else (f"{worst.low:g}–{worst.high:g}", f"{worst.distance:.3f}")
@@ -216,7 +216,7 @@ def _furthest(result: Calibrated) -> Grid:
     return Grid(title, headings, rows)
 
 
-def _summary(result: Calibrated, layout: str) -> Grid:
+def _summary(result: CalibrationReport, layout: str) -> Grid:
     headings = ("method", "slack [s]", "Brier", "ECE", "class Brier", "class ECE", "90 % [s]", "within")
     rows = tuple(
         (
@@ -234,7 +234,7 @@ def _summary(result: Calibrated, layout: str) -> Grid:
     return Grid("Brier score, expected calibration error, intervals of 90 %", headings, rows)
 
 
-def as_text(result: Calibrated) -> RenderableType:
+def as_text(result: CalibrationReport) -> RenderableType:
     """For a terminal."""
     parts: list[RenderableType] = [Text(result.title, style="bold")]
     for grid in grids(result, "{} {}"):
@@ -242,13 +242,13 @@ def as_text(result: Calibrated) -> RenderableType:
     return Group(*parts, *map(Text, result.notes))
 
 
-def as_markdown(result: Calibrated) -> str:
+def as_markdown(result: CalibrationReport) -> str:
     """For a page."""
     tables = [markdown_grid(grid) for grid in grids(result, "{} ({})")]
     return "\n\n".join([f"**{result.title}**", *tables, *result.notes]) + "\n"
 
 
-def as_json(result: Calibrated) -> dict[str, Any]:
+def as_json(result: CalibrationReport) -> dict[str, Any]:
     """For a script; null where there is no number."""
     return {
         "title": result.title,

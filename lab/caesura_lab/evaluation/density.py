@@ -12,7 +12,7 @@ from argparse import ArgumentParser
 from collections.abc import Iterable, Sequence
 
 from caesura_lab.annotations import Truth
-from caesura_lab.evaluation.suites import SUITES, Extent, suite
+from caesura_lab.evaluation.suites import SUITES, SuiteOptions, suite
 
 
 def density(truths: Iterable[Truth]) -> tuple[float, float]:
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--seeds", type=int, default=5, help="People a scenario.")
     parser.add_argument("--first-seed", type=int, default=1)
     options = parser.parse_args(arguments)
-    cases = suite(options.suite, Extent(seeds=options.seeds, first_seed=options.first_seed))
+    cases = suite(options.suite, SuiteOptions(seeds=options.seeds, first_seed=options.first_seed))
     counted, optional = density(case.load()[1] for case in cases)
     sys.stdout.write(f"{options.suite}: {counted:.2f} counted and {optional:.2f} optional points a second\n")
 

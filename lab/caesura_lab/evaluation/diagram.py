@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from caesura_lab.evaluation.calibration import EDGES, FEW, Calibrated, ReliabilityCurve, once
+from caesura_lab.evaluation.calibration import EDGES, FEW, CalibrationReport, ReliabilityCurve, once
 from caesura_lab.evaluation.tables import with_slack
 
 if TYPE_CHECKING:
@@ -24,12 +24,12 @@ NEAR = 0.05  # a bin this close to the diagonal is called calibrated
 DPI = 150
 
 
-def write(result: Calibrated, path: Path) -> None:
+def write(result: CalibrationReport, path: Path) -> None:
     """Write the diagram to a file with one of `SUFFIXES`. Raises OSError, ModuleNotFoundError."""
     draw(result).savefig(path, dpi=DPI)
 
 
-def draw(result: Calibrated) -> Figure:
+def draw(result: CalibrationReport) -> Figure:
     """Draw one panel of changepoints a slack, and one of classes."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
 
@@ -50,7 +50,7 @@ def draw(result: Calibrated) -> Figure:
 Panel = tuple[str, str, list[tuple[str, ReliabilityCurve]]]
 
 
-def _panels(result: Calibrated) -> list[Panel]:
+def _panels(result: CalibrationReport) -> list[Panel]:
     """Return title, unit of the counts, and the methods' curves of every panel."""
     slacks = sorted({one.slack_s for one in result.calibrations})
     changepoints: list[Panel] = [

@@ -17,7 +17,7 @@ from caesura_lab.evaluation.summary import summarise
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedGroup:
     """True points of one kind between two classes: how many were missed of all of that kind.
 
     near: for how many a changepoint lay within a second but out of tolerance; offset_s: their median, later
@@ -33,7 +33,7 @@ class Missed:
 
 
 @dataclass(frozen=True)
-class Timing:
+class OffsetGroup:
     """How much later [s] than the true ones the changepoints of one kind are: median, and 80 % of them."""
 
     kind: str
@@ -64,26 +64,26 @@ class FalseAlarmGroup:
 
 
 @dataclass(frozen=True)
-class Faults:
+class ErrorSummary:
     """All typical errors of one method. confusion: (true, found) → seconds."""
 
-    missed: tuple[Missed, ...]
+    missed: tuple[MissedGroup, ...]
     invented: tuple[FalseAlarmGroup, ...]
     confusion: Counter[tuple[str, str]]
-    timings: tuple[Timing, ...]
+    timings: tuple[OffsetGroup, ...]
     groups: tuple[TagGroup, ...]
 
 
-def faults(scores: Iterable[Score]) -> Faults:
+def error_summary(scores: Iterable[Score]) -> ErrorSummary:
     """The typical errors in the scores of one method."""
     scores = list(scores)
     seconds: Counter[tuple[str, str]] = Counter()
     for score in scores:
         seconds.update(score.confusion)
-    return Faults(_missed(scores), _invented(scores), seconds, _timings(scores), _groups(scores))
+    return ErrorSummary(_missed(scores), _false_alarms(scores), seconds, _timings(scores), _groups(scores))
 
 
-def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
+def _missed(scores: Sequence[Score]) -> tuple[MissedGroup, ...]:
     all_missed = [miss for score in scores for miss in score.missed]
     of_kind = Counter(miss.kind for miss in all_missed)
     for score in scores:
@@ -94,21 +94,21 @@ def _missed(scores: Sequence[Score]) -> tuple[Missed, ...]:
         group = [m for m in all_missed if (m.kind, m.between) == (kind, between)]
         offsets = [m.offset_s for m in group if m.offset_s is not None]
         middle = median(offsets) if offsets else None
-        rows.append(Missed(kind, between, times, of_kind[kind], len(offsets), middle))
+        rows.append(MissedGroup(kind, between, times, of_kind[kind], len(offsets), middle))
     return tuple(rows)
 
 
-def _invented(scores: Sequence[Score]) -> tuple[FalseAlarmGroup, ...]:
+def _false_alarms(scores: Sequence[Score]) -> tuple[FalseAlarmGroup, ...]:
     counted = Counter(alarm for score in scores for alarm in score.alarms)
     return tuple(FalseAlarmGroup(*alarm, times) for alarm, times in counted.most_common())
 
 
-def _timings(scores: Sequence[Score]) -> tuple[Timing, ...]:
+def _timings(scores: Sequence[Score]) -> tuple[OffsetGroup, ...]:
     hits = [hit for score in scores for hit in score.found]
     rows = []
     for kind, times in Counter(hit.kind for hit in hits).most_common():
         low, middle, high = np.quantile([hit.offset_s for hit in hits if hit.kind == kind], (0.1, 0.5, 0.9))
-        rows.append(Timing(kind, times, float(middle), float(low), float(high)))
+        rows.append(OffsetGroup(kind, times, float(middle), float(low), float(high)))
     return tuple(rows)
 
 

@@ -57,7 +57,7 @@ class LibraryEvidence:
     log_evidence: Mapping[str, float]
 
 
-def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
+def with_profiles(preset: Preset, profiles: Sequence[Profile]) -> Preset:
     """Return the preset with other profiles of movement, and every other channel unchanged.
 
     Raises ValueError for a preset whose movements follow no library.
@@ -68,7 +68,7 @@ def with_moves(preset: Preset, moves: Sequence[Profile]) -> Preset:
         )
 
     def channels(bias_n: float) -> dict[str, ChannelModel]:
-        return {name: _moving(model, moves) for name, model in preset.channels(bias_n).items()}
+        return {name: _with_library(model, profiles) for name, model in preset.channels(bias_n).items()}
 
     return replace(preset, channels=channels)
 
@@ -77,98 +77,99 @@ def _has_library(model: ChannelModel) -> TypeGuard[ProfileModel]:
     return isinstance(model, ProfileModel) and model.channel == "position"
 
 
-def _moving(model: ChannelModel, moves: Sequence[Profile]) -> ChannelModel:
+def _with_library(model: ChannelModel, profiles: Sequence[Profile]) -> ChannelModel:
     if _has_library(model):
-        return replace(model, library=replace(model.library, profiles=moves))
+        return replace(model, library=replace(model.library, profiles=profiles))
     return model
 
 
-def tell(case: Case) -> LibraryEvidence:
+def library_evidence(case: Case) -> LibraryEvidence:
     """The evidence of one recording. Raises TruthError or RecordingError for one that cannot be segmented."""
-    recording = _recording(case)
+    recording = _load_recording(case)
     try:
         conditioned = condition(recording)
     except ValueError as error:
         raise RecordingError(f"{case.name}: {error}") from error
     if not conditioned.observations:
         raise RecordingError(f"{case.name}: no observations, expected at least one")
-    told = {}
-    for name, moves in LIBRARIES.items():
-        preset = with_moves(STROKES, moves())
+    evidences = {}
+    for name, profiles in LIBRARIES.items():
+        preset = with_profiles(STROKES, profiles())
         model = conditioned.make_filter(preset, orientation=False)
-        told[name] = sum(
+        evidences[name] = sum(
             segment_offline(model.lattice, model.hazard, stretch).log_evidence
             for stretch in conditioned.stretches
         )
-    return LibraryEvidence(case.name, len(conditioned.observations), told)
+    return LibraryEvidence(case.name, len(conditioned.observations), evidences)
 
 
-def _recording(case: Case) -> Recording:
+def _load_recording(case: Case) -> Recording:
     """A file need not be annotated here."""
     if isinstance(case, FileCase) and not truth_file(case.path).is_file():
         return load_recording(case.path)
     return case.load()[0]
 
 
-def title(what: str, told: Sequence[LibraryEvidence]) -> str:
-    """Of a comparison of so many recordings."""
-    return f"{what}: log evidence of {len(told)} recordings by motion library, preset {STROKES.name}, offline"
+def title(what: str, evidences: Sequence[LibraryEvidence]) -> str:
+    """Return the title of a comparison: how many recordings it has, and how they were segmented."""
+    count = len(evidences)
+    return f"{what}: log evidence of {count} recordings by motion library, preset {STROKES.name}, offline"
 
 
-def ordered(told: Iterable[LibraryEvidence]) -> list[LibraryEvidence]:
+def sorted_by_recording(evidences: Iterable[LibraryEvidence]) -> list[LibraryEvidence]:
     """By name, in whatever order they came."""
-    return sorted(told, key=lambda one: one.recording)
+    return sorted(evidences, key=lambda one: one.recording)
 
 
-def _behind(log_evidence: Mapping[str, float], per: float = 1.0) -> dict[str, float]:
+def _deficits(log_evidence: Mapping[str, float], per: float = 1.0) -> dict[str, float]:
     best = max(log_evidence.values())
     return {name: (value - best) / per for name, value in log_evidence.items()}
 
 
-def _total(told: Sequence[LibraryEvidence]) -> dict[str, float]:
-    return {name: sum(one.log_evidence[name] for one in told) for name in LIBRARIES}
+def _totals(evidences: Sequence[LibraryEvidence]) -> dict[str, float]:
+    return {name: sum(one.log_evidence[name] for one in evidences) for name in LIBRARIES}
 
 
-def _wins(told: Sequence[LibraryEvidence]) -> dict[str, int]:
-    best = [max(one.log_evidence, key=one.log_evidence.__getitem__) for one in told]
+def _win_counts(evidences: Sequence[LibraryEvidence]) -> dict[str, int]:
+    best = [max(one.log_evidence, key=one.log_evidence.__getitem__) for one in evidences]
     return {name: best.count(name) for name in LIBRARIES}
 
 
-def grid(told: Sequence[LibraryEvidence]) -> Grid:
+def grid(evidences: Sequence[LibraryEvidence]) -> Grid:
     """A row a recording, then all of them."""
-    observations = sum(one.observations for one in told)
+    observations = sum(one.observations for one in evidences)
 
     def row(name: str, n: object, values: Mapping[str, float], digits: int) -> tuple[str, ...]:
         return (name, str(n), *(f"{values[library]:.{digits}f}" for library in LIBRARIES))
 
-    rows = [row(one.recording, one.observations, _behind(one.log_evidence), 1) for one in told]
-    total = _total(told)
-    rows.append(row("total", observations, _behind(total), 1))
-    rows.append(row("per observation", "", _behind(total, observations), 3))
-    rows.append(row("best in", len(told), _wins(told), 0))
+    rows = [row(one.recording, one.observations, _deficits(one.log_evidence), 1) for one in evidences]
+    total = _totals(evidences)
+    rows.append(row("total", observations, _deficits(total), 1))
+    rows.append(row("per observation", "", _deficits(total, observations), 3))
+    rows.append(row("best in", len(evidences), _win_counts(evidences), 0))
     return Grid(NOTE, ("recording", "n", *LIBRARIES), tuple(rows))
 
 
-def as_text(told: Sequence[LibraryEvidence], heading: str) -> RenderableType:
+def as_text(evidences: Sequence[LibraryEvidence], heading: str) -> RenderableType:
     """For a terminal."""
-    return Group(Text(heading, style="bold"), *rich_grid(grid(told)))
+    return Group(Text(heading, style="bold"), *rich_grid(grid(evidences)))
 
 
-def as_markdown(told: Sequence[LibraryEvidence], heading: str) -> str:
+def as_markdown(evidences: Sequence[LibraryEvidence], heading: str) -> str:
     """For a page."""
-    return f"**{heading}**\n\n{markdown_grid(grid(told))}\n"
+    return f"**{heading}**\n\n{markdown_grid(grid(evidences))}\n"
 
 
-def as_json(told: Sequence[LibraryEvidence], heading: str) -> dict[str, Any]:
+def as_json(evidences: Sequence[LibraryEvidence], heading: str) -> dict[str, Any]:
     """For a script: the log evidences themselves."""
-    total = _total(told)
+    total = _totals(evidences)
     return {
         "title": heading,
         "unit": "nats",
         "total": total,
-        "best_in": _wins(told),
+        "best_in": _win_counts(evidences),
         "per_recording": [
             {"recording": one.recording, "observations": one.observations, "log_evidence": one.log_evidence}
-            for one in told
+            for one in evidences
         ],
     }

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from caesura_lab.evaluation.baselines import Baseline, nothing, thresholds, zero_velocity
+from caesura_lab.evaluation.baselines import Baseline, one_segment, thresholds, zero_velocity
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
@@ -47,22 +47,27 @@ class PresetMethod:
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Push the recording through a session's pipeline."""
         latest = np.maximum.accumulate(recording.t)
-        looks: list[TimedEstimate] = []
+        timed_estimates: list[TimedEstimate] = []
         view: PipelineView | None = None
         for view in views(recording, self.preset):
-            look = _look(float(latest[max(view.samples, 1) - 1]), view)
-            if not looks or looks[-1][1:] != look[1:]:
-                looks.append(look)
+            estimate = _estimate_at(float(latest[max(view.samples, 1) - 1]), view)
+            if not timed_estimates or timed_estimates[-1][1:] != estimate[1:]:
+                timed_estimates.append(estimate)
         assert view is not None, "views yields at least what is known at the end"
         times = tuple(changepoint.t for changepoint in view.changepoints)
         stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
         phases = tuple(phase.t0 for phase in view.phases[1:])
         return FoundSegmentation(
-            times, tuple(map(_part, view.segments)), tuple(looks), _intervals(view), stated, phases
+            times,
+            tuple(map(_found_segment, view.segments)),
+            tuple(timed_estimates),
+            _intervals(view),
+            stated,
+            phases,
         )
 
 
-def _look(t: float, view: PipelineView) -> TimedEstimate:
+def _estimate_at(t: float, view: PipelineView) -> TimedEstimate:
     times = tuple(changepoint.t for changepoint in view.changepoints)
     return TimedEstimate(
         t, times, tuple(changepoint.certainty == "final" for changepoint in view.changepoints)
@@ -77,7 +82,7 @@ def _intervals(view: PipelineView) -> dict[float, tuple[float, float]]:
     }
 
 
-def _part(segment: Segment) -> FoundSegment:
+def _found_segment(segment: Segment) -> FoundSegment:
     force_n = float(np.linalg.norm(segment.force))
     screw = None if segment.screw is None else (segment.screw.axis, segment.screw.pitch_m)
     return FoundSegment(
@@ -105,5 +110,5 @@ def baselines() -> list[Method]:
         Baseline("BOCPD log", gaussian_log),
         Baseline("BOCPD speed", student_speed),
         Baseline("kernel", third_party_baselines.kernel),
-        Baseline("one segment", nothing),
+        Baseline("one segment", one_segment),
     ]

@@ -102,7 +102,9 @@ def covering(truth_s: ArrayLike, found_s: ArrayLike, window: tuple[float, float]
     return float(length @ jaccard.max(axis=1) / length.sum())
 
 
-def disturbed(boundaries_s: ArrayLike, events_s: ArrayLike, window: tuple[float, float]) -> tuple[int, int]:
+def segments_with_events(
+    boundaries_s: ArrayLike, events_s: ArrayLike, window: tuple[float, float]
+) -> tuple[int, int]:
     """In how many of the stretches between boundaries at least one event lies, and how many there are.
 
     With true boundaries and false alarms: what is over-segmented. With found ones and misses: what is
@@ -150,20 +152,20 @@ class TimedEstimate(NamedTuple):
     final: Sequence[bool]
 
 
-def standing_since(
-    looks: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
+def present_since(
+    timed_estimates: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
 ) -> float | None:
     """Since when a changepoint within tolerance has been there without a break [s]; None if it is not.
 
     accepted_s: times [s], near any of which it may be; final: only those that were final count.
     """
     since: float | None = None
-    for look in looks:
+    for estimate in timed_estimates:
         there = any(
             min(abs(time - t) for t in accepted_s) <= tolerance_s + ROUNDING_S and (sure or not final)
-            for time, sure in zip(look.changepoints, look.final, strict=True)
+            for time, sure in zip(estimate.changepoints, estimate.final, strict=True)
         )
-        since = (look.t if since is None else since) if there else None
+        since = (estimate.t if since is None else since) if there else None
     return since
 
 

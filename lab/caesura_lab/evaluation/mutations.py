@@ -48,17 +48,17 @@ class MutationResult:
     why: str = ""
 
 
-def meet_fate(number: int) -> MutationResult:
+def run_mutation(number: int) -> MutationResult:
     """Mutate a program, check it, run it where it passes."""
     from caesura_lab.execution.executor import execute  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
 
     rng = np.random.default_rng([number, 2])
     scenario = SCENARIOS[number % 2]
-    cell, (apps, place) = CELLS[scenario], _taught(scenario, TAUGHT_SEEDS[number // 2 % 2])
+    cell, (apps, simulated_cell) = CELLS[scenario], _program_of(scenario, TAUGHT_SEEDS[number // 2 % 2])
     operators, mutated = mutate(apps, rng)
     try:
-        done = execute(mutated, place, cell)
+        done = execute(mutated, simulated_cell, cell)
     except RefusedError as refused:
         return MutationResult(number, operators, "refused", str(refused.report.errors[0]))
     except Exception as error:  # whatever it is, a spoilt program must not bring it about
@@ -109,7 +109,7 @@ def _robot() -> Any:
 
 
 @cache
-def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
+def _program_of(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish  # noqa: PLC0415
     from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
@@ -123,57 +123,57 @@ def _taught(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
 # --- operators ------------------------------------------------------------------------------------------
 
 
-def _changed(apps: Apps, index: int, **changes: object) -> Apps:
+def _with_changes(apps: Apps, index: int, **changes: object) -> Apps:
     """With one app changed, without validation."""
     return [*apps[:index], apps[index].model_copy(update=changes), *apps[index + 1 :]]
 
 
-def _any(apps: Apps, rng: Rng, field: str | None = None) -> int:
+def _pick_app(apps: Apps, rng: Rng, field: str | None = None) -> int:
     """An app, one that has a field where there is any."""
     having = [i for i, app in enumerate(apps) if field is None or getattr(app, field) is not None]
     return int(rng.choice(having or list(range(len(apps)))))
 
 
 def _shift_target(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng, "target")
+    index = _pick_app(apps, rng, "target")
     by = 10.0 ** rng.uniform(-3.0, 0.3) * rng.normal(size=3)
     target = np.add(apps[index].target or (0.0, 0.0, 0.0), by)
     changes: dict[str, object] = {"target": tuple(target.tolist())}
     if rng.random() < 0.7:
         changes["joints"] = None  # else it is refused for them alone
-    return _changed(apps, index, **changes)
+    return _with_changes(apps, index, **changes)
 
 
 def _fuzz_force(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng, "force")
+    index = _pick_app(apps, rng, "force")
     force = np.array(apps[index].force or (0.0, 0.0, -5.0)) * rng.choice(
         [-1.0, 0.0, 0.3, 0.8, 1.5, 10.0, 1e4]
     )
-    return _changed(apps, index, force=tuple((force + rng.normal(size=3)).tolist()))
+    return _with_changes(apps, index, force=tuple((force + rng.normal(size=3)).tolist()))
 
 
 def _swap(apps: Apps, rng: Rng) -> Apps:
     order = np.arange(len(apps))
     a, b = rng.integers(len(apps), size=2)
     order[[a, b]] = order[[b, a]]
-    return _retimed([apps[i] for i in order], rng)
+    return _with_new_times([apps[i] for i in order], rng)
 
 
 def _shuffle(apps: Apps, rng: Rng) -> Apps:
-    return _retimed([apps[i] for i in rng.permutation(len(apps))], rng)
+    return _with_new_times([apps[i] for i in rng.permutation(len(apps))], rng)
 
 
-def _leave_out(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng)
-    return _retimed([*apps[:index], *apps[index + 1 :]], rng)
+def _drop_app(apps: Apps, rng: Rng) -> Apps:
+    index = _pick_app(apps, rng)
+    return _with_new_times([*apps[:index], *apps[index + 1 :]], rng)
 
 
 def _repeat(apps: Apps, rng: Rng) -> Apps:
-    index, where = _any(apps, rng), int(rng.integers(len(apps) + 1))
-    return _retimed([*apps[:where], apps[index], *apps[where:]], rng)
+    index, where = _pick_app(apps, rng), int(rng.integers(len(apps) + 1))
+    return _with_new_times([*apps[:where], apps[index], *apps[where:]], rng)
 
 
-def _retimed(apps: Apps, rng: Rng) -> Apps:
+def _with_new_times(apps: Apps, rng: Rng) -> Apps:
     """In most cases with times that go with the new order, or else it is refused for them alone."""
     if rng.random() < 0.2:
         return apps
@@ -184,18 +184,18 @@ def _retimed(apps: Apps, rng: Rng) -> Apps:
     return timed
 
 
-def _no_number(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng)
+def _non_finite(apps: Apps, rng: Rng) -> Apps:
+    index = _pick_app(apps, rng)
     field, value = rng.choice([*NUMBERS, *VECTORS]), float(rng.choice([np.nan, np.inf, -np.inf, 1e300]))
     if field in NUMBERS:
-        return _changed(apps, index, **{str(field): value})
+        return _with_changes(apps, index, **{str(field): value})
     old = list(getattr(apps[index], str(field)) or (0.0, 0.0, 0.0))
     old[int(rng.integers(len(old)))] = value
-    return _changed(apps, index, **{str(field): tuple(old)})
+    return _with_changes(apps, index, **{str(field): tuple(old)})
 
 
-def _hurry(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng)
+def _rescale_time(apps: Apps, rng: Rng) -> Apps:
+    index = _pick_app(apps, rng)
     factor = 10.0 ** rng.uniform(-1.5, 1.0)
     longer = (factor - 1.0) * (apps[index].tn - apps[index].t0)
     later = [a.model_copy(update={"t0": a.t0 + longer, "tn": a.tn + longer}) for a in apps[index + 1 :]]
@@ -203,36 +203,40 @@ def _hurry(apps: Apps, rng: Rng) -> Apps:
 
 
 def _other_kind(apps: Apps, rng: Rng) -> Apps:
-    return _changed(apps, _any(apps, rng), kind=str(rng.choice(list(APP_KINDS))))
+    return _with_changes(apps, _pick_app(apps, rng), kind=str(rng.choice(list(APP_KINDS))))
 
 
-def _fingers(apps: Apps, rng: Rng) -> Apps:
-    return _changed(apps, _any(apps, rng, "gripper_width"), gripper_width=float(rng.uniform(-0.05, 0.15)))
+def _fuzz_gripper_width(apps: Apps, rng: Rng) -> Apps:
+    return _with_changes(
+        apps, _pick_app(apps, rng, "gripper_width"), gripper_width=float(rng.uniform(-0.05, 0.15))
+    )
 
 
-def _load(apps: Apps, rng: Rng) -> Apps:
-    return _changed(apps, _any(apps, rng, "load_kg"), load_kg=float(rng.uniform(-1.0, 5.0)))
+def _fuzz_load(apps: Apps, rng: Rng) -> Apps:
+    return _with_changes(apps, _pick_app(apps, rng, "load_kg"), load_kg=float(rng.uniform(-1.0, 5.0)))
 
 
-def _turn(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng, "orientation")
+def _fuzz_orientation(apps: Apps, rng: Rng) -> Apps:
+    index = _pick_app(apps, rng, "orientation")
     turned = np.add(
         apps[index].orientation or (1.0, 0.0, 0.0, 0.0), rng.uniform(0.0, 1.0) * rng.normal(size=4)
     )
     changes: dict[str, object] = {"joints": None} if rng.random() < 0.5 else {}
-    return _changed(apps, index, orientation=tuple((turned / np.linalg.norm(turned)).tolist()), **changes)
+    return _with_changes(
+        apps, index, orientation=tuple((turned / np.linalg.norm(turned)).tolist()), **changes
+    )
 
 
-def _joints(apps: Apps, rng: Rng) -> Apps:
-    index = _any(apps, rng, "joints")
+def _fuzz_joints(apps: Apps, rng: Rng) -> Apps:
+    index = _pick_app(apps, rng, "joints")
     size = 10.0 ** rng.uniform(-2.0, 0.5)
     joints = np.add(apps[index].joints or (0.0,) * JOINTS, size * rng.normal(size=JOINTS))
-    return _changed(apps, index, joints=tuple(joints.tolist()))
+    return _with_changes(apps, index, joints=tuple(joints.tolist()))
 
 
-def _forget(apps: Apps, rng: Rng) -> Apps:
+def _drop_field(apps: Apps, rng: Rng) -> Apps:
     field = str(rng.choice([*VECTORS, "load_kg", "gripper_width"]))
-    return _changed(apps, _any(apps, rng, field), **{field: None})
+    return _with_changes(apps, _pick_app(apps, rng, field), **{field: None})
 
 
 _OPERATORS: Mapping[str, Callable[[Apps, Rng], Apps]] = MappingProxyType(
@@ -241,16 +245,16 @@ _OPERATORS: Mapping[str, Callable[[Apps, Rng], Apps]] = MappingProxyType(
         "force": _fuzz_force,
         "swap": _swap,
         "shuffle": _shuffle,
-        "leave out": _leave_out,
+        "leave out": _drop_app,
         "repeat": _repeat,
-        "no number": _no_number,
-        "time": _hurry,
+        "no number": _non_finite,
+        "time": _rescale_time,
         "kind": _other_kind,
-        "fingers": _fingers,
-        "load": _load,
-        "turn": _turn,
-        "joints": _joints,
-        "forget": _forget,
+        "fingers": _fuzz_gripper_width,
+        "load": _fuzz_load,
+        "turn": _fuzz_orientation,
+        "joints": _fuzz_joints,
+        "forget": _drop_field,
     }
 )
 
@@ -263,8 +267,8 @@ def title(count: int) -> str:
     return f"{count} mutated programs: refused, or run within the limits"
 
 
-def _grids(fates: Iterable[MutationResult]) -> list[Grid]:
-    ordered = sorted(fates, key=lambda fate: fate.number)
+def _grids(results: Iterable[MutationResult]) -> list[Grid]:
+    ordered = sorted(results, key=lambda result: result.number)
     outcomes: tuple[Outcome, ...] = ("refused", "done", "stopped", "violation")
     rows = [("all", *_counts(ordered, outcomes))]
     for name in _OPERATORS:
@@ -276,23 +280,23 @@ def _grids(fates: Iterable[MutationResult]) -> list[Grid]:
     return [*grids, Grid("violations", ("number", "operators", "what"), broken)] if broken else grids
 
 
-def _counts(fates: Sequence[MutationResult], outcomes: Sequence[Outcome]) -> tuple[str, ...]:
-    return (str(len(fates)), *(str(sum(f.outcome == one for f in fates)) for one in outcomes))
+def _counts(results: Sequence[MutationResult], outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+    return (str(len(results)), *(str(sum(f.outcome == one for f in results)) for one in outcomes))
 
 
-def as_text(fates: Sequence[MutationResult]) -> RenderableType:
+def as_text(results: Sequence[MutationResult]) -> RenderableType:
     """For a terminal."""
-    parts: list[RenderableType] = [Text(title(len(fates)), style="bold")]
-    for grid in _grids(fates):
+    parts: list[RenderableType] = [Text(title(len(results)), style="bold")]
+    for grid in _grids(results):
         parts += rich_grid(grid)
     return Group(*parts)
 
 
-def as_markdown(fates: Sequence[MutationResult]) -> str:
+def as_markdown(results: Sequence[MutationResult]) -> str:
     """For a page."""
-    return "\n\n".join([f"**{title(len(fates))}**", *map(markdown_grid, _grids(fates))]) + "\n"
+    return "\n\n".join([f"**{title(len(results))}**", *map(markdown_grid, _grids(results))]) + "\n"
 
 
-def as_json(fates: Sequence[MutationResult]) -> dict[str, Any]:
+def as_json(results: Sequence[MutationResult]) -> dict[str, Any]:
     """Every fate."""
-    return {"title": title(len(fates)), "fates": [asdict(fate) for fate in fates]}
+    return {"title": title(len(results)), "fates": [asdict(result) for result in results]}

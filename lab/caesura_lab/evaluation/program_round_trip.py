@@ -70,7 +70,7 @@ class RoundTripResult:
     path_rad: tuple[float, ...] = ()
 
 
-def travel(case: RoundTripCase) -> RoundTripResult:
+def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     """Go round once."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
     from caesura_lab.execution.executor import SimulatedCell, execute  # noqa: PLC0415
@@ -82,26 +82,26 @@ def travel(case: RoundTripCase) -> RoundTripResult:
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     limit_n = LIMITS_N[case.scenario]
     taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
-    place = SimulatedCell(teaching.scenario, teaching.person, case.seed)
+    simulated_cell = SimulatedCell(teaching.scenario, teaching.person, case.seed)
     try:
-        done = execute(taught.apps, place, Safety(force_n=limit_n))
+        done = execute(taught.apps, simulated_cell, Safety(force_n=limit_n))
     except RefusedError as refused:
         return RoundTripResult(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
     if done.stopped is not None:
         why = f"stopped in app {done.at}: {done.stopped}"
         return RoundTripResult(case, _kinds(taught.apps), _kinds(again), (), (), why)
-    trip = compared(case, taught.apps, again)
+    result = compare_programs(case, taught.apps, again)
     off = [
-        apart(_way(recording, app.path.start.t, app.path.tn), _way(done.recording, *span))
+        path_distance(_app_poses(recording, app.path.start.t, app.path.tn), _app_poses(done.recording, *span))
         for app, span in zip(taught.apps, done.spans, strict=True)
         if app.path is not None
     ]
     path_m, path_rad = tuple(one[0] for one in off), tuple(one[1] for one in off)
-    return replace(trip, path_m=path_m, path_rad=path_rad, why=trip.why or _astray(path_m, path_rad))
+    return replace(result, path_m=path_m, path_rad=path_rad, why=result.why or _path_error(path_m, path_rad))
 
 
-def apart(one: Way, other: Way) -> tuple[float, float]:
+def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
     """Largest distance [m] and angle [rad] from the poses of each way to the other."""
     scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
     furthest_m = furthest_rad = 0.0
@@ -116,15 +116,15 @@ def apart(one: Way, other: Way) -> tuple[float, float]:
     return furthest_m, furthest_rad
 
 
-class Way(NamedTuple):
+class AppPoses(NamedTuple):
     """Flange poses (n, 7) of an app, and those (m, 7) from `AROUND_S` before to `AROUND_S` after it."""
 
     inside: Array
     around: Array
 
 
-def _way(recording: Recording, t0: float, tn: float) -> Way:
-    return Way(_poses(recording, t0, tn), _poses(recording, t0 - AROUND_S, tn + AROUND_S))
+def _app_poses(recording: Recording, t0: float, tn: float) -> AppPoses:
+    return AppPoses(_poses(recording, t0, tn), _poses(recording, t0 - AROUND_S, tn + AROUND_S))
 
 
 def _poses(recording: Recording, t0: float, tn: float) -> Array:
@@ -133,7 +133,7 @@ def _poses(recording: Recording, t0: float, tn: float) -> Array:
     return np.hstack([recording.signals["pos"][inside], recording.signals["quat"][inside]])
 
 
-def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
+def _path_error(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
     if max(path_m, default=0.0) > PATH_M:
         return f"a path is {1000 * max(path_m):.1f} mm off"
     if max(path_rad, default=0.0) > PATH_RAD:
@@ -141,7 +141,7 @@ def _astray(path_m: Sequence[float], path_rad: Sequence[float]) -> str | None:
     return None
 
 
-def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
+def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
     """What is different between the program that was run and the one that its recording gives."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
@@ -150,7 +150,7 @@ def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]
     forces = tuple(
         _force_error(a, b) for a, b in zip(taught, executed, strict=True) if a.kind == "apply_force"
     )
-    return RoundTripResult(case, *kinds, targets, forces, _too_far(taught, targets, forces))
+    return RoundTripResult(case, *kinds, targets, forces, _target_or_force_error(taught, targets, forces))
 
 
 def _target_error(taught: App, executed: App) -> float:
@@ -175,7 +175,9 @@ def _first_difference(taught: Sequence[str], executed: Sequence[str]) -> str:
     return f"app {len(taught)} is one too many, {executed[len(taught)]}"
 
 
-def _too_far(taught: Sequence[App], targets: Sequence[float], forces: Sequence[float]) -> str | None:
+def _target_or_force_error(
+    taught: Sequence[App], targets: Sequence[float], forces: Sequence[float]
+) -> str | None:
     for index, (app, error) in enumerate(zip(taught, targets, strict=True)):
         if not error <= TARGET_M:
             return f"target of app {index} ({app.kind}) is {1000 * error:.1f} mm off"
@@ -194,9 +196,9 @@ def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
     return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
 
 
-def summarise(trips: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
+def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
     """Trips by scenario, in the order of the seeds."""
-    ordered = sorted(trips, key=lambda trip: (SCENARIOS.index(trip.case.scenario), trip.case.seed))
+    ordered = sorted(results, key=lambda result: (SCENARIOS.index(result.case.scenario), result.case.seed))
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
 
 
@@ -223,24 +225,24 @@ def _grids(summary: Mapping[str, Sequence[RoundTripResult]]) -> list[Grid]:
         "turn [°]",
         "worst",
     )
-    held = Grid("what holds", headings, tuple(_row(name, trips) for name, trips in summary.items()))
+    held = Grid("what holds", headings, tuple(_row(name, results) for name, results in summary.items()))
     failed = tuple(
-        (t.case.scenario, str(t.case.seed), t.why) for trips in summary.values() for t in trips if t.why
+        (t.case.scenario, str(t.case.seed), t.why) for results in summary.values() for t in results if t.why
     )
     return [held, Grid("what does not", ("scenario", "seed", "why"), failed)] if failed else [held]
 
 
-def _row(name: str, trips: Sequence[RoundTripResult]) -> tuple[str, ...]:
-    holds = sum(trip.why is None for trip in trips)
-    same = sum(trip.taught == trip.executed for trip in trips)
+def _row(name: str, results: Sequence[RoundTripResult]) -> tuple[str, ...]:
+    holds = sum(result.why is None for result in results)
+    same = sum(result.taught == result.executed for result in results)
     return (
         name,
-        f"{holds} of {len(trips)}",
+        f"{holds} of {len(results)}",
         str(same),
-        *_spread([1000 * error for trip in trips for error in trip.target_m]),
-        *_spread([100 * abs(error) for trip in trips for error in trip.force]),
-        *_spread([1000 * off for trip in trips for off in trip.path_m]),
-        *_spread([math.degrees(off) for trip in trips for off in trip.path_rad]),
+        *_spread([1000 * error for result in results for error in result.target_m]),
+        *_spread([100 * abs(error) for result in results for error in result.force]),
+        *_spread([1000 * off for result in results for off in result.path_m]),
+        *_spread([math.degrees(off) for result in results for off in result.path_rad]),
     )
 
 
@@ -264,4 +266,4 @@ def as_markdown(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) 
 
 def as_json(summary: Mapping[str, Sequence[RoundTripResult]]) -> dict[str, Any]:
     """Every trip."""
-    return {name: [asdict(trip) for trip in trips] for name, trips in summary.items()}
+    return {name: [asdict(result) for result in results] for name, results in summary.items()}

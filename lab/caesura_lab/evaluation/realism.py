@@ -80,7 +80,7 @@ MEASURES: tuple[str, ...] = tuple(name for names in GROUPS.values() for name in 
 
 
 @dataclass(frozen=True)
-class Windows:
+class WindowMeasures:
     """Measures of all windows of one recording.
 
     set_name: where it comes from; values: (n, measures); guided: free motion with the hand in the wrench.
@@ -98,7 +98,7 @@ class RealCase:
 
     path: Path
 
-    def load(self) -> Windows | None:
+    def load(self) -> WindowMeasures | None:
         """Measure it; None where its rate is below 50 Hz."""
         recording = load_recording(self.path)
         if np.median(np.diff(recording.t)) > 1.0 / LEAST_RATE_HZ:
@@ -107,7 +107,7 @@ class RealCase:
         signals = recording.signals
         values = measures(recording.t, signals["pos"], signals["force"])
         set_name = name.split("_")[0]
-        return Windows(set_name, name, values, guided=set_name in GUIDED_SETS)
+        return WindowMeasures(set_name, name, values, guided=set_name in GUIDED_SETS)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class SimulatedCase:
     seed: int
     natural: bool
 
-    def load(self) -> Windows:
+    def load(self) -> WindowMeasures:
         """Simulate and measure it."""
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
@@ -129,14 +129,14 @@ class SimulatedCase:
         values = measures(recording.t, signals["pos"], signals["force"])
         set_name, name = NATURAL if self.natural else IDEAL, f"{self.scenario}-{self.seed}"
         guided = source != "flange_sensor" and not BASIC[self.scenario].surfaces
-        return Windows(set_name, name, values, guided=guided)
+        return WindowMeasures(set_name, name, values, guided=guided)
 
 
 Case = RealCase | SimulatedCase
 
 
 @dataclass(frozen=True)
-class Separation:
+class SetSeparation:
     """How well windows are separated: AUC with its 95 % interval over recordings, and the share right."""
 
     auc: float
@@ -146,16 +146,16 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Realism:
+class RealismReport:
     """Separation of simulated from real windows, by people and measures; of each real set from the others.
 
     counts: recordings and windows by set; guided: as simulated, of free guided motion alone.
     """
 
     counts: Mapping[str, tuple[int, int]]
-    simulated: Mapping[str, Mapping[str, Separation]]
-    guided: Mapping[str, Mapping[str, Separation]]
-    real: Mapping[str, Separation]
+    simulated: Mapping[str, Mapping[str, SetSeparation]]
+    guided: Mapping[str, Mapping[str, SetSeparation]]
+    real: Mapping[str, SetSeparation]
 
 
 def cases(data: Path, seeds: Sequence[int]) -> list[Case]:
@@ -170,7 +170,7 @@ def cases(data: Path, seeds: Sequence[int]) -> list[Case]:
     return [*map(RealCase, files), *simulated]
 
 
-def load(case: Case) -> Windows | None:
+def load(case: Case) -> WindowMeasures | None:
     """Measure one case."""
     return case.load()
 
@@ -274,13 +274,13 @@ def _band_size(force: Array, band: tuple[float, float]) -> float:
     return float(np.sqrt(2.0 * power[inside].sum()) / len(force))
 
 
-def summarise(loaded: Iterable[Windows | None]) -> Realism:
+def summarise(loaded: Iterable[WindowMeasures | None]) -> RealismReport:
     """Separate simulated from real windows, by all measures and by each, and real sets from each other."""
     windows = sorted((w for w in loaded if w is not None and len(w.values)), key=lambda w: w.recording)
     real = [w for w in windows if w.set_name not in (IDEAL, NATURAL)]
     sets = sorted({w.set_name for w in real})
     simulated = {who: [w for w in windows if w.set_name == who] for who in (IDEAL, NATURAL)}
-    return Realism(
+    return RealismReport(
         {name: _count([w for w in windows if w.set_name == name]) for name in (IDEAL, NATURAL, *sets)},
         {who: _by_measures([*real, *some], who) for who, some in simulated.items()},
         {who: _by_measures(_guided([*real, *some]), who) for who, some in simulated.items()},
@@ -288,15 +288,15 @@ def summarise(loaded: Iterable[Windows | None]) -> Realism:
     )
 
 
-def _guided(windows: Sequence[Windows]) -> list[Windows]:
+def _guided(windows: Sequence[WindowMeasures]) -> list[WindowMeasures]:
     return [w for w in windows if w.guided]
 
 
-def _count(windows: Sequence[Windows]) -> tuple[int, int]:
+def _count(windows: Sequence[WindowMeasures]) -> tuple[int, int]:
     return len(windows), sum(len(w.values) for w in windows)
 
 
-def _by_measures(windows: Sequence[Windows], who: str) -> dict[str, Separation]:
+def _by_measures(windows: Sequence[WindowMeasures], who: str) -> dict[str, SetSeparation]:
     """Separations of windows of some people from the others: all, by group, by measure."""
     chosen = {"all": MEASURES, **GROUPS, **{name: (name,) for name in MEASURES}}
     return {
@@ -305,10 +305,10 @@ def _by_measures(windows: Sequence[Windows], who: str) -> dict[str, Separation]:
 
 
 def separation(
-    windows: Sequence[Windows],
+    windows: Sequence[WindowMeasures],
     set_name: str,
     columns: Sequence[int] = tuple(range(len(MEASURES))),
-) -> Separation:
+) -> SetSeparation:
     """Separate the recordings of a set from the others by a regression that was not trained on them."""
     positive = np.array([w.set_name == set_name for w in windows])
     scores: list[Array] = [np.zeros(0)] * len(windows)
@@ -319,7 +319,7 @@ def separation(
             scores[index] = model(windows[index].values[:, columns])
     auc = _auc(scores, positive)
     low, high = _interval(scores, positive)
-    return Separation(auc, low, high, _accuracy(scores, positive))
+    return SetSeparation(auc, low, high, _accuracy(scores, positive))
 
 
 def _in_fold(positive: Labels, fold: int) -> Labels:
@@ -329,7 +329,7 @@ def _in_fold(positive: Labels, fold: int) -> Labels:
     return held
 
 
-def _where(windows: Sequence[Windows], mask: Labels) -> list[Windows]:
+def _where(windows: Sequence[WindowMeasures], mask: Labels) -> list[WindowMeasures]:
     return [w for w, chosen in zip(windows, mask, strict=True) if chosen]
 
 
@@ -399,7 +399,7 @@ def title(seeds: Sequence[int]) -> str:
     )
 
 
-def _grids(result: Realism) -> list[Grid]:
+def _grids(result: RealismReport) -> list[Grid]:
     counts = tuple((name, str(n), str(k)) for name, (n, k) in result.counts.items())
     sets = tuple((name, *_cells(separate)) for name, separate in result.real.items())
     return [
@@ -410,17 +410,17 @@ def _grids(result: Realism) -> list[Grid]:
     ]
 
 
-def _compared(heading: str, by_people: Mapping[str, Mapping[str, Separation]]) -> Grid:
+def _compared(heading: str, by_people: Mapping[str, Mapping[str, SetSeparation]]) -> Grid:
     before, after = by_people[IDEAL], by_people[NATURAL]
     rows = tuple((name, *_cells(before[name]), *_cells(after[name])) for name in before)
     return Grid(heading, ("measures", IDEAL, "right", NATURAL, "right"), rows)
 
 
-def _cells(found: Separation) -> tuple[str, str]:
+def _cells(found: SetSeparation) -> tuple[str, str]:
     return f"{found.auc:.2f} ({found.low:.2f}–{found.high:.2f})", f"{100 * found.accuracy:.0f} %"
 
 
-def as_text(result: Realism, heading: str) -> RenderableType:
+def as_text(result: RealismReport, heading: str) -> RenderableType:
     """Lay the result out for a terminal."""
     parts: list[RenderableType] = [Text(heading, style="bold")]
     for grid in _grids(result):
@@ -428,12 +428,12 @@ def as_text(result: Realism, heading: str) -> RenderableType:
     return Group(*parts)
 
 
-def as_markdown(result: Realism, heading: str) -> str:
+def as_markdown(result: RealismReport, heading: str) -> str:
     """Lay the result out for a page."""
     return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(result))]) + "\n"
 
 
-def as_json(result: Realism) -> dict[str, Any]:
+def as_json(result: RealismReport) -> dict[str, Any]:
     """Every figure."""
     return {
         "counts": dict(result.counts),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from caesura_lab.evaluation.error_analysis import Faults, faults
+from caesura_lab.evaluation.error_analysis import ErrorSummary, error_summary
 from caesura_lab.evaluation.runner import NotApplicable, Verdict
 from caesura_lab.evaluation.score import PHASE_S, Score
 from caesura_lab.evaluation.summary import MEASURES, Estimate, margins, summarise
@@ -84,13 +84,13 @@ class MethodReport:
     method: str
     recordings: int
     estimates: dict[str, Estimate]
-    faults: Faults
+    faults: ErrorSummary
     scores: tuple[Score, ...]
     behind: dict[str, Estimate] = field(default_factory=dict)  # by how much the first method exceeds it
 
 
 @dataclass(frozen=True)
-class Compared:
+class MethodComparison:
     """One method on the recordings of one set: its numbers, and by how much the first method exceeds it."""
 
     method: str
@@ -100,12 +100,12 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class Section:
+class SlackSection:
     """Everything under one slack [s]: all recordings pooled, and set by set where they form sets."""
 
     slack_s: float
     methods: tuple[MethodReport, ...]
-    sets: Mapping[str, tuple[Compared, ...]]
+    sets: Mapping[str, tuple[MethodComparison, ...]]
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Report:
     """
 
     title: str
-    sections: tuple[Section, ...]
+    sections: tuple[SlackSection, ...]
     unfit: tuple[NotApplicable, ...]
     missing: tuple[str, ...] = ()
 
@@ -138,15 +138,15 @@ def report(
     return Report(title, sections, unfit, tuple(missing))
 
 
-def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) -> Section:
+def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) -> SlackSection:
     judged: list[MethodReport] = []
     for name, own in _by_method(methods, scores).items():
         behind = _margins(judged[0].scores, own) if judged else {}
-        judged.append(MethodReport(name, len(own), summarise(own), faults(own), own, behind))
-    return Section(slack_s, tuple(judged), _sets(methods, scores))
+        judged.append(MethodReport(name, len(own), summarise(own), error_summary(own), own, behind))
+    return SlackSection(slack_s, tuple(judged), _sets(methods, scores))
 
 
-def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[Compared, ...]]:
+def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[MethodComparison, ...]]:
     """Compare robot by robot and set by set.
 
     Left out: a set of everything, a set equal to one before it, and all sets where each has one recording.
@@ -168,13 +168,13 @@ def _names(scores: Sequence[Score]) -> list[str]:
     return [*first, *sorted({name for one in scores for name in one.groups[1:]} - set(first))]
 
 
-def _compared(methods: Sequence[str], scores: Sequence[Score]) -> tuple[Compared, ...]:
+def _compared(methods: Sequence[str], scores: Sequence[Score]) -> tuple[MethodComparison, ...]:
     """Compare the first method with the others on one set."""
     by_method = _by_method(methods, scores)
     first = by_method.get(methods[0], ())
     only = [column.measure for column in IN_SETS]
     return tuple(
-        Compared(
+        MethodComparison(
             name,
             len(own),
             summarise(own, only=only),
@@ -196,7 +196,7 @@ def _margins(
     return margins(first, scores, only=only) if common else {}
 
 
-def shown(estimate: Estimate, digits: int) -> tuple[str, str]:
+def format_estimate(estimate: Estimate, digits: int) -> tuple[str, str]:
     """A value and its interval as text; a dash where there is none."""
     if math.isnan(estimate.value):
         return "–", ""
@@ -215,7 +215,7 @@ def as_json(report: Report) -> dict[str, Any]:
     }
 
 
-def _plain_section(section: Section) -> dict[str, Any]:
+def _plain_section(section: SlackSection) -> dict[str, Any]:
     return {
         "slack_s": section.slack_s,
         "methods": [_method(judged) for judged in section.methods],
@@ -223,7 +223,7 @@ def _plain_section(section: Section) -> dict[str, Any]:
     }
 
 
-def _plain_compared(one: Compared) -> dict[str, Any]:
+def _plain_compared(one: MethodComparison) -> dict[str, Any]:
     return {
         "method": one.method,
         "recordings": one.recordings,

@@ -32,7 +32,7 @@ Verdict = Score | NotApplicable
 
 
 def judge(
-    case: Case, methods: Sequence[Method], leniencies: Sequence[ToleranceOptions] = (AS_READ,)
+    case: Case, methods: Sequence[Method], tolerance_options: Sequence[ToleranceOptions] = (AS_READ,)
 ) -> list[Verdict]:
     """Apply all methods to one case, once each, and judge what they find under every leniency.
 
@@ -51,18 +51,18 @@ def judge(
         except (ProtocolError, ValueError) as error:
             verdicts.append(NotApplicable(method.name, case.name, str(error)))
         else:
-            for leniency in leniencies:
-                one = score(method.name, leniency.of(truth), found)
-                verdicts.append(replace(one, **about, slack_s=leniency.slack_s))
+            for tolerance_option in tolerance_options:
+                one = score(method.name, tolerance_option.of(truth), found)
+                verdicts.append(replace(one, **about, slack_s=tolerance_option.slack_s))
     return verdicts
 
 
 def judge_all(
     cases: Sequence[Case],
     methods: Sequence[Method],
-    leniencies: Sequence[ToleranceOptions] = (AS_READ,),
+    tolerance_options: Sequence[ToleranceOptions] = (AS_READ,),
     *,
     workers: int = 1,
 ) -> Iterator[list[Verdict]]:
     """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
-    return each(partial(judge, methods=methods, leniencies=leniencies), cases, workers=workers)
+    return each(partial(judge, methods=methods, tolerance_options=tolerance_options), cases, workers=workers)

@@ -21,10 +21,10 @@ from caesura_lab.evaluation.metrics import (
     TimedEstimate,
     confusion,
     covering,
-    disturbed,
     match,
     overlap,
-    standing_since,
+    present_since,
+    segments_with_events,
 )
 
 Vector = tuple[float, float, float]
@@ -57,7 +57,7 @@ class FoundSegment:
 class FoundSegmentation:
     """What a method makes of a recording.
 
-    changepoints: (m,) [s]; parts: None if it does not classify; looks: what was known when, None if the
+    changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: what was known when, None if the
     method needs the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
     probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
     next begins, None if the method finds none.
@@ -65,13 +65,13 @@ class FoundSegmentation:
 
     changepoints: tuple[float, ...]
     parts: tuple[FoundSegment, ...] | None = None
-    looks: tuple[TimedEstimate, ...] | None = None
+    timed_estimates: tuple[TimedEstimate, ...] | None = None
     intervals: Mapping[float, tuple[float, float]] = field(default_factory=dict)
     probabilities: Mapping[float, float] = field(default_factory=dict)
     phases: tuple[float, ...] | None = None
 
 
-class Stated(NamedTuple):
+class StatedProbability(NamedTuple):
     """A stated probability with its outcome: `right` out of `of`, in changepoints or seconds."""
 
     probability: float
@@ -133,8 +133,8 @@ class Score:
     phase_hits: int = 0  # of boundaries between phases, where the truth has phases and the method finds them
     phase_misses: int = 0
     phase_false_alarms: int = 0
-    stated_points: tuple[Stated, ...] = ()  # of every changepoint that counts
-    stated_classes: tuple[Stated, ...] = ()  # of every segment whose class is scored for some time
+    stated_points: tuple[StatedProbability, ...] = ()  # of every changepoint that counts
+    stated_classes: tuple[StatedProbability, ...] = ()  # of every segment whose class is scored for some time
     axis_errors_deg: tuple[float, ...] = ()  # of every screw that was noticed, the sense of its turn included
     pitch_errors: tuple[float, ...] = ()  # relative
     screws: int = 0
@@ -147,11 +147,11 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
     matching = _match(points, times)
     pairs = [(points[i], times[j]) for i, j in _pairs(matching)]
     misses = [points[i] for i in matching.misses]
-    alarms = [t for t in (times[i] for i in matching.false_alarms) if _counts(t, truth.window)]
+    alarms = [t for t in (times[i] for i in matching.false_alarms) if _is_counted(t, truth.window)]
     missed_s = [p.t for p in misses]
     major_s = [*(p.nearest_s(t) for p, t in pairs), *missed_s]
     counted_s = [*(t for _, t in pairs), *alarms]
-    parts = _filling(found.parts or (), truth.window)
+    parts = _stretched_to(found.parts or (), truth.window)
     base = Score(
         method=method,
         recording=truth.name,
@@ -159,8 +159,8 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
         false_alarms=len(alarms),
         misses=len(misses),
         covering=covering(major_s, counted_s, truth.window),
-        cut=disturbed(major_s, alarms, truth.window),
-        merged=disturbed(counted_s, missed_s, truth.window),
+        cut=segments_with_events(major_s, alarms, truth.window),
+        merged=segments_with_events(counted_s, missed_s, truth.window),
         intervals=_intervals(pairs, found.intervals),
         missed=tuple(_miss(p, alarms, truth) for p in misses),
         found=tuple(Hit(p.kind, t - p.nearest_s(t)) for p, t in pairs),
@@ -168,15 +168,15 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
         stated_points=_stated_points([t for _, t in pairs], alarms, found.probabilities),
     )
     base = _with_phases(base, truth, found.phases)
-    return _with_delays(_with_classes(base, truth, found, parts), pairs, found.looks)
+    return _with_delays(_with_classes(base, truth, found, parts), pairs, found.timed_estimates)
 
 
 def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Score:
     if found is None or not truth.phases:
         return base
     edges = {t for phase in truth.phases for t in (phase.t0, phase.t1)}
-    true = sorted(t for t in edges if _counts(t, truth.window))
-    times = sorted(t for t in found if _counts(t, truth.window))
+    true = sorted(t for t in edges if _is_counted(t, truth.window))
+    times = sorted(t for t in found if _is_counted(t, truth.window))
     matching = match(true, [PHASE_S] * len(true), [False] * len(true), times)
     return replace(
         base,
@@ -186,7 +186,7 @@ def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Sc
     )
 
 
-def _counts(t: float, window: tuple[float, float]) -> bool:
+def _is_counted(t: float, window: tuple[float, float]) -> bool:
     """Return whether a time [s] lies far enough inside of the window [s] to be counted."""
     return window[0] + EDGE_S - ROUNDING_S <= t <= window[1] - EDGE_S + ROUNDING_S
 
@@ -196,7 +196,7 @@ def _judged_points(truth: Truth) -> list[TrueChangepoint]:
     first, last = truth.window
     inside = [p for p in truth.points if any(first < t < last for t in p.accepted_s)]
     return [
-        replace(p, optional=p.optional or not all(_counts(t, truth.window) for t in p.accepted_s))
+        replace(p, optional=p.optional or not all(_is_counted(t, truth.window) for t in p.accepted_s))
         for p in inside
     ]
 
@@ -226,9 +226,9 @@ def _with_classes(
     labels = [Labelled(part.t0, part.t1, part.kind) for part in parts]
     base = replace(
         base,
-        confusion=confusion(_scored(truth), labels),
-        confusion_inside=confusion(_inside(truth), labels),
-        stated_classes=_stated_classes(_scored(truth), parts),
+        confusion=confusion(_classified_spans(truth), labels),
+        confusion_inside=confusion(_inside_tolerance(truth), labels),
+        stated_classes=_stated_classes(_classified_spans(truth), parts),
     )
     if all(part.force_n is None for part in parts):
         return base  # it measures nothing
@@ -246,15 +246,17 @@ def _with_classes(
 
 
 def _with_delays(
-    base: Score, pairs: Sequence[tuple[TrueChangepoint, float]], looks: Sequence[TimedEstimate] | None
+    base: Score,
+    pairs: Sequence[tuple[TrueChangepoint, float]],
+    timed_estimates: Sequence[TimedEstimate] | None,
 ) -> Score:
     """How long after each point that was found a changepoint near it stood, and stood for good [s]."""
-    if looks is None:
+    if timed_estimates is None:
         return base
 
     def delays(*, final: bool) -> tuple[float, ...]:
         since = [
-            (p.nearest_s(t), standing_since(looks, p.accepted_s, p.tolerance_s, final=final))
+            (p.nearest_s(t), present_since(timed_estimates, p.accepted_s, p.tolerance_s, final=final))
             for p, t in pairs
         ]
         return tuple(at - t for t, at in since if at is not None)
@@ -275,13 +277,15 @@ def _intervals(
 
 def _stated_points(
     hits: Sequence[float], alarms: Sequence[float], stated: Mapping[float, float]
-) -> tuple[Stated, ...]:
+) -> tuple[StatedProbability, ...]:
     """Return the probability of every changepoint that counts, with whether it was right."""
     outcomes = [*((t, 1.0) for t in hits), *((t, 0.0) for t in alarms)]
-    return tuple(Stated(stated[t], right, 1.0) for t, right in outcomes if t in stated)
+    return tuple(StatedProbability(stated[t], right, 1.0) for t, right in outcomes if t in stated)
 
 
-def _stated_classes(spans: Sequence[Labelled], parts: Sequence[FoundSegment]) -> tuple[Stated, ...]:
+def _stated_classes(
+    spans: Sequence[Labelled], parts: Sequence[FoundSegment]
+) -> tuple[StatedProbability, ...]:
     """Return the probability of every part's class, with the seconds that were right of those scored."""
     stated = []
     for part in parts:
@@ -289,7 +293,7 @@ def _stated_classes(spans: Sequence[Labelled], parts: Sequence[FoundSegment]) ->
         of = sum(seconds for _, seconds in shared if seconds > 0.0)
         if part.probability is not None and of > ROUNDING_S:
             right = sum(seconds for is_right, seconds in shared if is_right and seconds > 0.0)
-            stated.append(Stated(part.probability, right, of))
+            stated.append(StatedProbability(part.probability, right, of))
     return tuple(stated)
 
 
@@ -299,7 +303,7 @@ def _pairs(matching: Matching) -> list[tuple[int, int]]:
     return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
 
 
-def _filling(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list[FoundSegment]:
+def _stretched_to(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list[FoundSegment]:
     """Parts that reach from one end of the window to the other: filters need a little before they begin."""
     filled = list(parts)
     if filled:
@@ -308,12 +312,12 @@ def _filling(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list
     return filled
 
 
-def _scored(truth: Truth) -> list[Labelled]:
+def _classified_spans(truth: Truth) -> list[Labelled]:
     """Return the spans without what lies between the two accepted times of a point."""
     return _without(truth, [(min(p.accepted_s), max(p.accepted_s)) for p in truth.points])
 
 
-def _inside(truth: Truth) -> list[Labelled]:
+def _inside_tolerance(truth: Truth) -> list[Labelled]:
     """The spans without what lies within tolerance of a major point, where the class itself is uncertain."""
     around = [(p, 0.0 if p.optional else p.tolerance_s) for p in truth.points]
     return _without(truth, [(min(p.accepted_s) - s, max(p.accepted_s) + s) for p, s in around])
@@ -329,7 +333,7 @@ def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelle
     return spans
 
 
-def _shared(part: FoundSegment, one: Quantity) -> float:
+def _overlap_s(part: FoundSegment, one: Quantity) -> float:
     return overlap(Labelled(part.t0, part.t1, ""), Labelled(one.t0, one.t1, ""))
 
 
@@ -338,9 +342,9 @@ def _load_errors(loads: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tu
     errors = []
     for load in loads:
         weighed = [
-            (part.load_kg, _shared(part, load))
+            (part.load_kg, _overlap_s(part, load))
             for part in parts
-            if part.kind in CARRIED and part.load_kg is not None and _shared(part, load) > 0.0
+            if part.kind in CARRIED and part.load_kg is not None and _overlap_s(part, load) > 0.0
         ]
         if weighed:
             mean = sum(kg * s for kg, s in weighed) / sum(s for _, s in weighed)
@@ -355,7 +359,7 @@ def _force_errors(forces: Sequence[Quantity], parts: Sequence[FoundSegment]) -> 
         pressed = [
             part.force_n
             for part in parts
-            if part.kind in TOUCHING and part.force_n is not None and _shared(part, force) > 0.0
+            if part.kind in TOUCHING and part.force_n is not None and _overlap_s(part, force) > 0.0
         ]
         if pressed:
             errors.append(abs(max(pressed) - force.value))
@@ -370,7 +374,7 @@ def _screw_errors(screws: Sequence[Screwing], parts: Sequence[FoundSegment]) -> 
     errors = []
     for true in screws:
         stroke = Quantity(true.t0, true.t1, 0.0)
-        shared = [(_shared(part, stroke), part.screw) for part in parts if part.screw is not None]
+        shared = [(_overlap_s(part, stroke), part.screw) for part in parts if part.screw is not None]
         most, screw = max(shared, key=lambda one: one[0], default=(0.0, None))
         if screw is not None and most > 0.0:
             axis, pitch_m = screw

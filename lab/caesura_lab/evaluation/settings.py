@@ -25,7 +25,7 @@ from caesura_lab.evaluation.chosen_settings import GaussianSettings, KernelSetti
 from caesura_lab.evaluation.metrics import f1
 from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.score import FoundSegmentation, score
-from caesura_lab.evaluation.suites import Case, Extent, suite
+from caesura_lab.evaluation.suites import Case, SuiteOptions, suite
 from caesura_lab.evaluation.worker_pool import each
 
 SLACK_S = 0.2
@@ -45,7 +45,7 @@ LEAST_S = (0.1, 0.2, 0.3)
 
 
 @dataclass(frozen=True)
-class Search:
+class SettingsSearch:
     """Search of one baseline's settings: where it begins, and the values that each field may take.
 
     restarts: changes of the beginning; the search is repeated from each.
@@ -59,7 +59,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenSettings:
     """Result of a search: settings, their F1, and how many settings were tried."""
 
     name: str
@@ -69,7 +69,7 @@ class Choice:
 
 
 SEARCHES = (
-    Search(
+    SettingsSearch(
         "GAUSSIAN",
         bocpd.gaussian_log,
         GaussianSettings(),
@@ -85,7 +85,7 @@ SEARCHES = (
         },
         ({}, {"speed_spread": 0.2, "force_spread": 0.2}),
     ),
-    Search(
+    SettingsSearch(
         "STUDENT",
         bocpd.student_speed,
         StudentSettings(),
@@ -99,7 +99,7 @@ SEARCHES = (
         },
         ({"scale": "log"}, {"scale": "linear", "unit_m_per_s": 0.01}),
     ),
-    Search(
+    SettingsSearch(
         "KERNEL",
         third_party_baselines.kernel,
         KernelSettings(),
@@ -125,7 +125,7 @@ def pooled_f1(starts: Starts, settings: Any, demonstrations: Sequence[Demonstrat
     return f1(*counts)
 
 
-def choose(search: Search, demonstrations: Sequence[Demonstration]) -> Choice:
+def choose(search: SettingsSearch, demonstrations: Sequence[Demonstration]) -> ChosenSettings:
     """Return the best settings of a baseline by coordinate search."""
     tried: dict[Any, float] = {}
 
@@ -136,7 +136,7 @@ def choose(search: Search, demonstrations: Sequence[Demonstration]) -> Choice:
 
     ends = [_descend(replace(search.begin, **restart), search.grid, rate) for restart in search.restarts]
     best = max(ends, key=rate)
-    return Choice(search.name, best, rate(best), len(tried))
+    return ChosenSettings(search.name, best, rate(best), len(tried))
 
 
 def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[Any], float]) -> Any:
@@ -156,7 +156,7 @@ def demonstration_of(case: Case) -> Demonstration:
     return grid_signals(recording), ToleranceOptions(slack_s=SLACK_S).of(truth)
 
 
-def lines(choices: Sequence[Choice]) -> Iterator[str]:
+def lines(choices: Sequence[ChosenSettings]) -> Iterator[str]:
     """Write the table of `chosen`, one assignment a line."""
     for choice in choices:
         yield f"{choice.name} = {choice.settings!r}  # F1 {choice.f1:.3f}, the best of {choice.tried}"
@@ -169,7 +169,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="the first of them (%(default)s)")
     parser.add_argument("--workers", type=int, default=WORKERS, help="processes (%(default)s)")
     chosen = parser.parse_args(arguments)
-    cases = suite("teacher", Extent(seeds=chosen.seeds, first_seed=chosen.first_seed))
+    cases = suite("teacher", SuiteOptions(seeds=chosen.seeds, first_seed=chosen.first_seed))
     demonstrations = list(each(demonstration_of, cases, workers=chosen.workers))
     demonstrations.sort(key=lambda one: one[1].name)
     work = partial(choose, demonstrations=demonstrations)

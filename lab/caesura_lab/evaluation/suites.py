@@ -93,7 +93,7 @@ def check_hash(path: Path, source: RecordingSource) -> None:
 
 
 @dataclass(frozen=True)
-class TaughtCase:
+class SimulatedDemonstration:
     """A demonstration of the simulated teacher."""
 
     scenario: str
@@ -125,7 +125,7 @@ class TaughtCase:
 
 
 @dataclass(frozen=True)
-class Extent:
+class SuiteOptions:
     """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
 
     annotations: the directory of annotations whose recordings lie in `data`.
@@ -137,14 +137,14 @@ class Extent:
     annotations: Path = OPEN
 
 
-def suite(name: str, extent: Extent) -> list[Case]:
+def suite(name: str, extent: SuiteOptions) -> list[Case]:
     """The cases of a suite. Raises TruthError for one that does not exist or is empty."""
     if name not in SUITES:
         raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
     return SUITES[name](extent)
 
 
-def teacher(extent: Extent) -> list[Case]:
+def teacher(extent: SuiteOptions) -> list[Case]:
     """Every basic scenario by `seeds` people; a third of them each moves by each profile.
 
     Seed 0, the thesis' own person, is left out: it was looked at while the models were made.
@@ -152,15 +152,15 @@ def teacher(extent: Extent) -> list[Case]:
     return _taught(BASIC, extent)
 
 
-def skills(extent: Extent) -> list[Case]:
+def skills(extent: SuiteOptions) -> list[Case]:
     """Every scenario that turns the tool, goes in circles or repeats strokes, by people as of `teacher`."""
     return _taught(SKILLS, extent)
 
 
-def _taught(scenarios: Iterable[str], extent: Extent) -> list[Case]:
+def _taught(scenarios: Iterable[str], extent: SuiteOptions) -> list[Case]:
     people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
-        TaughtCase(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
+        SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
         for i, scenario in enumerate(scenarios)
         for seed in people
     ]
@@ -182,7 +182,7 @@ def directory(path: Path) -> list[Case]:
     return cases
 
 
-def real(extent: Extent) -> list[Case]:
+def real(extent: SuiteOptions) -> list[Case]:
     """Return the openly annotated recordings that lie in the directory, and those annotated beside them.
 
     Raises TruthError where there is neither, or where an annotation does not name its recording.
@@ -200,7 +200,7 @@ def real(extent: Extent) -> list[Case]:
     return cases
 
 
-def missing_recordings(name: str | None, extent: Extent) -> list[str]:
+def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
     """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
 
     name: of the suite, None where files are judged.
@@ -239,7 +239,7 @@ def _annotated(path: Path) -> list[Path]:
     return [file for file in found if file.is_file()]
 
 
-SUITES: Mapping[str, Callable[[Extent], list[Case]]] = {
+SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "real": real,

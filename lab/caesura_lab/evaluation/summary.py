@@ -56,7 +56,7 @@ def summarise(
 
 
 def margins(
-    ours: Sequence[Score],
+    own: Sequence[Score],
     others: Sequence[Score],
     *,
     resamples: int = RESAMPLES,
@@ -67,12 +67,17 @@ def margins(
 
     Both are resampled alike: a recording that is hard for both widens no interval. only: as for `summarise`.
     """
-    mine, theirs = ({score.recording: score for score in scores} for scores in (ours, others))
-    names = sorted(set(mine) & set(theirs))
+    own_by_recording, other_by_recording = (
+        {score.recording: score for score in scores} for scores in (own, others)
+    )
+    names = sorted(set(own_by_recording) & set(other_by_recording))
     weights = _weights(len(names), resamples, seed)
     differences = {}
     for measure in _measures(only):
-        (a, n), (b, m) = (measure.of([scores[name] for name in names], weights) for scores in (mine, theirs))
+        (a, n), (b, m) = (
+            measure.of([scores[name] for name in names], weights)
+            for scores in (own_by_recording, other_by_recording)
+        )
         differences[measure.name] = _estimate(a - b, min(n, m))
     return differences
 

@@ -23,8 +23,8 @@ from caesura_lab.evaluation.report import (
     Column,
     MethodReport,
     Report,
-    Section,
-    shown,
+    SlackSection,
+    format_estimate,
 )
 from caesura_lab.evaluation.score import Score, class_accuracy
 from caesura_lab.evaluation.summary import Estimate
@@ -69,7 +69,7 @@ def _grids(report: Report, layout: str, detailed: Sequence[str]) -> Iterator[Gri
             yield from _errors(one)
 
 
-def _pooled(section: Section, layout: str) -> Iterator[Grid]:
+def _pooled(section: SlackSection, layout: str) -> Iterator[Grid]:
     slack = with_slack(section.slack_s)
     for title, columns in TABLES:
         judged = [one for one in section.methods if any(one.estimates[c.measure].n for c in columns)]
@@ -84,7 +84,7 @@ def _pooled(section: Section, layout: str) -> Iterator[Grid]:
         yield Grid(title, headings, rows)
 
 
-def _sets(section: Section, layout: str) -> Iterator[Grid]:
+def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:
     """One table a set; its last columns say by how much the first method is ahead of each other one."""
     headings = ("method", *(c.heading for c in (*IN_SETS, *SET_MARGINS)))
     for name, compared in section.sets.items():
@@ -106,7 +106,7 @@ def with_slack(slack_s: float) -> str:
 
 
 def _cells(estimates: Mapping[str, Estimate], columns: Sequence[Column], layout: str) -> list[str]:
-    pairs = (shown(estimates[column.measure], column.digits) for column in columns)
+    pairs = (format_estimate(estimates[column.measure], column.digits) for column in columns)
     return [layout.format(value, interval) if interval else value for value, interval in pairs]
 
 

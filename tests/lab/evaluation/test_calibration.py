@@ -20,7 +20,7 @@ from caesura_lab.evaluation.calibration import as_json as plain
 from caesura_lab.evaluation.diagram import draw
 from caesura_lab.evaluation.methods import PresetMethod
 from caesura_lab.evaluation.runner import NotApplicable
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, Stated, score
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, StatedProbability, score
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording
 
@@ -33,11 +33,11 @@ def run(*arguments: object):
     return CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
 
 
-def changepoints(*pairs: tuple[float, bool]) -> list[Stated]:
-    return [Stated(probability, float(right), 1.0) for probability, right in pairs]
+def changepoints(*pairs: tuple[float, bool]) -> list[StatedProbability]:
+    return [StatedProbability(probability, float(right), 1.0) for probability, right in pairs]
 
 
-def in_bins(statements: list[Stated]) -> dict[tuple[float, float], int]:
+def in_bins(statements: list[StatedProbability]) -> dict[tuple[float, float], int]:
     return {(b.low, b.high): b.share.n for b in curve(statements).bins if b.share.n}
 
 
@@ -79,7 +79,7 @@ def test_the_furthest_bin_has_cases_enough_and_lies_above_one_half():
 
 
 def test_classes_are_weighted_by_time():
-    one = curve([Stated(0.8, 3.0, 4.0), Stated(0.85, 0.0, 1.0)])
+    one = curve([StatedProbability(0.8, 3.0, 4.0), StatedProbability(0.85, 0.0, 1.0)])
     (found,) = [b for b in one.bins if b.share.n]
     assert found.stated == pytest.approx((0.8 * 4 + 0.85) / 5)
     assert found.share.right == pytest.approx(3 / 5)
@@ -186,9 +186,9 @@ def test_the_diagram_shows_each_bin_at_its_share():
         "changepoints, 0.2 s of slack",
         "classes of segments",
     ]
-    shown = [line for line in upper[0].lines if line.get_label() == "mine"]
-    assert shown[0].get_xdata() == pytest.approx([0.6, 0.8])
-    assert shown[0].get_ydata() == pytest.approx([1.0, 0.0])
+    format_estimate = [line for line in upper[0].lines if line.get_label() == "mine"]
+    assert format_estimate[0].get_xdata() == pytest.approx([0.6, 0.8])
+    assert format_estimate[0].get_ydata() == pytest.approx([1.0, 0.0])
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])

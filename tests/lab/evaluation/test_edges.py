@@ -77,16 +77,16 @@ def test_pairing_takes_the_nearer_end_of_every_point():
 
 
 def test_delays_and_intervals_are_from_the_nearer_end():
-    looks = (TimedEstimate(5.9, (5.52,), (False,)), TimedEstimate(7.0, (5.52,), (True,)))
-    one = judged([RELEASE], [5.52], looks=looks, intervals={5.52: (5.4, 5.6)})
+    timed_estimates = (TimedEstimate(5.9, (5.52,), (False,)), TimedEstimate(7.0, (5.52,), (True,)))
+    one = judged([RELEASE], [5.52], timed_estimates=timed_estimates, intervals={5.52: (5.4, 5.6)})
     assert one.provisional_s == pytest.approx([0.4])
     assert one.final_s == pytest.approx([1.5])
     assert one.intervals == (pytest.approx((0.2, True)),)
 
 
 def test_a_changepoint_that_moves_from_one_end_to_the_other_stands_all_the_while():
-    looks = (TimedEstimate(6.0, (5.5,), (False,)), TimedEstimate(6.4, (6.0,), (False,)))
-    assert judged([RELEASE], [6.0], looks=looks).provisional_s == pytest.approx([0.0])
+    timed_estimates = (TimedEstimate(6.0, (5.5,), (False,)), TimedEstimate(6.4, (6.0,), (False,)))
+    assert judged([RELEASE], [6.0], timed_estimates=timed_estimates).provisional_s == pytest.approx([0.0])
 
 
 def test_no_class_is_scored_between_the_ends_of_an_edge():

@@ -19,7 +19,7 @@ from caesura_lab.evaluation.baselines import Baseline, thresholds
 from caesura_lab.evaluation.methods import PresetMethod
 from caesura_lab.evaluation.report import report
 from caesura_lab.evaluation.runner import NotApplicable, judge, judge_all
-from caesura_lab.evaluation.suites import Extent, FileCase, TaughtCase, suite
+from caesura_lab.evaluation.suites import FileCase, SimulatedDemonstration, SuiteOptions, suite
 from caesura_lab.teacher.scenarios import BASIC, SKILLS, Scenario
 from caesura_protocol.formats.read import load_recording
 
@@ -95,10 +95,10 @@ def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
 def test_the_teacher_teaches_every_scenario_with_each_profile_a_third(
     name: str, scenarios: Mapping[str, Scenario]
 ):
-    cases = suite(name, Extent(seeds=3))
+    cases = suite(name, SuiteOptions(seeds=3))
     assert {case.group for case in cases} == set(scenarios)
     assert len(cases) == 3 * len(scenarios)
-    assert all(isinstance(case, TaughtCase) and case.seed > 0 for case in cases)
+    assert all(isinstance(case, SimulatedDemonstration) and case.seed > 0 for case in cases)
     profiles = [case.profile for case in cases]
     assert {profiles.count(profile) for profile in set(profiles)} == {len(scenarios)}
 
@@ -156,7 +156,7 @@ def test_processes_judge_as_one_does():
 
 
 def test_results_are_shown_by_kind_of_recording():
-    case = TaughtCase("button", 1, "lognormal")
+    case = SimulatedDemonstration("button", 1, "lognormal")
     result = report("one", ["default"], judge(case, [PresetMethod("default")]))
     judged = result.methods[0]
     assert [group.tag for group in judged.faults.groups][:2] == ["button", "lognormal"]

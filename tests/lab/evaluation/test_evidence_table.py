@@ -12,7 +12,13 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.library_comparison import LIBRARIES, LibraryEvidence, grid, tell, with_moves
+from caesura_lab.evaluation.library_comparison import (
+    LIBRARIES,
+    LibraryEvidence,
+    grid,
+    library_evidence,
+    with_profiles,
+)
 from caesura_lab.evaluation.suites import FileCase
 from caesura_protocol.recording import RecordingError
 from caesura_service.changepoint.default import DEFAULT, STROKES, human_motion_library
@@ -31,11 +37,11 @@ def run(*arguments: object):
 
 @pytest.fixture(scope="module")
 def button() -> LibraryEvidence:
-    return tell(FileCase(BUTTON))
+    return library_evidence(FileCase(BUTTON))
 
 
 def test_only_the_library_of_movements_is_exchanged():
-    other = with_moves(STROKES, LIBRARIES["lognormal"]())
+    other = with_profiles(STROKES, LIBRARIES["lognormal"]())
     before, after = STROKES.channels(1.5), other.channels(1.5)
     assert [name for name in before if before[name] != after[name]] == ["moving"]
     assert len(after["moving"].library) == 16
@@ -50,7 +56,7 @@ def test_the_presets_own_library_gives_the_presets_own_evidence():
     data = [
         ModelInput(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
     ]
-    same = with_moves(STROKES, human_motion_library().profiles)
+    same = with_profiles(STROKES, human_motion_library().profiles)
     told = [
         segment_offline(preset.lattice(), Geometric(20.0), data).log_evidence for preset in (STROKES, same)
     ]
@@ -59,7 +65,7 @@ def test_the_presets_own_library_gives_the_presets_own_evidence():
 
 def test_movements_without_a_library_are_refused():
     with pytest.raises(ValueError, match=r"preset 'default' has no library of movements.*expected 'strokes'"):
-        with_moves(DEFAULT, LIBRARIES["lognormal"]())
+        with_profiles(DEFAULT, LIBRARIES["lognormal"]())
 
 
 def test_a_movement_of_the_teacher_is_no_overdamped_response(button: LibraryEvidence):
@@ -109,4 +115,4 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path):
     (tmp_path / "none.npz").write_bytes(b"")
     assert run(tmp_path / "none.npz").exit_code == 1
     with pytest.raises(RecordingError):
-        tell(FileCase(tmp_path / "none.npz"))
+        library_evidence(FileCase(tmp_path / "none.npz"))

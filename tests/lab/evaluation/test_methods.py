@@ -64,10 +64,10 @@ def test_parts_join_and_the_same_recording_gives_the_same(method):
 
 
 def test_ours_says_what_it_knew_when():
-    looks = PresetMethod("default").segment(recording(moves=True)).looks
-    assert [look.t for look in looks] == sorted(look.t for look in looks)
-    assert looks[-1].t <= 10.0
-    assert all(looks[-1].final)
+    timed_estimates = PresetMethod("default").segment(recording(moves=True)).timed_estimates
+    assert [look.t for look in timed_estimates] == sorted(look.t for look in timed_estimates)
+    assert timed_estimates[-1].t <= 10.0
+    assert all(timed_estimates[-1].final)
 
 
 def test_a_trigger_holds_between_its_thresholds():

@@ -12,15 +12,15 @@ from caesura_lab.evaluation.metrics import (
     TimedEstimate,
     confusion,
     covering,
-    disturbed,
     f1,
     match,
-    standing_since,
+    present_since,
+    segments_with_events,
 )
 
 WINDOW = (0.0, 10.0)
 # Points at least 1 s apart, so that a tolerance of 0.2 s never reaches two of them.
-apart = st.lists(st.integers(1, 30), min_size=1, max_size=12, unique=True).map(
+path_distance = st.lists(st.integers(1, 30), min_size=1, max_size=12, unique=True).map(
     lambda seconds: np.sort(np.array(seconds, dtype=float))
 )
 
@@ -76,19 +76,19 @@ def test_f1_of_nothing_at_all_is_perfect():
     assert f1(3, 1, 0) == pytest.approx(6 / 7)
 
 
-@given(apart)
+@given(path_distance)
 def test_perfect_is_one(points):
     hits, alarms, misses = counts(points, points)
     assert f1(hits, alarms, misses) == 1.0
     assert covering(points, points, (0.0, 31.0)) == pytest.approx(1.0)
 
 
-@given(apart, st.floats(-0.199, 0.199))
+@given(path_distance, st.floats(-0.199, 0.199))
 def test_a_shift_within_tolerance_changes_no_count(points, shift):
     assert counts(points, points + shift) == counts(points, points)
 
 
-@given(apart, st.data())
+@given(path_distance, st.data())
 def test_a_false_alarm_costs_precision_only(points, data):
     found = np.array(data.draw(st.lists(st.sampled_from(points), unique=True)))
     hits, alarms, misses = counts(points, found)
@@ -130,9 +130,9 @@ def test_covering_is_a_share(truth, found):
 
 
 def test_a_stretch_is_cut_once_however_often():
-    assert disturbed([5.0], [1.0, 2.0], WINDOW) == (1, 2)
-    assert disturbed([5.0], [], WINDOW) == (0, 2)
-    assert disturbed([], [1.0], WINDOW) == (1, 1)
+    assert segments_with_events([5.0], [1.0, 2.0], WINDOW) == (1, 2)
+    assert segments_with_events([5.0], [], WINDOW) == (0, 2)
+    assert segments_with_events([], [1.0], WINDOW) == (1, 1)
 
 
 def test_classes_are_compared_second_by_second():
@@ -147,15 +147,15 @@ def test_classes_are_compared_second_by_second():
 
 
 def test_a_changepoint_stands_since_it_was_last_absent():
-    looks = [
+    timed_estimates = [
         TimedEstimate(1.0, (), ()),
         TimedEstimate(1.1, (0.9,), (False,)),
         TimedEstimate(1.2, (), ()),
         TimedEstimate(1.3, (0.5, 1.1), (True, False)),
         TimedEstimate(1.8, (0.5, 0.95), (True, True)),
     ]
-    assert standing_since(looks, (1.0,), 0.15, final=False) == 1.3
-    assert standing_since(looks, (1.0,), 0.15, final=True) == 1.8
-    assert standing_since(looks, (1.0,), 0.05, final=False) == 1.8
-    assert standing_since(looks, (5.0,), 0.15, final=False) is None
-    assert standing_since([], (5.0,), 0.15, final=False) is None
+    assert present_since(timed_estimates, (1.0,), 0.15, final=False) == 1.3
+    assert present_since(timed_estimates, (1.0,), 0.15, final=True) == 1.8
+    assert present_since(timed_estimates, (1.0,), 0.05, final=False) == 1.8
+    assert present_since(timed_estimates, (5.0,), 0.15, final=False) is None
+    assert present_since([], (5.0,), 0.15, final=False) is None

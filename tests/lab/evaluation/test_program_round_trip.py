@@ -14,9 +14,9 @@ from caesura_lab.evaluation import mutations, program_round_trip
 from caesura_lab.evaluation.program_round_trip import (
     RoundTripCase,
     RoundTripResult,
-    compared,
+    compare_programs,
+    run_round_trip,
     summarise,
-    travel,
 )
 from caesura_protocol.messages import App
 from harness.programs import press
@@ -46,7 +46,7 @@ def executed(index: int = 0, **fields: Any) -> tuple[App, ...]:
     ],
 )
 def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], why: str | None) -> None:
-    trip = compared(CASE, press(), again)
+    trip = compare_programs(CASE, press(), again)
     if why is None:
         assert trip.why is None
     else:
@@ -65,14 +65,14 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
 
 
 def test_one_person_goes_round() -> None:
-    trip = travel(RoundTripCase("dispenser", 500))
+    trip = run_round_trip(RoundTripCase("dispenser", 500))
     assert trip.why is None
     assert max(trip.target_m) < 0.01
 
 
 @pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])
 def test_a_spoilt_program_is_refused_or_stays_within_its_limits(number: int) -> None:
-    fate = mutations.meet_fate(number)
+    fate = mutations.run_mutation(number)
     assert fate.outcome != "violation", fate
 
 

@@ -15,7 +15,7 @@ from caesura_lab.evaluation.realism import (
     NATURAL,
     RealCase,
     SimulatedCase,
-    Windows,
+    WindowMeasures,
     measures,
     separation,
 )
@@ -24,11 +24,13 @@ from caesura_protocol.recording import Recording
 K = len(MEASURES)
 
 
-def windows(set_name: str, count: int, seed: int, *, shift: float = 0.0, own: float = 0.0) -> list[Windows]:
+def windows(
+    set_name: str, count: int, seed: int, *, shift: float = 0.0, own: float = 0.0
+) -> list[WindowMeasures]:
     """Recordings of 8 windows; shift: of the set in all measures; own: of each recording by itself."""
     rng = np.random.default_rng(seed)
     return [
-        Windows(
+        WindowMeasures(
             set_name,
             f"{set_name}-{i}",
             shift + own * rng.normal(size=K) + rng.normal(size=(8, K)),
@@ -59,7 +61,7 @@ def test_windows_of_a_recording_never_stand_on_both_sides() -> None:
 
 def test_a_difference_of_spread_is_seen_too() -> None:
     rng = np.random.default_rng(3)
-    wide = [Windows("a", f"a{i}", 3.0 * rng.normal(size=(8, K))) for i in range(20)]
+    wide = [WindowMeasures("a", f"a{i}", 3.0 * rng.normal(size=(8, K))) for i in range(20)]
     assert separation([*wide, *windows("b", 20, 4)], "a", [0]).auc > 0.7
 
 

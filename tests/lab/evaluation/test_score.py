@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from caesura_lab.annotations import Quantity, Screwing, ToleranceOptions, TrueChangepoint, TrueSegment, Truth
-from caesura_lab.evaluation.error_analysis import faults
+from caesura_lab.evaluation.error_analysis import error_summary
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
 from caesura_lab.evaluation.summary import margins, summarise
@@ -83,9 +83,9 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
     one = score("mine", replace(TRUTH, screws=(stroke, Screwing(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found)
     assert one.axis_errors_deg == pytest.approx((math.degrees(math.acos(0.8)),))
     assert one.pitch_errors == pytest.approx((0.2,))
-    shown = summarise([one])
-    assert shown["screws_found"].value == 0.5, "the second one is in no part"
-    assert shown["pitch_error"].value == pytest.approx(0.2)
+    format_estimate = summarise([one])
+    assert format_estimate["screws_found"].value == 0.5, "the second one is in no part"
+    assert format_estimate["pitch_error"].value == pytest.approx(0.2)
     assert summarise([score("mine", TRUTH, found)])["screws_found"].n == 0, (
         "without a screw nothing is judged"
     )
@@ -118,8 +118,8 @@ def test_a_method_that_measures_nothing_is_not_asked_for_it():
 
 
 def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
-    looks = (TimedEstimate(2.3, (2.05,), (False,)), TimedEstimate(3.0, (2.05,), (True,)))
-    one = score("mine", TRUTH, FoundSegmentation((2.05,), None, looks))
+    timed_estimates = (TimedEstimate(2.3, (2.05,), (False,)), TimedEstimate(3.0, (2.05,), (True,)))
+    one = score("mine", TRUTH, FoundSegmentation((2.05,), None, timed_estimates))
     assert one.provisional_s == pytest.approx([0.3])
     assert one.final_s == pytest.approx([1.0])
     assert not one.confusion
@@ -160,7 +160,7 @@ def test_without_any_there_is_no_number():
 
 def test_typical_errors_come_most_frequent_first():
     wrong = score("mine", TRUTH, FoundSegmentation((2.0, 4.3, 6.0, 7.0), PARTS))
-    typical = faults([wrong, wrong])
+    typical = error_summary([wrong, wrong])
     assert [(m.kind, m.missed, m.of_kind, m.near) for m in typical.missed] == [
         ("contact_on", 2, 2, 2),
         ("stop", 2, 2, 2),

@@ -16,8 +16,8 @@ from caesura_lab.evaluation.chosen_settings import KernelSettings, StudentSettin
 from caesura_lab.evaluation.features import log_features, vector_features
 from caesura_lab.evaluation.methods import baselines
 from caesura_lab.evaluation.observations import Signals
-from caesura_lab.evaluation.settings import SEARCHES, Search, choose, lines, pooled_f1
-from caesura_lab.evaluation.suites import Extent, FileCase
+from caesura_lab.evaluation.settings import SEARCHES, SettingsSearch, choose, lines, pooled_f1
+from caesura_lab.evaluation.suites import FileCase, SuiteOptions
 from caesura_lab.evaluation.third_party_baselines import kernel
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
@@ -58,7 +58,7 @@ def starts_every(signals: Signals, settings: StudentSettings) -> np.ndarray:
 
 def test_the_best_of_a_grid_is_chosen():
     grid = {"mean_segment_s": (1.0, 2.0, 3.0, 4.0), "least_s": (1.0, 2.0, 3.0)}
-    search = Search("X", starts_every, StudentSettings(mean_segment_s=1.0, least_s=1.0), grid)
+    search = SettingsSearch("X", starts_every, StudentSettings(mean_segment_s=1.0, least_s=1.0), grid)
     choice = choose(search, DEMONSTRATIONS)
     rated = {
         values: pooled_f1(
@@ -82,14 +82,16 @@ def test_f1_is_pooled_over_demonstrations():
 
 def test_a_table_is_printed_that_can_stand_in_the_code():
     grid = {"mean_segment_s": (3.0,)}
-    line = next(lines([choose(Search("STUDENT", starts_every, StudentSettings(), grid), DEMONSTRATIONS)]))
+    line = next(
+        lines([choose(SettingsSearch("STUDENT", starts_every, StudentSettings(), grid), DEMONSTRATIONS)])
+    )
     name, value = line.split("  #")[0].split(" = ", 1)
     assert name == "STUDENT"
     assert eval(value, vars(chosen_settings)) == replace(StudentSettings(), mean_segment_s=3.0)
 
 
 @pytest.mark.parametrize("search", SEARCHES, ids=lambda search: search.name)
-def test_settings_in_use_come_from_the_grid(search: Search):
+def test_settings_in_use_come_from_the_grid(search: SettingsSearch):
     used = asdict(getattr(chosen_settings, search.name))
     for field, value in used.items():
         reached = [*search.grid.get(field, ()), *(restart.get(field) for restart in search.restarts)]
@@ -153,7 +155,7 @@ def test_the_command_prints_one_line_a_baseline(
 ):
     asked = []
 
-    def one_recording(name: str, extent: Extent) -> list[FileCase]:
+    def one_recording(name: str, extent: SuiteOptions) -> list[FileCase]:
         asked.append((name, extent.seeds, extent.first_seed))
         return [FileCase(BUTTON)]
 

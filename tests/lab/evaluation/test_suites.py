@@ -20,7 +20,13 @@ from caesura_lab.evaluation.baselines import Baseline, thresholds
 from caesura_lab.evaluation.declared import with_declarations
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import judge, judge_all
-from caesura_lab.evaluation.suites import Extent, FileCase, TaughtCase, missing_recordings, suite
+from caesura_lab.evaluation.suites import (
+    FileCase,
+    SimulatedDemonstration,
+    SuiteOptions,
+    missing_recordings,
+    suite,
+)
 from caesura_lab.evaluation.tables import as_markdown
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
@@ -43,7 +49,7 @@ def annotate(path: Path, file: str, sha: str, **also: Any) -> None:
 
 
 @pytest.fixture
-def extent(tmp_path: Path) -> Extent:
+def extent(tmp_path: Path) -> SuiteOptions:
     """Three recordings, two of them annotated openly, one beside; one open annotation without recording."""
     data, annotations = tmp_path / "data", tmp_path / "annotations"
     data.mkdir()
@@ -53,16 +59,16 @@ def extent(tmp_path: Path) -> Extent:
     for name in ("kit_0", "kit_1", "gone_7"):
         annotate(annotations / f"{name}.ann.json", f"{name}.npz", sha256(BUTTON))
     (data / "old_0.ann.json").write_text(json.dumps(EMPTY | {"robot": "ur5e"}))
-    return Extent(data=data, annotations=annotations)
+    return SuiteOptions(data=data, annotations=annotations)
 
 
-def test_open_annotations_meet_their_recordings_and_those_with_their_own_are_judged_too(extent: Extent):
+def test_open_annotations_meet_their_recordings_and_those_with_their_own_are_judged_too(extent: SuiteOptions):
     cases = suite("real", extent)
     assert [case.name for case in cases] == ["kit_0.npz", "kit_1.npz", "old_0.npz"]
     assert all(case.load()[1].window == (0.0, 5.0) for case in cases)
 
 
-def test_a_missing_recording_is_named_with_its_source_in_every_output(extent: Extent):
+def test_a_missing_recording_is_named_with_its_source_in_every_output(extent: SuiteOptions):
     (note,) = missing_recordings("real", extent)
     assert note.startswith("gone_7.npz: not in ")
     assert note.endswith("its source: some/repository gone_7.npz")
@@ -72,14 +78,14 @@ def test_a_missing_recording_is_named_with_its_source_in_every_output(extent: Ex
     assert as_json(result)["missing"] == [note]
 
 
-def test_the_open_annotation_replaces_the_one_beside_the_recording(extent: Extent):
+def test_the_open_annotation_replaces_the_one_beside_the_recording(extent: SuiteOptions):
     (extent.data / "kit_0.ann.json").write_text(json.dumps(EMPTY | {"window": [0, 1]}))
     cases = suite("real", extent)
     assert [case.name for case in cases].count("kit_0.npz") == 1
     assert cases[0].load()[1].window == (0.0, 5.0)
 
 
-def test_a_second_reading_of_a_recording_is_not_judged_twice(extent: Extent):
+def test_a_second_reading_of_a_recording_is_not_judged_twice(extent: SuiteOptions):
     annotate(extent.annotations / "kit_0.b.ann.json", "kit_0.npz", sha256(BUTTON), window=[0, 2])
     annotate(extent.annotations / "a_kit_0.ann.json", "kit_0.npz", sha256(BUTTON), window=[0, 3])
     cases = suite("real", extent)
@@ -87,7 +93,7 @@ def test_a_second_reading_of_a_recording_is_not_judged_twice(extent: Extent):
     assert cases[0].load()[1].window == (0.0, 5.0)
 
 
-def test_a_recording_that_is_not_the_annotated_one_is_refused_with_both_hashes(extent: Extent):
+def test_a_recording_that_is_not_the_annotated_one_is_refused_with_both_hashes(extent: SuiteOptions):
     path = extent.data / "kit_1.npz"
     replace(BASE, t=BASE.t + 0.01).save(path)
     with pytest.raises(TruthError) as refusal:
@@ -104,7 +110,7 @@ def test_a_hash_beside_the_recording_counts_as_well(tmp_path: Path):
         FileCase(tmp_path / "x.npz").load()
 
 
-def test_a_suite_without_a_single_recording_says_how_many_are_missing(extent: Extent):
+def test_a_suite_without_a_single_recording_says_how_many_are_missing(extent: SuiteOptions):
     for file in extent.data.iterdir():
         file.unlink()
     with pytest.raises(TruthError, match=r"no annotated recording.*3 are missing"):
@@ -114,7 +120,7 @@ def test_a_suite_without_a_single_recording_says_how_many_are_missing(extent: Ex
         suite("real", extent)
 
 
-def test_an_open_annotation_must_name_its_recording(extent: Extent):
+def test_an_open_annotation_must_name_its_recording(extent: SuiteOptions):
     (extent.annotations / "x.ann.json").write_text(json.dumps(EMPTY))
     with pytest.raises(TruthError, match=r"x\.ann\.json: 'recording' is missing"):
         suite("real", extent)
@@ -217,17 +223,17 @@ def test_capabilities_are_those_of_a_session():
     assert not capabilities_of(replace(BASE, wrench_source="flange_sensor_with_hand")).contact_models
 
 
-def test_sets_are_by_robot_where_stated_else_by_the_name_before_its_number(extent: Extent):
+def test_sets_are_by_robot_where_stated_else_by_the_name_before_its_number(extent: SuiteOptions):
     assert FileCase(Path("kit_panda_0.npz")).group == "kit_panda"
     assert FileCase(Path("kul-12.csv")).group == "kul"
     assert FileCase(Path("button.npz")).group == "button"
     assert FileCase(Path("7.npz")).group == "7"
-    assert TaughtCase("button", 1, "lognormal").group == "button"
+    assert SimulatedDemonstration("button", 1, "lognormal").group == "button"
     verdicts = [verdict for case in suite("real", extent) for verdict in judge(case, [QUICK])]
     assert [verdict.groups for verdict in verdicts] == [("kit",), ("kit",), ("ur5e", "old")]
 
 
-def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: Extent):
+def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: SuiteOptions):
     for name in ("kit_0", "kit_1"):
         annotate(extent.annotations / f"{name}.ann.json", f"{name}.npz", sha256(BUTTON), robot="panda")
     annotate(extent.data / "old_0.ann.json", "old_0.npz", sha256(BUTTON), robot="panda")
@@ -242,11 +248,11 @@ def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: Exte
     }
 
 
-def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: Extent):
+def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: SuiteOptions):
     methods = [QUICK, Baseline("nothing", lambda signals: thresholds(signals)[:0])]
-    leniencies = [ToleranceOptions(), ToleranceOptions(slack_s=0.2)]
+    tolerance_options = [ToleranceOptions(), ToleranceOptions(slack_s=0.2)]
     cases = suite("real", extent)
-    verdicts = [one for some in judge_all(cases, methods, leniencies) for one in some]
+    verdicts = [one for some in judge_all(cases, methods, tolerance_options) for one in some]
     result = report("one", ["quick", "nothing"], verdicts)
     assert [section.slack_s for section in result.sections] == [0.0, 0.2]
     plain = as_json(result)
@@ -282,7 +288,7 @@ def test_slack_finds_what_lies_just_outside_of_the_tolerance():
     assert [(one.slack_s, one.hits) for one in verdicts] == [(0.0, 0), (0.2, 1)]
 
 
-def test_sets_that_would_say_nothing_new_are_not_shown(extent: Extent):
+def test_sets_that_would_say_nothing_new_are_not_shown(extent: SuiteOptions):
     alone = report("one", ["quick"], judge(FileCase(BUTTON), [QUICK]))
     assert alone.sections[0].sets == {}
     cases = suite("real", extent)

@@ -28,16 +28,16 @@ from caesura_lab.evaluation.thesis.demonstrations import (
 )
 from caesura_lab.evaluation.thesis.measure import (
     SAME_EVENT_S,
-    Found,
+    ConditionedDemonstration,
+    FoundDivision,
     RowOutcome,
-    Seen,
     differences,
-    paired,
+    pair_boundaries,
+    present_since,
     references,
-    standing_since,
 )
 from caesura_lab.evaluation.thesis.rows import ROWS, Boundary, Row
-from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, Setting, Task, perform, tasks
+from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
 from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
 from caesura_lab.teacher.person import THESIS
@@ -57,8 +57,8 @@ DECAY_ASIDE = ((-0.278, -0.631, -0.203), (-1.139, 0.419, 0.094))  # x, y [N] at 
 NAMED = {row.name: row for row in ROWS}
 
 
-def found(*inner: float, states: str = "1221") -> Found:
-    return Found(inner, states, (0.0,) * len(states), (0.0,) * len(states))
+def found(*inner: float, states: str = "1221") -> FoundDivision:
+    return FoundDivision(inner, states, (0.0,) * len(states), (0.0,) * len(states))
 
 
 def evidence(model: ChannelModel, forces: np.ndarray) -> float:
@@ -68,10 +68,10 @@ def evidence(model: ChannelModel, forces: np.ndarray) -> float:
     return float(model.log_evidence(rows)[0])
 
 
-def seen(*points: TrueChangepoint, path: np.ndarray | None = None) -> Seen:
+def seen(*points: TrueChangepoint, path: np.ndarray | None = None) -> ConditionedDemonstration:
     t = np.arange(0.0, 6.0, 0.01)
     pos = np.zeros((t.size, 3)) if path is None else path
-    return measure.see(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points))
+    return measure.condition_demonstration(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points))
 
 
 def test_the_table_is_consistent():
@@ -164,10 +164,10 @@ def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pyte
         {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))},
         wrench_source="flange_sensor",
     )
-    shown = measure.see(still, Truth("x", (0.0, 3.0), ()))
+    format_estimate = measure.condition_demonstration(still, Truth("x", (0.0, 3.0), ()))
     for any_length in (True, False):
-        measure.divide(shown, PRESETS["integrated"], 0.2, any_length=any_length)
-    assert asked == [Uniform(len(shown.conditioned.observations)), Geometric(20.0)]
+        measure.divide(format_estimate, PRESETS["integrated"], 0.2, any_length=any_length)
+    assert asked == [Uniform(len(format_estimate.conditioned.observations)), Geometric(20.0)]
 
 
 def test_what_the_thesis_says_has_no_faults():
@@ -186,14 +186,14 @@ def test_what_the_thesis_says_has_no_faults():
         (found(states="1"), ["no 2.0", "no 4.0", "no 4.5"]),
     ],
 )
-def test_every_difference_is_named(division: Found, faults: list[str]):
+def test_every_difference_is_named(division: FoundDivision, faults: list[str]):
     assert list(differences(ROW, division, RIGHT)) == faults
 
 
 def test_one_changepoint_stands_for_one_boundary():
-    assert paired([4.25], RIGHT) == [None, 0, None]
-    assert paired([4.25, 4.3], RIGHT) == [None, 0, 1]
-    assert paired([], RIGHT) == [None, None, None]
+    assert pair_boundaries([4.25], RIGHT) == [None, 0, None]
+    assert pair_boundaries([4.25, 4.3], RIGHT) == [None, 0, 1]
+    assert pair_boundaries([], RIGHT) == [None, None, None]
 
 
 def test_an_event_counts_beside_the_thesis_time_unless_it_is_another_one():
@@ -213,13 +213,13 @@ def test_a_place_is_where_the_hand_comes_nearest():
 
 
 def test_a_delay_is_until_a_boundary_is_there_for_good():
-    looks = [
+    timed_estimates = [
         TimedEstimate(2.1, (2.0,), (False,)),
         TimedEstimate(2.2, (), ()),
         TimedEstimate(2.5, (2.1,), (False,)),
     ]
-    assert standing_since(looks, [(2.0,)]) == [2.5]
-    assert standing_since(looks[:2], [(2.0,)]) == [None]
+    assert present_since(timed_estimates, [(2.0,)]) == [2.5]
+    assert present_since(timed_estimates[:2], [(2.0,)]) == [None]
 
 
 def test_a_row_passes_with_nine_of_ten_seeds_and_soon_enough():
@@ -239,7 +239,11 @@ def test_a_row_passes_with_nine_of_ten_seeds_and_soon_enough():
 
 
 def test_each_demonstration_is_simulated_once_for_all_settings_that_share_it():
-    settings = (*MAIN, Setting("longer", mean_segment_s=4.0), Setting("cm", length_unit_m=0.1, rows=("R1",)))
+    settings = (
+        *MAIN,
+        SuiteSetting("longer", mean_segment_s=4.0),
+        SuiteSetting("cm", length_unit_m=0.1, rows=("R1",)),
+    )
     work = tasks([1, 2], settings)
     assert len(work) == len({task.taught for task in work}) == 2 * 2 * len(TIMED)
     names = {task.taught.scenario: [s.name for s in task.settings] for task in work if task.taught.seed == 1}
@@ -250,11 +254,11 @@ def test_each_demonstration_is_simulated_once_for_all_settings_that_share_it():
 
 def test_a_setting_changes_what_it_names():
     assert MAIN[0].preset("force") is PRESETS["force"]
-    assert Setting("x", mean_segment_s=4.0).preset("force").mean_segment_s == 4.0
-    assert Setting("x", window=31).conditioning.filter.delay_s == pytest.approx(0.15)
-    other = Setting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
+    assert SuiteSetting("x", mean_segment_s=4.0).preset("force").mean_segment_s == 4.0
+    assert SuiteSetting("x", window=31).conditioning.filter.delay_s == pytest.approx(0.15)
+    other = SuiteSetting("x", length_unit_m=0.5).preset("constant_velocity").channels(1.0)["moving"]
     assert other.length_unit_m == 0.5
-    printed = Setting("x", integrated="integrated_tab_4_5")
+    printed = SuiteSetting("x", integrated="integrated_tab_4_5")
     assert printed.judged(NAMED["R13"]).preset == "integrated_tab_4_5"
     assert printed.judged(NAMED["R9"]) is NAMED["R9"]
 
@@ -263,7 +267,7 @@ def test_the_rows_of_the_integrated_model_are_also_judged_with_the_nu0_of_its_ow
     (printed,) = (setting for setting in OPEN if setting.integrated != "integrated")
     assert printed.name == printed.integrated == "integrated_tab_4_5"
     judged = {row.name for row in ROWS if row.preset == "integrated"}
-    assert {row.name for row in ROWS if printed.wants(row)} == judged == {"R10", "R11", "R13"}
+    assert {row.name for row in ROWS if printed.measures(row)} == judged == {"R10", "R11", "R13"}
 
 
 def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: pytest.MonkeyPatch):
@@ -275,23 +279,23 @@ def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: p
 
     monkeypatch.setattr(measure, "views", spy)
     pair = tuple(
-        Setting(name, integrated=name, online=True, rows=("R13",))
+        SuiteSetting(name, integrated=name, online=True, rows=("R13",))
         for name in ("integrated", "integrated_tab_4_5")
     )
-    perform(Task(SuiteDemonstration("pick_and_place", 101, "overdamped"), pair))
+    run_task(Task(SuiteDemonstration("pick_and_place", 101, "overdamped"), pair))
     assert asked == ["integrated", "integrated_tab_4_5"]
 
 
 def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():
-    only = Setting("overdamped", rows=("R4",))
-    (outcome,) = perform(Task(SuiteDemonstration("three_point", 101, "overdamped"), (only,)))["overdamped"]
+    only = SuiteSetting("overdamped", rows=("R4",))
+    (outcome,) = run_task(Task(SuiteDemonstration("three_point", 101, "overdamped"), (only,)))["overdamped"]
     assert outcome == RowOutcome("R4", 101, 6, ())
 
 
 def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     small = tuple(replace(setting, rows=("R4",)) for setting in MAIN)
     monkeypatch.setattr(suite, "tasks", lambda seeds: tasks(seeds, small))
-    monkeypatch.setattr(suite, "perform", cache(perform))
+    monkeypatch.setattr(suite, "perform", cache(run_task))
     app, out = typer.Typer(), tmp_path / "out.json"
     register(app)
 

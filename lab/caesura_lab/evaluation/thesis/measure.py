@@ -38,7 +38,7 @@ STATES = {"free": "1", "contact": "2", "transport": "3"}
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundDivision:
     """A division of a recording: boundaries [s] without its ends, and the state of every segment, 1 2 or 3.
 
     forces_n: vertical force [N] with which each segment ends; loads_kg: mean weight in it as a mass [kg].
@@ -74,7 +74,7 @@ class RowOutcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ConditionedDemonstration:
     """A demonstration, and what the segment models see of it."""
 
     recording: Recording
@@ -82,14 +82,16 @@ class Seen:
     conditioned: ConditionedRecording
 
 
-def see(recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None) -> Seen:
+def condition_demonstration(
+    recording: Recording, truth: Truth, parameters: ConditioningParameters | None = None
+) -> ConditionedDemonstration:
     """Condition a demonstration as a session does."""
-    return Seen(recording, truth, condition(recording, parameters))
+    return ConditionedDemonstration(recording, truth, condition(recording, parameters))
 
 
 def measure(
     row: Row,
-    seen: Seen,
+    demonstration: ConditionedDemonstration,
     seed: int,
     preset: Preset | None = None,
     *,
@@ -102,10 +104,10 @@ def measure(
     any_length: as for `divide`, whose rows alone it concerns.
     """
     row = replace(row, threshold=None) if best else row
-    right = references(row, seen)
+    right = references(row, demonstration)
     if row.online:
-        return _online(row, seen.recording, seed, right)
-    found = divide(seen, preset or PRESETS[row.preset], row.threshold, any_length=any_length)
+        return _online(row, demonstration.recording, seed, right)
+    found = divide(demonstration, preset or PRESETS[row.preset], row.threshold, any_length=any_length)
     faults = tuple(differences(row, found, right))
     values: tuple[float, ...] = ()
     if len(found.inner) == len(right) and all(map(is_right, found.inner, right)):
@@ -114,21 +116,21 @@ def measure(
     return RowOutcome(row.name, seed, len(found.states), faults, values)
 
 
-def references(row: Row, seen: Seen) -> list[tuple[float, ...]]:
+def references(row: Row, demonstration: ConditionedDemonstration) -> list[tuple[float, ...]]:
     """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
-    return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, seen)) for b in row.inner]
+    return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, demonstration)) for b in row.inner]
 
 
-def _event(boundary: Boundary, seen: Seen) -> tuple[float, ...]:
+def _event(boundary: Boundary, demonstration: ConditionedDemonstration) -> tuple[float, ...]:
     if boundary.event is None:
         return ()
     if isinstance(boundary.event, str):
-        times = [point.t for point in seen.truth.points if point.kind == boundary.event]
+        times = [point.t for point in demonstration.truth.points if point.kind == boundary.event]
         near = [t for t in times if abs(t - boundary.t) <= SAME_EVENT_S]
         return (min(near, key=lambda t: abs(t - boundary.t)),) if near else ()
-    t = seen.recording.t
+    t = demonstration.recording.t
     inside = np.flatnonzero(np.abs(t - boundary.t) <= SAME_EVENT_S)
-    distance = np.linalg.norm(seen.recording.signals["pos"][inside] - boundary.event, axis=1)
+    distance = np.linalg.norm(demonstration.recording.signals["pos"][inside] - boundary.event, axis=1)
     return (float(t[inside[np.argmin(distance)]]),)
 
 
@@ -137,7 +139,7 @@ def is_right(t: float, right: Sequence[float]) -> bool:
     return any(abs(t - one) <= TOLERANCE_S + ROUNDING_S for one in right)
 
 
-def differences(row: Row, found: Found, right: Sequence[Sequence[float]]) -> Iterator[str]:
+def differences(row: Row, found: FoundDivision, right: Sequence[Sequence[float]]) -> Iterator[str]:
     """What a division has that the row has not, or the other way round."""
     if len(found.inner) == len(row.inner):
         for boundary, t, times in zip(row.inner, found.inner, right, strict=True):
@@ -151,7 +153,7 @@ def differences(row: Row, found: Found, right: Sequence[Sequence[float]]) -> Ite
 
 
 def _lost_and_extra(row: Row, inner: Sequence[float], right: Sequence[Sequence[float]]) -> Iterator[str]:
-    partners = paired(inner, right)
+    partners = pair_boundaries(inner, right)
     for boundary, partner in zip(row.inner, partners, strict=True):
         if partner is None:
             yield f"no {boundary.t:.1f}"
@@ -162,7 +164,7 @@ def _lost_and_extra(row: Row, inner: Sequence[float], right: Sequence[Sequence[f
             yield f"{extra} more after {a:.1f}"
 
 
-def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int | None]:
+def pair_boundaries(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int | None]:
     """Which found boundary is which of the row's, one to one: as many as possible, then the closest."""
     distance = np.array([[min(abs(t - one) for one in times) for t in inner] for times in right])
     partners: list[int | None] = [None] * len(right)
@@ -176,13 +178,19 @@ def paired(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int
     return partners
 
 
-def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: bool = True) -> Found:
+def divide(
+    demonstration: ConditionedDemonstration,
+    preset: Preset,
+    threshold: float | None,
+    *,
+    any_length: bool = True,
+) -> FoundDivision:
     """Divide a whole recording at once, thesis 2.1.4, 4.1; without a threshold the best segmentation.
 
     any_length: a segment is as likely to have any length up to the recording's, (2.9) put right, as the
     thesis asks of what is divided offline; otherwise the preset's prior holds, as online.
     """
-    online, rows = seen.conditioned.make_filter(preset), seen.conditioned.inputs
+    online, rows = demonstration.conditioned.make_filter(preset), demonstration.conditioned.inputs
     hazard = Uniform(len(rows)) if any_length else online.hazard
     offline = segment_offline(online.lattice, hazard, rows)
     path = offline.path if threshold is None else offline.threshold_path(threshold)
@@ -191,8 +199,8 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
     joins = int(preset.continuous)
     forces_n = np.array([row.force[2] for row in rows])
     parts = [forces_n[a:b] for a, b in pairwise([*starts, len(rows)])]
-    return Found(
-        inner=tuple(seen.conditioned.observations[start - joins].t for start in starts[1:]),
+    return FoundDivision(
+        inner=tuple(demonstration.conditioned.observations[start - joins].t for start in starts[1:]),
         states="".join(STATES[kind.contact] for kind in kinds),
         forces_n=tuple(float(part[-1]) for part in parts),
         loads_kg=tuple(float(-part.mean() / GRAVITY) for part in parts),
@@ -201,30 +209,34 @@ def divide(seen: Seen, preset: Preset, threshold: float | None, *, any_length: b
 
 def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> RowOutcome:
     began = perf_counter()
-    observations, looks = _looks(recording, row)
+    observations, timed_estimates = _timed_estimates(recording, row)
     cycle_ms = 1e3 * (perf_counter() - began) / observations
-    since = standing_since(looks, right)
+    since = present_since(timed_estimates, right)
     delays = tuple(None if t is None else t - times[-1] for t, times in zip(since, right, strict=True))
     faults = tuple(f"no {b.t:.1f}" for b, t in zip(row.inner, since, strict=True) if t is None)
-    segments = len(looks[-1].changepoints) + 1
+    segments = len(timed_estimates[-1].changepoints) + 1
     return RowOutcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
 
 
-def _looks(recording: Recording, row: Row) -> tuple[int, list[TimedEstimate]]:
+def _timed_estimates(recording: Recording, row: Row) -> tuple[int, list[TimedEstimate]]:
     """How many observations there were, and what a session would have shown after every batch."""
     latest = np.maximum.accumulate(recording.t)
-    looks: list[TimedEstimate] = []
+    timed_estimates: list[TimedEstimate] = []
     for view in views(recording, row.preset, threshold=row.threshold):
         times = tuple(one.t for one in view.changepoints)
-        if not looks or looks[-1].changepoints != times:
-            looks.append(TimedEstimate(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times)))
-    return view.observations, looks
+        if not timed_estimates or timed_estimates[-1].changepoints != times:
+            timed_estimates.append(
+                TimedEstimate(float(latest[max(view.samples, 1) - 1]), times, (False,) * len(times))
+            )
+    return view.observations, timed_estimates
 
 
-def standing_since(looks: Sequence[TimedEstimate], right: Sequence[Sequence[float]]) -> list[float | None]:
+def present_since(
+    timed_estimates: Sequence[TimedEstimate], right: Sequence[Sequence[float]]
+) -> list[float | None]:
     """Since when each boundary has been there without a break [s]; None if it is not."""
     since: list[float | None] = [None] * len(right)
-    for look in looks:
-        for i, partner in enumerate(paired(look.changepoints, right)):
-            since[i] = None if partner is None else look.t if since[i] is None else since[i]
+    for estimate in timed_estimates:
+        for i, partner in enumerate(pair_boundaries(estimate.changepoints, right)):
+            since[i] = None if partner is None else estimate.t if since[i] is None else since[i]
     return since

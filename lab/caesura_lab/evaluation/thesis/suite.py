@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from caesura_lab.evaluation.thesis.demonstrations import SuiteDemonstration
-from caesura_lab.evaluation.thesis.measure import RowOutcome, measure, see
+from caesura_lab.evaluation.thesis.measure import RowOutcome, condition_demonstration, measure
 from caesura_lab.evaluation.thesis.rows import ROWS, Row
 from caesura_lab.teacher.motion_profiles import Profile
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
@@ -18,7 +18,7 @@ SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 
 
 @dataclass(frozen=True)
-class Setting:
+class SuiteSetting:
     """How the rows are measured: who teaches, and what the thesis leaves open.
 
     best: the best segmentation decides, not a threshold; mean_segment_s: segments are geometric about it, not
@@ -40,7 +40,7 @@ class Setting:
     online: bool = False
     rows: tuple[str, ...] = ()
 
-    def wants(self, row: Row) -> bool:
+    def measures(self, row: Row) -> bool:
         """Whether a row is measured."""
         return (self.online or not row.online) and (not self.rows or row.name in self.rows)
 
@@ -60,12 +60,12 @@ class Setting:
         if self.mean_segment_s is not None:
             preset = replace(preset, mean_segment_s=self.mean_segment_s)
         if self.length_unit_m is not None:
-            preset = replace(preset, channels=_Measured(preset.channels, self.length_unit_m))
+            preset = replace(preset, channels=_RescaledChannels(preset.channels, self.length_unit_m))
         return preset
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _RescaledChannels:
     """Channels whose constant velocity model measures in another unit [m]."""
 
     channels: Callable[[float], Mapping[str, ChannelModel]]
@@ -81,20 +81,22 @@ class _Measured:
 
 
 MAIN = (
-    Setting("overdamped", online=True),
-    Setting("minimum jerk", profile="minimum_jerk", online=True),
+    SuiteSetting("overdamped", online=True),
+    SuiteSetting("minimum jerk", profile="minimum_jerk", online=True),
 )
 _UNITS = ("R1", "R2", "R3")
 OPEN = (
-    Setting("best path", best=True, online=True),
-    Setting("mean 2 s", mean_segment_s=2.0),
-    Setting("mean 4 s", mean_segment_s=4.0),
-    Setting("filter 0.31 s", window=31),
-    Setting("sensor as drawn", wander=True),
-    Setting("gripper felt", gripper=True, rows=("R8", "R10", "R11")),
-    Setting("teacher's times", timed=False),
-    Setting("integrated_tab_4_5", integrated="integrated_tab_4_5", online=True, rows=("R10", "R11", "R13")),
-    *(Setting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
+    SuiteSetting("best path", best=True, online=True),
+    SuiteSetting("mean 2 s", mean_segment_s=2.0),
+    SuiteSetting("mean 4 s", mean_segment_s=4.0),
+    SuiteSetting("filter 0.31 s", window=31),
+    SuiteSetting("sensor as drawn", wander=True),
+    SuiteSetting("gripper felt", gripper=True, rows=("R8", "R10", "R11")),
+    SuiteSetting("teacher's times", timed=False),
+    SuiteSetting(
+        "integrated_tab_4_5", integrated="integrated_tab_4_5", online=True, rows=("R10", "R11", "R13")
+    ),
+    *(SuiteSetting(f"{u * 100:g} cm", length_unit_m=u, rows=_UNITS) for u in (0.02, 0.03, 0.05, 0.1, 1.0)),
 )
 
 
@@ -103,18 +105,18 @@ class Task:
     """One demonstration, and in which settings its rows are measured."""
 
     taught: SuiteDemonstration
-    settings: tuple[Setting, ...]
+    settings: tuple[SuiteSetting, ...]
 
 
 Result = Mapping[str, Sequence[RowOutcome]]  # by setting
 
 
-def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) -> list[Task]:
+def tasks(seeds: Sequence[int], settings: Sequence[SuiteSetting] = (*MAIN, *OPEN)) -> list[Task]:
     """One for every different demonstration."""
-    demonstrations: dict[SuiteDemonstration, list[Setting]] = {}
+    demonstrations: dict[SuiteDemonstration, list[SuiteSetting]] = {}
     for setting in settings:
         for scenario in SCENARIOS:
-            if any(setting.wants(row) for row in ROWS if row.scenario == scenario):
+            if any(setting.measures(row) for row in ROWS if row.scenario == scenario):
                 for seed in seeds:
                     taught = SuiteDemonstration(
                         scenario, seed, setting.profile, setting.wander, setting.gripper, setting.timed
@@ -123,22 +125,24 @@ def tasks(seeds: Sequence[int], settings: Sequence[Setting] = (*MAIN, *OPEN)) ->
     return [Task(taught, tuple(some)) for taught, some in demonstrations.items()]
 
 
-def perform(task: Task) -> Result:
+def run_task(task: Task) -> Result:
     """Simulate a demonstration and measure all rows of its scenario."""
     recording, truth = task.taught.load()
-    seen = {s.conditioning: see(recording, truth, s.conditioning) for s in task.settings}
+    demonstration = {
+        s.conditioning: condition_demonstration(recording, truth, s.conditioning) for s in task.settings
+    }
     return {
         setting.name: [
             measure(
                 setting.judged(row),
-                seen[setting.conditioning],
+                demonstration[setting.conditioning],
                 task.taught.seed,
                 setting.preset(setting.judged(row).preset),
                 best=setting.best,
                 any_length=setting.mean_segment_s is None,
             )
             for row in ROWS
-            if row.scenario == task.taught.scenario and setting.wants(row)
+            if row.scenario == task.taught.scenario and setting.measures(row)
         ]
         for setting in task.settings
     }

@@ -65,7 +65,7 @@ class TrueSegment:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MeasuredQuantity:
     """A load [kg] or a force [N] that held from t0 to t1 [s]."""
 
     t0: float
@@ -74,7 +74,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Screwing:
+class ScrewStroke:
     """A stroke that drove a screw from t0 to t1 [s]: its axis (base frame), its advance in one turn [m]."""
 
     t0: float
@@ -107,15 +107,15 @@ class Truth:
     window: tuple[float, float]
     points: tuple[TrueChangepoint, ...]
     spans: tuple[TrueSegment, ...] = ()
-    loads: tuple[Quantity, ...] = ()
-    forces: tuple[Quantity, ...] = ()
+    loads: tuple[MeasuredQuantity, ...] = ()
+    forces: tuple[MeasuredQuantity, ...] = ()
     hand_in_wrench: bool | None = None
     robot: str = ""
     wrench_source: str | None = None
     hand_on_robot: str | None = None
     source: RecordingSource | None = None
     phases: tuple[TrueSegment, ...] = ()
-    screws: tuple[Screwing, ...] = ()
+    screws: tuple[ScrewStroke, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class ToleranceOptions:
     slack_s: float = 0.0
     least_s: float = 0.0
 
-    def of(self, truth: Truth) -> Truth:
+    def apply_to(self, truth: Truth) -> Truth:
         """The truth with every point's tolerance widened."""
         points = (
             replace(point, tolerance_s=max(point.tolerance_s + self.slack_s, self.least_s))
@@ -177,7 +177,7 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
             hand_on_robot=_choice(content, "hand_on_robot", HAND_ON_ROBOT),
             source=_source(content.get("recording")),
             phases=_phases(content),
-            screws=_each(content, "screws", _screwing),
+            screws=_each(content, "screws", _screw_stroke),
         )
     except KeyError as error:
         raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
@@ -296,21 +296,21 @@ def _phase(entry: Mapping[str, Any]) -> TrueSegment:
     return TrueSegment(*_ends(entry), name)
 
 
-def _quantity(entry: Mapping[str, Any], unit: str) -> Quantity:
+def _quantity(entry: Mapping[str, Any], unit: str) -> MeasuredQuantity:
     value = _number(entry, unit)
     if value < 0.0:
         raise ValueError(f"{unit} is {value:g}, expected 0 or more")
-    return Quantity(*_ends(entry), value)
+    return MeasuredQuantity(*_ends(entry), value)
 
 
-def _screwing(entry: Mapping[str, Any]) -> Screwing:
+def _screw_stroke(entry: Mapping[str, Any]) -> ScrewStroke:
     axis = entry["axis"]
     if not (isinstance(axis, list | tuple) and len(axis) == 3):
         raise ValueError(f"axis is {axis!r}, expected three numbers")
     x, y, z = (_number({f"axis[{i}]": value}, f"axis[{i}]") for i, value in enumerate(axis))
     if not math.hypot(x, y, z) > 0.0:
         raise ValueError(f"axis is {axis!r}, expected a direction")
-    return Screwing(*_ends(entry), (x, y, z), _number(entry, "pitch_m"))
+    return ScrewStroke(*_ends(entry), (x, y, z), _number(entry, "pitch_m"))
 
 
 def _ends(entry: Mapping[str, Any]) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Edits of an annotation: pure functions from a document and a time to a new document.
 
 A document is the content of an `.ann.json` file. Keys that no edit concerns are kept as they are: a file that
-a later version wrote loses nothing. Documents are never changed in place: `Editor` holds the earlier ones.
+a later version wrote loses nothing. Documents are never changed in place: `AnnotationEditor` holds the
+earlier ones.
 """
 
 from __future__ import annotations
@@ -134,7 +135,7 @@ EDITS: Mapping[str, Edit] = {
 }
 
 
-class Editor:
+class AnnotationEditor:
     """An annotation while it is made: the document, the ones before it, and whether it is saved."""
 
     def __init__(self, document: Document) -> None:

@@ -1,7 +1,7 @@
 """The page of `caesura annotate`: signals with the marks on them, driven by the keyboard.
 
-The browser holds the cursor and the part of time that is shown. Every edit is made here, by `Editor`, and the
-whole annotation is sent back: what the page shows is what would be saved.
+The browser holds the cursor and the part of time that is shown. `AnnotationEditor` makes every edit here,
+and the whole annotation is sent back: the page shows what would be saved.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.server import Address, run
-from caesura_lab.annotation.editing import Editor
-from caesura_lab.annotation.signals import Drawn
+from caesura_lab.annotation.editing import AnnotationEditor
+from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
 from caesura_protocol.errors import CaesuraError
 
@@ -31,15 +31,15 @@ _HEAD = (
 MODULES = {"caesura-dashboard": str(WEB), "caesura-annotate": str(Path(__file__).parent / "web")}
 
 
-class Workplace(NamedTuple):
+class AnnotationSession(NamedTuple):
     """What the page is made of. name: of the recording; path: of the annotation."""
 
     name: str
     path: Path
-    editor: Editor
-    signals: Drawn
+    editor: AnnotationEditor
+    signals: PlottedSignals
 
-    def obey(self, command: str, t: float) -> str:
+    def run_command(self, command: str, t: float) -> str:
         """Carry out a command of the page and return a message. Raises CaesuraError."""
         if command == "save":
             save_annotation(self.editor.document, self.path)
@@ -67,30 +67,33 @@ class Workplace(NamedTuple):
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
     """Signals, marks and keys. Emits `command` with a name and a time."""
 
-    def __init__(self, workplace: Workplace) -> None:
+    def __init__(self, annotation_session: AnnotationSession) -> None:
         super().__init__()
-        self._workplace = workplace
-        self._props["signals"] = workplace.signals.as_payload()
-        self._props["initial"] = workplace.state()
-        self.on("command", self._obey)
+        self._workplace = annotation_session
+        self._props["signals"] = annotation_session.signals.as_payload()
+        self._props["initial"] = annotation_session.state()
+        self.on("command", self._run_command)
 
-    def _obey(self, event: GenericEventArguments) -> None:
+    def _run_command(self, event: GenericEventArguments) -> None:
         try:
-            message, failed = self._workplace.obey(str(event.args["name"]), float(event.args["t"])), False
+            message, failed = (
+                self._workplace.run_command(str(event.args["name"]), float(event.args["t"])),
+                False,
+            )
         except CaesuraError as error:
             message, failed = str(error), True
         self.run_method("show", self._workplace.state(message, failed=failed))
 
 
-def serve(workplace: Workplace, address: Address) -> None:
+def serve(annotation_session: AnnotationSession, address: Address) -> None:
     """Serve the page until the process is asked to end."""
     app.add_static_files(ASSETS, WEB)
 
     @ui.page("/")
     def _page() -> None:
-        ui.page_title(f"{workplace.name} · Caesura annotate")
+        ui.page_title(f"{annotation_session.name} · Caesura annotate")
         ui.add_head_html(_HEAD)
-        TextElement(tag="h1", text=workplace.name)
-        AnnotationView(workplace)
+        TextElement(tag="h1", text=annotation_session.name)
+        AnnotationView(annotation_session)
 
     run(address)

@@ -21,7 +21,7 @@ HELD_S = 0.06  # a pose repeated for less than this was held between two reading
 Array = NDArray[np.float64]
 
 
-class Drawn(NamedTuple):
+class PlottedSignals(NamedTuple):
     """Signals on a grid.
 
     t: (n,) [s]; speed: (n,) [mm/s] or [rad/s]; position: (n, k) [mm] or [rad] about its mean;
@@ -45,7 +45,7 @@ class Drawn(NamedTuple):
         }
 
 
-def drawn_signals(recording: Recording) -> Drawn:
+def plotted_signals(recording: Recording) -> PlottedSignals:
     """Resample a recording for the page.
 
     Poses that the robot repeats between two readings are dropped first: the speed between them would be zero.
@@ -57,7 +57,7 @@ def drawn_signals(recording: Recording) -> Drawn:
     kept = _readings(t, position)
     on_grid = _interpolate(grid, t[kept], position[kept])
     force = recording.signals.get("force")
-    return Drawn(
+    return PlottedSignals(
         grid,
         _speed(grid, on_grid),
         on_grid - on_grid.mean(axis=0),

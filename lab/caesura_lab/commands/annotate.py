@@ -47,9 +47,9 @@ def annotate(
 ) -> None:
     """Mark boundaries and classes of a recording by hand, in a browser on this machine."""
     from caesura_clients.dashboard.server import Address, check_free  # noqa: PLC0415
-    from caesura_lab.annotation.editing import Editor  # noqa: PLC0415
-    from caesura_lab.annotation.page import Workplace, serve  # noqa: PLC0415
-    from caesura_lab.annotation.signals import drawn_signals  # noqa: PLC0415
+    from caesura_lab.annotation.editing import AnnotationEditor  # noqa: PLC0415
+    from caesura_lab.annotation.page import AnnotationSession, serve  # noqa: PLC0415
+    from caesura_lab.annotation.signals import plotted_signals  # noqa: PLC0415
     from caesura_lab.annotation.storage import open_annotation  # noqa: PLC0415
 
     with reported():
@@ -65,10 +65,10 @@ def annotate(
             mapping=mapping,
         )
         path = truth_file(file) if out is None else out
-        editor = Editor(open_annotation(path, recording, file, annotator))
+        editor = AnnotationEditor(open_annotation(path, recording, file, annotator))
         signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C
         with suppress(KeyboardInterrupt):
-            serve(Workplace(file.name, path, editor, drawn_signals(recording)), address)
+            serve(AnnotationSession(file.name, path, editor, plotted_signals(recording)), address)
 
 
 def _interrupt(_number: int, _frame: object) -> None:

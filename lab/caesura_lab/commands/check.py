@@ -36,7 +36,7 @@ def check(
     from caesura_lab.execution.cell import Cell as SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.cell_simulation import CellSimulation  # noqa: PLC0415
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
-    from caesura_lab.execution.checks import check as look  # noqa: PLC0415
+    from caesura_lab.execution.checks import check as check_program  # noqa: PLC0415
 
     with reported():
         program = read_document(file)
@@ -46,7 +46,7 @@ def check(
             if scenario is None
             else CellSimulation(_scenario(scenario), THESIS.load_kg).cell(safety)
         )
-        report = look(program.apps, cell, DemonstrationQuality(program.gaps, program.wrench))
+        report = check_program(program.apps, cell, DemonstrationQuality(program.gaps, program.wrench))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:

@@ -45,22 +45,22 @@ def demo(
         console.print(
             f"service at {service.endpoint}; a simulated person teaches {scenario} at station {STATION}"
         )
-        taught = pool.submit(bridge.run)
-        _watch(reader, taught, console)
-        taught.result()
+        bridge_result = pool.submit(bridge.run)
+        _watch(reader, bridge_result, console)
+        bridge_result.result()
         console.print()
         console.print(program_view(reader.program(STATION)))
 
 
-def _watch(reader: Caesura, taught: Future[Ack], console: Console) -> None:
+def _watch(reader: Caesura, bridge_result: Future[Ack], console: Console) -> None:
     """Show the session until it is closed; a bridge that fails ends the watching."""
     with Live("waiting for the first segment", console=console, refresh_per_second=10) as live:
         for update in reader.results(STATION, silence_s=SILENCE_S):
             live.update(segments_view(update.status, update.segments))
-            if _over(update, taught):
+            if _is_over(update, bridge_result):
                 return
     raise NotFound(f"no result for {SILENCE_S:g} s")
 
 
-def _over(update: Update, taught: Future[Ack]) -> bool:
-    return update.closed or (taught.done() and taught.exception() is not None)
+def _is_over(update: Update, bridge_result: Future[Ack]) -> bool:
+    return update.closed or (bridge_result.done() and bridge_result.exception() is not None)

@@ -12,7 +12,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
-from caesura_lab.report.report_data import ReportData, gather
+from caesura_lab.report.report_data import ReportData, collect
 from caesura_protocol.distribution import installing
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
@@ -54,16 +54,16 @@ def _report(
     recording: Recording, out: Path, preset: str, annotation: Path | None, setting: CellSettings
 ) -> None:
     truth = None if annotation is None else read_annotation(annotation)
-    content = _gathered(recording, preset, truth, setting)
+    content = _collected(recording, preset, truth, setting)
     try:
         _writers().write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _gathered(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
+def _collected(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
     try:
-        return gather(recording, preset, truth, setting)
+        return collect(recording, preset, truth, setting)
     except (ProtocolError, ValueError) as error:
         raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 

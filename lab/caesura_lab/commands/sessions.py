@@ -62,8 +62,8 @@ class DatasetOptions(NamedTuple):
 
     def success_of(self, names: list[str]) -> dict[str, bool]:
         """Whether each session reached its goal, where that is stated. Raises CaesuraError."""
-        if strangers := sorted(set(self.failed) - set(names)):
-            raise CaesuraError(f"--failed {strangers[0]}: exported are {', '.join(names)}")
+        if unknown_names := sorted(set(self.failed) - set(names)):
+            raise CaesuraError(f"--failed {unknown_names[0]}: exported are {', '.join(names)}")
         return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 
@@ -88,12 +88,14 @@ def export(
     """
     with reported():
         chosen = _format_of(out, file_format, names, dataset)
-        found = [_found(_journals(journal, instance), name, station) for name in dict.fromkeys(names)]
+        matches = [
+            _find_session(_journal_paths(journal, instance), name, station) for name in dict.fromkeys(names)
+        ]
         try:
             done = (
-                _write_dataset(found, out, dataset)
+                _write_dataset(matches, out, dataset)
                 if chosen == "lerobot"
-                else _write_file(found[0], out, chosen)
+                else _write_file(matches[0], out, chosen)
             )
         except OSError as error:
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
@@ -109,32 +111,32 @@ def delete(
 ) -> None:
     """Delete a session for good. While the service runs, only a closed one."""
     with reported():
-        key, copies = _found(_journals(journal, instance), session, station)
-        for found in copies:
-            _delete(found, closed=copies[0].copy.closed)
+        key, copies = _find_session(_journal_paths(journal, instance), session, station)
+        for matches in copies:
+            _delete(matches, closed=copies[0].copy.closed)
     typer.echo(f"{'/'.join(key)} deleted")
 
 
-def _delete(found: PeerCopy, *, closed: bool) -> None:
+def _delete(matches: PeerCopy, *, closed: bool) -> None:
     """Raises CaesuraError where it is open, and a service may be at it."""
     try:
-        with _opened(found.path, alone=not closed) as kept:
-            kept.forget(*found.copy.key)
+        with _open_journal(matches.path, alone=not closed) as journal:
+            journal.forget(*matches.copy.key)
     except JournalBusyError:
-        name = "/".join(found.copy.key)
+        name = "/".join(matches.copy.key)
         raise CaesuraError(f"{name} is open: close it, or end the service first") from None
 
 
-def _write_npz(kept: Journal, key: Key, out: Path) -> Recording:
-    recording = recording_of(kept.replay(*key))
+def _write_npz(journal: Journal, key: Key, out: Path) -> Recording:
+    recording = recording_of(journal.replay(*key))
     recording.save(out)
     return recording
 
 
-def _write_mcap(kept: Journal, key: Key, out: Path) -> Recording:
-    taught = import_module("caesura_lab.export.session_export").taught_from(kept, *key)
-    import_module("caesura_lab.export.mcap_file").write_mcap(out, taught)
-    recording: Recording = taught.recording
+def _write_mcap(journal: Journal, key: Key, out: Path) -> Recording:
+    session_export = import_module("caesura_lab.export.session_export").read_session_export(journal, *key)
+    import_module("caesura_lab.export.mcap_file").write_mcap(out, session_export)
+    recording: Recording = session_export.recording
     return recording
 
 
@@ -143,27 +145,27 @@ WRITERS: Mapping[Format, Callable[[Journal, Key, Path], Recording]] = {"npz": _w
 EXTRAS: Mapping[Format, str] = {"mcap": "mcap", "lerobot": "pyarrow"}  # format, and extra → its package
 
 
-def _write_file(found: Found, out: Path, chosen: Format) -> str:
+def _write_file(matches: Found, out: Path, chosen: Format) -> str:
     """Write one session and return what was written."""
-    key, copies = found
-    with _opened(copies[0].path) as kept:
-        recording = WRITERS[chosen](kept, key, out)
+    key, copies = matches
+    with _open_journal(copies[0].path) as journal:
+        recording = WRITERS[chosen](journal, key, out)
     return f"{recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s"
 
 
-def _write_dataset(found: list[Found], out: Path, asked: DatasetOptions) -> str:
+def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> str:
     """Write sessions as a dataset and return what was written."""
-    taught_from = import_module("caesura_lab.export.session_export").taught_from
+    read_session_export = import_module("caesura_lab.export.session_export").read_session_export
     sessions = []
-    for key, copies in found:
-        with _opened(copies[0].path) as kept:
-            sessions.append(taught_from(kept, *key))
+    for key, copies in matches:
+        with _open_journal(copies[0].path) as journal:
+            sessions.append(read_session_export(journal, *key))
     episodes = import_module("caesura_lab.export.lerobot_dataset").write_sessions(
         out,
         sessions,
         fps=asked.fps,
         task=asked.task,
-        success=asked.success_of([session for (_, session), _ in found]),
+        success=asked.success_of([session for (_, session), _ in matches]),
         language=not asked.without_language,
     )
     frames = sum(episode.length for episode in episodes)
@@ -194,41 +196,41 @@ def _format_of(out: Path, asked: Format | None, names: list[str], dataset: Datas
     return chosen
 
 
-def _journals(directory: Path | None, instance: str | None) -> list[Path]:
+def _journal_paths(directory: Path | None, instance: str | None) -> list[Path]:
     """Of one instance, or all of the directory. Raises Absent where there is none."""
     where = directory or journal_directory()
     wanted = where / "*.sqlite" if instance is None else journal_path(where, instance)
-    found = sorted(where.glob(wanted.name))
-    if not found:
+    matches = sorted(where.glob(wanted.name))
+    if not matches:
         raise NotFound(
             f"no journal {wanted}: this runs where the service does; --journal and --instance name it"
         )
-    return found
+    return matches
 
 
 @contextmanager
-def _opened(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
+def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
     """A journal; what is wrong with it is an error for a user, but that another has what shall be `alone`."""
     try:
-        with SqliteJournal(path, alone=alone) as kept:
-            yield kept
+        with SqliteJournal(path, alone=alone) as journal:
+            yield journal
     except JournalError as error:
         if alone and isinstance(error, JournalBusyError):
             raise
         raise CaesuraError(str(error)) from error
 
 
-def _found(journals: list[Path], session: str, station: str | None) -> Found:
+def _find_session(journals: list[Path], session: str, station: str | None) -> Found:
     """The one session that is meant, and where it is, the copy that is furthest along first.
 
     Raises Absent, which names what there is, or CaesuraError.
     """
     known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
-    meant = [found for found in known if found.copy.session == session]
-    meant = [found for found in meant if station in {None, found.copy.station}]
-    stations = list(dict.fromkeys(found.copy.station for found in meant))
+    meant = [matches for matches in known if matches.copy.session == session]
+    meant = [matches for matches in meant if station in {None, matches.copy.station}]
+    stations = list(dict.fromkeys(matches.copy.station for matches in meant))
     if not meant:
-        there = ", ".join(dict.fromkeys("/".join(found.copy.key) for found in known))
+        there = ", ".join(dict.fromkeys("/".join(matches.copy.key) for matches in known))
         where = journals[0] if len(journals) == 1 else journals[0].parent
         raise NotFound(
             f"no session {session!r} at {station or 'any station'} in {where}; known: {there or 'none'}"
@@ -236,14 +238,14 @@ def _found(journals: list[Path], session: str, station: str | None) -> Found:
     if len(stations) > 1:
         named = ", ".join(stations)
         raise CaesuraError(f"several stations have a session {session!r}: name one of {named} with --station")
-    return meant[0].copy.key, sorted(meant, key=lambda found: found.copy.progress, reverse=True)
+    return meant[0].copy.key, sorted(meant, key=lambda matches: matches.copy.progress, reverse=True)
 
 
 def _copies(path: Path, one_of: int) -> tuple[Copy, ...]:
     """What a journal has; one of several that cannot be read is passed over."""
     try:
-        with _opened(path) as kept:
-            return kept.copies()
+        with _open_journal(path) as journal:
+            return journal.copies()
     except CaesuraError as error:
         if one_of == 1:
             raise

@@ -52,7 +52,7 @@ def judge(
             verdicts.append(NotApplicable(method.name, case.name, str(error)))
         else:
             for tolerance_option in tolerance_options:
-                one = score(method.name, tolerance_option.of(truth), found)
+                one = score(method.name, tolerance_option.apply_to(truth), found)
                 verdicts.append(replace(one, **about, slack_s=tolerance_option.slack_s))
     return verdicts
 

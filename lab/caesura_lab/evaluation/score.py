@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from caesura_lab.annotations import Quantity, Screwing, TrueChangepoint, Truth
+from caesura_lab.annotations import MeasuredQuantity, ScrewStroke, TrueChangepoint, Truth
 from caesura_lab.evaluation.metrics import (
     ROUNDING_S,
     Labelled,
@@ -57,10 +57,10 @@ class FoundSegment:
 class FoundSegmentation:
     """What a method makes of a recording.
 
-    changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: what was known when, None if the
-    method needs the whole recording; intervals: changepoint → [s] between which it lies with probability 0.9;
-    probabilities: changepoint → the probability stated for it. phases: (p,) [s] where one phase ends and the
-    next begins, None if the method finds none.
+    changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: what was known when, None
+    if the method needs the whole recording; intervals: changepoint → [s] between which it lies with
+    probability 0.9; probabilities: changepoint → the probability stated for it; phases: (p,) [s] where one
+    phase ends and the next begins, None if the method finds none.
     """
 
     changepoints: tuple[float, ...]
@@ -333,11 +333,11 @@ def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelle
     return spans
 
 
-def _overlap_s(part: FoundSegment, one: Quantity) -> float:
+def _overlap_s(part: FoundSegment, one: MeasuredQuantity) -> float:
     return overlap(Labelled(part.t0, part.t1, ""), Labelled(one.t0, one.t1, ""))
 
 
-def _load_errors(loads: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
+def _load_errors(loads: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
     """Absolute error [kg] of each load that was weighed: mean over the carried parts, weighted by time."""
     errors = []
     for load in loads:
@@ -352,7 +352,7 @@ def _load_errors(loads: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tu
     return tuple(errors)
 
 
-def _force_errors(forces: Sequence[Quantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
+def _force_errors(forces: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
     """Absolute error [N] of each pressing force that was noticed: the largest that its parts end with."""
     errors = []
     for force in forces:
@@ -366,14 +366,14 @@ def _force_errors(forces: Sequence[Quantity], parts: Sequence[FoundSegment]) -> 
     return tuple(errors)
 
 
-def _screw_errors(screws: Sequence[Screwing], parts: Sequence[FoundSegment]) -> list[tuple[float, float]]:
+def _screw_errors(screws: Sequence[ScrewStroke], parts: Sequence[FoundSegment]) -> list[tuple[float, float]]:
     """Angle [°] between true and found axis, and relative error of the advance, of each screw noticed.
 
     A screw is read from the part with a screw motion that shares most time with its stroke.
     """
     errors = []
     for true in screws:
-        stroke = Quantity(true.t0, true.t1, 0.0)
+        stroke = MeasuredQuantity(true.t0, true.t1, 0.0)
         shared = [(_overlap_s(part, stroke), part.screw) for part in parts if part.screw is not None]
         most, screw = max(shared, key=lambda one: one[0], default=(0.0, None))
         if screw is not None and most > 0.0:

@@ -153,7 +153,7 @@ def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[A
 def demonstration_of(case: Case) -> Demonstration:
     """Return the conditioned signals of a case, and its truth with slack."""
     recording, truth = case.load()
-    return grid_signals(recording), ToleranceOptions(slack_s=SLACK_S).of(truth)
+    return grid_signals(recording), ToleranceOptions(slack_s=SLACK_S).apply_to(truth)
 
 
 def lines(choices: Sequence[ChosenSettings]) -> Iterator[str]:

@@ -36,7 +36,7 @@ class Measure:
 
     name: str
     unit: str
-    of: Callable[[Sequence[Score], Array], tuple[Array, int]]
+    estimates_of: Callable[[Sequence[Score], Array], tuple[Array, int]]
     higher_is_better: bool = True
 
 
@@ -52,7 +52,7 @@ def summarise(
     only: names of measures, None for all.
     """
     weights = _weights(len(scores), resamples, seed)
-    return {measure.name: _estimate(*measure.of(scores, weights)) for measure in _measures(only)}
+    return {measure.name: _estimate(*measure.estimates_of(scores, weights)) for measure in _measures(only)}
 
 
 def margins(
@@ -75,7 +75,7 @@ def margins(
     differences = {}
     for measure in _measures(only):
         (a, n), (b, m) = (
-            measure.of([scores[name] for name in names], weights)
+            measure.estimates_of([scores[name] for name in names], weights)
             for scores in (own_by_recording, other_by_recording)
         )
         differences[measure.name] = _estimate(a - b, min(n, m))
@@ -106,13 +106,13 @@ def _ratio(
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
     """Sum over recordings of the first part over the sum of the second."""
 
-    def of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
+    def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         counts = np.array([parts(score) for score in scores], dtype=float)  # (n, 2)
         above, below = (weights @ counts).T
         with np.errstate(invalid="ignore", divide="ignore"):
             return above / below, int(np.ceil(counts[:, 1].sum()))
 
-    return of
+    return estimates_of
 
 
 def _quantile(
@@ -120,7 +120,7 @@ def _quantile(
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
     """The value that a share of all values of all recordings do not exceed."""
 
-    def of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
+    def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         pooled = [(value, i) for i, score in enumerate(scores) for value in values(score)]
         if not pooled:
             return np.full(len(weights), np.nan), 0
@@ -130,7 +130,7 @@ def _quantile(
         reached = (mass >= share * mass[:, -1:]).argmax(axis=1)
         return np.where(mass[:, -1] > 0, sorted_values[reached], np.nan), len(pooled)
 
-    return of
+    return estimates_of
 
 
 def _right(seconds: Mapping[tuple[str, str], float]) -> tuple[float, float]:

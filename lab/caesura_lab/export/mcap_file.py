@@ -24,44 +24,44 @@ from caesura_service.signals import SampleLayout
 from caesura_service.signals.flange import columns_of, flange_rows
 
 
-def write_mcap(path: Path, taught: SessionExport) -> int:
+def write_mcap(path: Path, session: SessionExport) -> int:
     """Write the file, all of it or none; returns the number of messages. Raises OSError."""
-    return write(path, content_of(taught))
+    return write(path, content_of(session))
 
 
-def entries(taught: SessionExport) -> list[McapMessage]:
+def entries(session: SessionExport) -> list[McapMessage]:
     """Every message in order of time."""
-    return list(entries_of(content_of(taught)))
+    return list(entries_of(content_of(session)))
 
 
-def content_of(taught: SessionExport) -> McapContent:
+def content_of(session: SessionExport) -> McapContent:
     """Return the content of a session's MCAP file."""
-    opening, view = taught.opening, taught.view
+    opening, view = session.opening, session.view
     return McapContent(
-        station=taught.station,
+        station=session.station,
         session=opening.session,
         preset=opening.preset or "",
-        recording=taught.recording,
-        began_s=taught.began_s,
+        recording=session.recording,
+        began_s=session.began_s,
         columns=opening.columns,
-        poses=_poses(taught),
+        poses=_poses(session),
         segments=tuple(view.segments),
         phases=tuple(view.phases),
         changepoints=tuple(view.changepoints),
         gaps=view.gaps,
         apps=tuple(view.apps),
-        notes=taught.notes,
+        notes=session.notes,
         force_limit_n=view.force_limit_n,
         wrench_note=view.wrench.note,
-        complete=taught.complete,
+        complete=session.complete,
     )
 
 
-def _poses(taught: SessionExport) -> Poses:
+def _poses(session: SessionExport) -> Poses:
     """Where the flange was, TRANSFORM_S apart or more."""
-    opening = taught.opening.model_copy(update={"columns": taught.recording.columns})
+    opening = session.opening.model_copy(update={"columns": session.recording.columns})
     layout = layout_of(opening)
-    times, values = _read(layout, taught.recording.matrix())
+    times, values = _read(layout, session.recording.matrix())
     kept = every(times, TRANSFORM_S)
     if not kept:
         return NOWHERE

@@ -41,15 +41,15 @@ class SessionExport:
     complete: bool  # the session is closed
 
 
-def taught_from(journal: Journal, station: str, session: str) -> SessionExport:
+def read_session_export(journal: Journal, station: str, session: str) -> SessionExport:
     """A session of a journal. Raises RecordingError where it has no samples, JournalError."""
     records = [_with_preset(record) for record in journal.replay(station, session)]
     recording = recording_of(records)
     outcome = journal.outcome(station, session)
     whole = outcome is not None and not outcome.snapshot.status.gaps_before
-    view, notes, complete = _concluded(outcome) if outcome and whole else _replayed(records)
+    view, notes, complete = _result_of_outcome(outcome) if outcome and whole else _result_of_records(records)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
-    return SessionExport(station, opening, recording, _began(records), view, notes, complete)
+    return SessionExport(station, opening, recording, _session_began_s(records), view, notes, complete)
 
 
 def _with_preset(record: Record) -> Record:
@@ -60,18 +60,18 @@ def _with_preset(record: Record) -> Record:
     return record._replace(message=message.model_copy(update={"preset": DEFAULT_PRESET}))
 
 
-def _concluded(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
+def _result_of_outcome(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
     """What was kept of a closed session."""
     return view_of(outcome.snapshot), outcome.snapshot.program.notes, True
 
 
-def _replayed(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
+def _result_of_records(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
     """What the service makes of the records, now as then."""
-    standing = _folded(records)
-    return standing.view, standing.heading.notes, not standing.is_open
+    state = _replayed_state(records)
+    return state.view, state.heading.notes, not state.is_open
 
 
-def _folded(records: Sequence[Record]) -> SessionState:
+def _replayed_state(records: Sequence[Record]) -> SessionState:
     journal = MemoryJournal(sys.maxsize)  # they are in memory already
     for record in records:
         journal.append(record)
@@ -84,19 +84,19 @@ def _folded(records: Sequence[Record]) -> SessionState:
     )
     for failed in registry.restore():
         raise RecordingError(f"{failed.station}/{failed.session} cannot be replayed: {failed.error}")
-    (standing,) = registry.board.standings()
-    return standing
+    (state,) = registry.board.standings()
+    return state
 
 
-def _began(records: Sequence[Record]) -> float:
+def _session_began_s(records: Sequence[Record]) -> float:
     """[s] The earliest that a batch allows; never so early that the first sample lies before 1970."""
-    ends = [(record.at, times) for record in records if (times := _times(record)) is not None]
+    ends = [(record.at, times) for record in records if (times := _first_and_last_s(record)) is not None]
     began = min(at - last for at, (_, last) in ends)
     first = min(first for _, (first, _) in ends)
     return max(began, math.ceil(-first))
 
 
-def _times(record: Record) -> tuple[float, float] | None:
+def _first_and_last_s(record: Record) -> tuple[float, float] | None:
     """[s] First and last sample of a batch, session clock; None for what is none, or was refused."""
     if not isinstance(record.message, SampleBatch):
         return None

@@ -37,7 +37,7 @@ class PosteriorSnapshot:
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
+class FilterTrace:
     """Everything that was seen and believed on the way.
 
     smoothed: (n,) probability that a segment starts at each observation, as the online filter had it last;
@@ -45,27 +45,27 @@ class Replay:
     """
 
     observations: tuple[Observation, ...]
-    beliefs: tuple[PosteriorSnapshot, ...]
+    snapshots: tuple[PosteriorSnapshot, ...]
     smoothed: Array
     offline: Array
     boundary_t: Array
 
 
-def replay(recording: Recording, preset: str) -> Replay:
+def trace_filter(recording: Recording, preset: str) -> FilterTrace:
     """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
     chosen, conditioned = PRESETS[preset], condition(recording)
     observations, online = conditioned.observations, conditioned.make_filter(chosen)
-    beliefs = tuple(_believed(online, conditioned))
-    return Replay(
+    snapshots = tuple(_snapshots(online, conditioned))
+    return FilterTrace(
         observations=observations,
-        beliefs=beliefs,
+        snapshots=snapshots,
         smoothed=online.smoothed,
         offline=_offline(online, conditioned),
         boundary_t=_boundary_times(observations, continuous=chosen.continuous),
     )
 
 
-def _believed(online: ChangepointFilter, conditioned: ConditionedRecording) -> Iterator[PosteriorSnapshot]:
+def _snapshots(online: ChangepointFilter, conditioned: ConditionedRecording) -> Iterator[PosteriorSnapshot]:
     for observation, seen in zip(conditioned.observations, conditioned.inputs, strict=True):
         online.step(seen, boundary=observation.after_gap)
         yield PosteriorSnapshot(online.starts.copy(), np.minimum(online.posterior, 1.0))

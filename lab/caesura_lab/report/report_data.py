@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.annotations import Truth
-from caesura_lab.report.filter_trace import PosteriorSnapshot, Replay, replay
+from caesura_lab.report.filter_trace import FilterTrace, PosteriorSnapshot, trace_filter
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
@@ -39,7 +39,7 @@ class ReportSignals:
 
 
 @dataclass(frozen=True, eq=False)
-class Changes:
+class ChangepointProbabilities:
     """How probable a changepoint is at every time but the first, where a segment starts anyway."""
 
     t: Array  # (n - 1,) [s]
@@ -48,7 +48,7 @@ class Changes:
 
 
 @dataclass(frozen=True, eq=False)
-class RunLengths:
+class RunLengthPosterior:
     """The posterior of the current segment's start, as the filter had it at every observation.
 
     Entries of a sparse matrix: at observation `now` the segment had started at `start`.
@@ -60,7 +60,7 @@ class RunLengths:
     start: Indices  # (k,)
     probability: Array  # (k,)
 
-    def after(self, delay_s: float) -> Array:
+    def start_probability_after(self, delay_s: float) -> Array:
         """(n,) P(the segment started here | data up to this and `delay_s` more); nan where there are none."""
         result = np.full(self.t.size, np.nan)
         steps = round(delay_s / STEP_S)
@@ -89,13 +89,13 @@ class ReportData:
     name: str
     preset: str
     signals: ReportSignals
-    changes: Changes
-    run_lengths: RunLengths
+    changes: ChangepointProbabilities
+    run_lengths: RunLengthPosterior
     view: PipelineView
     truth: Truth | None
 
 
-def gather(
+def collect(
     recording: Recording, preset: str, truth: Truth | None = None, setting: CellSettings = UNSET
 ) -> ReportData:
     """Segment a recording and collect what there is to show; setting: what is asked of its program.
@@ -106,20 +106,20 @@ def gather(
     view = segment_recording(recording, preset, setting=setting)
     if not view.segments:
         raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
-    replayed = replay(recording, preset)
+    trace = trace_filter(recording, preset)
     return ReportData(
         name=recording.name,
         preset=preset,
-        signals=_signals(replayed, has_force=view.wrench.source != "none"),
-        changes=Changes(replayed.boundary_t[1:], replayed.smoothed[1:], replayed.offline[1:]),
-        run_lengths=_run_lengths(replayed),
+        signals=_signals(trace, has_force=view.wrench.source != "none"),
+        changes=ChangepointProbabilities(trace.boundary_t[1:], trace.smoothed[1:], trace.offline[1:]),
+        run_lengths=_run_lengths(trace),
         view=view,
         truth=truth,
     )
 
 
-def _signals(replayed: Replay, *, has_force: bool) -> ReportSignals:
-    seen = replayed.observations
+def _signals(trace: FilterTrace, *, has_force: bool) -> ReportSignals:
+    seen = trace.observations
     cuts = [0, *(i for i, one in enumerate(seen) if one.after_gap and i), len(seen)]
     return ReportSignals(
         t=np.array([one.t for one in seen]),
@@ -130,14 +130,14 @@ def _signals(replayed: Replay, *, has_force: bool) -> ReportSignals:
     )
 
 
-def _run_lengths(replayed: Replay) -> RunLengths:
-    beliefs: tuple[PosteriorSnapshot, ...] = replayed.beliefs
-    return RunLengths(
-        t=np.array([one.t for one in replayed.observations]),
-        start_t=replayed.boundary_t,
-        now=np.repeat(np.arange(len(beliefs)), [one.starts.size for one in beliefs]),
-        start=np.concatenate([one.starts for one in beliefs]),
-        probability=np.concatenate([one.probabilities for one in beliefs]),
+def _run_lengths(trace: FilterTrace) -> RunLengthPosterior:
+    snapshots: tuple[PosteriorSnapshot, ...] = trace.snapshots
+    return RunLengthPosterior(
+        t=np.array([one.t for one in trace.observations]),
+        start_t=trace.boundary_t,
+        now=np.repeat(np.arange(len(snapshots)), [one.starts.size for one in snapshots]),
+        start=np.concatenate([one.starts for one in snapshots]),
+        probability=np.concatenate([one.probabilities for one in snapshots]),
     )
 
 

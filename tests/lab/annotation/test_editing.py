@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caesura_lab.annotation.editing import EDITS, LEAST_TOLERANCE_S, EditError, Editor
+from caesura_lab.annotation.editing import EDITS, LEAST_TOLERANCE_S, AnnotationEditor, EditError
 from caesura_lab.annotations import truth_of
 
 EMPTY = {"file": "x.npz", "window": [0.0, 10.0], "changepoints": [], "segments": [], "rule": "kept"}
@@ -17,7 +17,7 @@ EMPTY = {"file": "x.npz", "window": [0.0, 10.0], "changepoints": [], "segments":
 
 def edited(*steps: tuple[str, float], document=EMPTY) -> dict:
     """The document after these edits."""
-    editor = Editor(document)
+    editor = AnnotationEditor(document)
     for name, t in steps:
         editor.edit(name, t)
     return dict(editor.document)
@@ -103,7 +103,7 @@ def test_a_new_class_does_not_overlap_the_segments_beside_it():
     ],
 )
 def test_an_edit_that_does_not_apply_says_why_and_changes_nothing(steps, words):
-    editor = Editor(EMPTY)
+    editor = AnnotationEditor(EMPTY)
     for name, t in steps[:-1]:
         editor.edit(name, t)
     before = editor.document
@@ -113,7 +113,7 @@ def test_an_edit_that_does_not_apply_says_why_and_changes_nothing(steps, words):
 
 
 def test_undo_goes_back_one_edit_at_a_time():
-    editor = Editor(EMPTY)
+    editor = AnnotationEditor(EMPTY)
     editor.edit("start", 1.0)
     editor.edit("stop", 2.0)
     editor.undo()
@@ -125,7 +125,7 @@ def test_undo_goes_back_one_edit_at_a_time():
 
 
 def test_an_annotation_is_unsaved_from_an_edit_to_the_next_save():
-    editor = Editor(EMPTY)
+    editor = AnnotationEditor(EMPTY)
     editor.edit("start", 1.0)
     assert not editor.is_saved
     editor.mark_saved()
@@ -136,7 +136,7 @@ def test_an_annotation_is_unsaved_from_an_edit_to_the_next_save():
 
 @given(st.lists(st.tuples(st.sampled_from(sorted(EDITS)), st.floats(-1.0, 11.0)), max_size=30))
 def test_after_any_edits_the_judge_reads_it_and_undo_returns_to_the_start(steps):
-    editor, untouched = Editor(EMPTY), copy.deepcopy(EMPTY)
+    editor, untouched = AnnotationEditor(EMPTY), copy.deepcopy(EMPTY)
     done = 0
     for name, t in steps:
         try:

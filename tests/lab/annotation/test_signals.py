@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_lab.annotation.signals import drawn_signals
+from caesura_lab.annotation.signals import plotted_signals
 from caesura_protocol.recording import Recording
 
 STRAIGHT = np.array([0.6, 0.0, 0.8])  # a unit vector
@@ -18,28 +18,28 @@ def recording(t: np.ndarray, path_m: np.ndarray, **more: object) -> Recording:
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 def test_a_constant_speed_is_shown_as_it_is(rate_hz: float):
     t = np.arange(0.0, 3.0, 1 / rate_hz)
-    shown = drawn_signals(recording(t, 0.2 * t))
+    shown = plotted_signals(recording(t, 0.2 * t))
     assert shown.speed == pytest.approx(200.0, rel=1e-6)
     assert np.diff(shown.t).min() >= 0.0099
 
 
 def test_lengths_are_shown_in_millimetres_for_any_unit():
     t = np.arange(0.0, 2.0, 0.01)
-    shown = drawn_signals(recording(t, 50.0 * t, length_unit="mm"))
+    shown = plotted_signals(recording(t, 50.0 * t, length_unit="mm"))
     assert shown.speed == pytest.approx(50.0, rel=1e-6)
 
 
 def test_a_pose_that_is_held_between_readings_does_not_look_like_stops():
     sample = np.arange(1000)
     t, held = 0.002 * sample, 0.1 * 0.04 * (sample // 20)
-    shown = drawn_signals(recording(t, held))
+    shown = plotted_signals(recording(t, held))
     inner = (shown.t > 0.1) & (shown.t < 1.85)  # after the last reading nothing is known
     assert shown.speed[inner] == pytest.approx(100.0, rel=1e-6)
 
 
 def test_a_rest_of_equal_poses_stays_a_rest_until_the_movement_starts():
     t = np.arange(0.0, 2.0, 0.01)
-    shown = drawn_signals(recording(t, 0.2 * np.maximum(t - 1.0, 0.0)))
+    shown = plotted_signals(recording(t, 0.2 * np.maximum(t - 1.0, 0.0)))
     assert shown.speed[shown.t < 0.9].max() == pytest.approx(0.0, abs=1e-9)
     assert shown.speed[shown.t > 1.1] == pytest.approx(200.0, rel=1e-6)
 
@@ -47,19 +47,19 @@ def test_a_rest_of_equal_poses_stays_a_rest_until_the_movement_starts():
 def test_times_in_any_order_and_repeated_are_drawn_in_order():
     rng = np.random.default_rng(0)
     t = rng.permutation(np.repeat(np.arange(0.0, 1.0, 0.01), 2))
-    shown = drawn_signals(recording(t, 0.1 * t))
+    shown = plotted_signals(recording(t, 0.1 * t))
     assert (np.diff(shown.t) > 0).all()
     assert shown.speed == pytest.approx(100.0, rel=1e-6)
 
 
 def test_a_recording_of_joints_is_drawn_in_radians():
     t = np.arange(0.0, 1.0, 0.01)
-    shown = drawn_signals(Recording(t, {"q": np.outer(t, np.eye(7)[0])}, wrench_source="none"))
+    shown = plotted_signals(Recording(t, {"q": np.outer(t, np.eye(7)[0])}, wrench_source="none"))
     assert (shown.unit, shown.force) == ("rad", None)
     assert shown.speed == pytest.approx(1.0, rel=1e-6)
     assert shown.as_payload()["force"] is None
 
 
 def test_a_single_sample_is_drawn():
-    shown = drawn_signals(recording(np.zeros(1), np.zeros(1)))
+    shown = plotted_signals(recording(np.zeros(1), np.zeros(1)))
     assert shown.as_payload()["speed"] == [0.0]

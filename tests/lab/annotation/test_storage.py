@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotation.editing import Editor
+from caesura_lab.annotation.editing import AnnotationEditor
 from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation
 from caesura_lab.annotations import TruthError, read_annotation
 from caesura_protocol.errors import SourceError
@@ -38,7 +38,7 @@ def test_a_new_annotation_names_its_recording_and_takes_all_of_it(file: Path):
 
 
 def test_what_is_saved_is_what_the_judge_reads(file: Path):
-    editor = Editor(new_annotation(load_recording(file), file, "A"))
+    editor = AnnotationEditor(new_annotation(load_recording(file), file, "A"))
     editor.edit("start", 0.5)
     editor.edit("motion", 1.0)
     path = file.with_name("x.ann.json")

@@ -49,7 +49,7 @@ def test_a_true_point_in_the_margin_excuses_a_changepoint_within_its_tolerance_o
 
 
 def test_slack_lets_a_changepoint_outside_of_the_window_find_a_point_inside_of_it():
-    truth = ToleranceOptions(slack_s=0.2).of(Truth("one", WINDOW, (TrueChangepoint(0.31, 0.15),)))
+    truth = ToleranceOptions(slack_s=0.2).apply_to(Truth("one", WINDOW, (TrueChangepoint(0.31, 0.15),)))
     assert score("mine", truth, FoundSegmentation((-0.02,))).hits == 1
     assert score("mine", truth, FoundSegmentation((-0.1,))).false_alarms == 0
 

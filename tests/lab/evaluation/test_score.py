@@ -7,7 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_lab.annotations import Quantity, Screwing, ToleranceOptions, TrueChangepoint, TrueSegment, Truth
+from caesura_lab.annotations import (
+    MeasuredQuantity,
+    ScrewStroke,
+    ToleranceOptions,
+    TrueChangepoint,
+    TrueSegment,
+    Truth,
+)
 from caesura_lab.evaluation.error_analysis import error_summary
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
@@ -28,8 +35,8 @@ TRUTH = Truth(
         TrueSegment(4, 8, "transport"),
         TrueSegment(8, 10, "hold"),
     ),
-    loads=(Quantity(4.0, 10.0, 0.3),),
-    forces=(Quantity(2.0, 4.0, 12.0),),
+    loads=(MeasuredQuantity(4.0, 10.0, 0.3),),
+    forces=(MeasuredQuantity(2.0, 4.0, 12.0),),
 )
 PARTS = (
     FoundSegment(0.05, 2.0, "steady", force_n=0.1),
@@ -71,7 +78,7 @@ def test_boundaries_between_phases_are_counted_within_half_a_second():
 
 
 def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
-    stroke = Screwing(4.0, 8.0, (0.0, 0.0, -1.0), 0.0015)
+    stroke = ScrewStroke(4.0, 8.0, (0.0, 0.0, -1.0), 0.0015)
     found = FoundSegmentation(
         (),
         (
@@ -80,7 +87,9 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
             FoundSegment(8.0, 10.0, "contact", force_n=1.0),
         ),
     )
-    one = score("mine", replace(TRUTH, screws=(stroke, Screwing(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found)
+    one = score(
+        "mine", replace(TRUTH, screws=(stroke, ScrewStroke(9.0, 9.5, (0.0, 0.0, -1.0), 0.0015))), found
+    )
     assert one.axis_errors_deg == pytest.approx((math.degrees(math.acos(0.8)),))
     assert one.pitch_errors == pytest.approx((0.2,))
     format_estimate = summarise([one])
@@ -94,7 +103,7 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
 def test_a_floor_widens_what_is_narrower():
     found = FoundSegmentation((2.05, 4.0, 8.15), PARTS)
     assert score("mine", TRUTH, found).hits == 2
-    assert score("mine", ToleranceOptions(least_s=0.2).of(TRUTH), found).hits == 3
+    assert score("mine", ToleranceOptions(least_s=0.2).apply_to(TRUTH), found).hits == 3
 
 
 def test_what_a_filter_needs_at_the_beginning_is_not_held_against_it():

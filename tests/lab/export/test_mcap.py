@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from caesura_lab.export.mcap_file import entries, write_mcap
-from caesura_lab.export.session_export import taught_from
+from caesura_lab.export.session_export import read_session_export
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.channels import CHANNELS, schema_of
 from caesura_protocol.messages import App, Changepoint, Close, Error, Gap, Open, Segment
@@ -79,7 +79,7 @@ def read(path: Path) -> File:
 
 
 def exported(journal: Journal, directory: Path) -> File:
-    write_mcap(directory / "s1.mcap", taught_from(journal, "cell-1", "s1"))
+    write_mcap(directory / "s1.mcap", read_session_export(journal, "cell-1", "s1"))
     assert [path.name for path in directory.iterdir()] == ["s1.mcap"]
     return read(directory / "s1.mcap")
 
@@ -100,7 +100,7 @@ def file(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> File
 
 
 def test_every_sample_comes_back_bit_for_bit(recording: Recording, file: File):
-    taught = taught_from(kept(recording), "cell-1", "s1").recording
+    taught = read_session_export(kept(recording), "cell-1", "s1").recording
     states, wrenches = file.of("/state"), file.of("/wrench")
     for name in ("pos", "quat"):
         assert np.array_equal([one[name] for one in states], taught.signals[name])
@@ -195,7 +195,8 @@ def test_a_panel_can_draw_the_flange_and_its_path(recording: Recording, file: Fi
         assert (frame["parent_frame_id"], frame["child_frame_id"]) == ("base", "flange")
     drawn = np.array([[frame["translation"][axis] for axis in "xyz"] for _, frame in frames])
     there = {
-        tuple(row) for row in taught_from(kept(recording), "cell-1", "s1").recording.signals["pos"].tolist()
+        tuple(row)
+        for row in read_session_export(kept(recording), "cell-1", "s1").recording.signals["pos"].tolist()
     }
     assert {tuple(row) for row in drawn.tolist()} <= there
     norms = [sum(frame["rotation"][axis] ** 2 for axis in "xyzw") for _, frame in frames]
@@ -264,7 +265,7 @@ def test_what_the_service_refused_is_not_drawn(recording: Recording, tmp_path: P
 def test_times_that_go_back_a_little_are_written_in_order(tmp_path: Path):
     t = guided().t.copy()
     t[100:102] = t[102:99:-2][:2]
-    taught = taught_from(kept(replace(guided(), t=t)), "cell-1", "s1")
+    taught = read_session_export(kept(replace(guided(), t=t)), "cell-1", "s1")
     times = [entry.t for entry in entries(taught)]
     assert times == sorted(times)
     assert np.array_equal(
@@ -276,11 +277,11 @@ def test_a_session_without_samples_cannot_be_exported():
     journal = MemoryJournal()
     journal.append(Record("cell-1", "s1", 0.0, Open(session="s1", columns=("t", "px", "py", "pz"))))
     with pytest.raises(RecordingError, match="no samples"):
-        taught_from(journal, "cell-1", "s1")
+        read_session_export(journal, "cell-1", "s1")
 
 
 def test_a_file_that_cannot_be_finished_leaves_nothing(recording: Recording, tmp_path: Path):
-    taught = taught_from(kept(recording), "cell-1", "s1")
+    taught = read_session_export(kept(recording), "cell-1", "s1")
     broken = replace(taught, began_s=-1e12)
     with pytest.raises(Exception, match=r"out of range|format requires"):
         write_mcap(tmp_path / "out.mcap", broken)

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.cli import build
 from caesura_lab.export.mcap_file import write_mcap as write_session
-from caesura_lab.export.session_export import taught_from
+from caesura_lab.export.session_export import read_session_export
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from caesura_protocol.formats.read import load_recording
@@ -47,7 +47,7 @@ def caesura(*args: object):
 
 
 def test_a_session_that_is_exported_and_imported_gives_identical_results(tmp_path):
-    taught = taught_from(kept(guided()), "cell-1", "s1")
+    taught = read_session_export(kept(guided()), "cell-1", "s1")
     write_session(tmp_path / "s1.mcap", taught)
     again = load_recording(tmp_path / "s1.mcap")
     assert_same(taught.recording, again)
@@ -130,7 +130,7 @@ def test_somebody_elses_mcap_is_refused_with_what_it_has(tmp_path):
 
 @pytest.mark.parametrize("length", [0, 8, 500, -1])
 def test_a_file_that_was_cut_short_is_refused_in_one_line(tmp_path, length):
-    write_session(tmp_path / "s1.mcap", taught_from(kept(guided()), "cell-1", "s1"))
+    write_session(tmp_path / "s1.mcap", read_session_export(kept(guided()), "cell-1", "s1"))
     whole = (tmp_path / "s1.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[:length])
     with pytest.raises(CaesuraError, match="not a readable mcap file") as caught:
@@ -139,7 +139,7 @@ def test_a_file_that_was_cut_short_is_refused_in_one_line(tmp_path, length):
 
 
 def test_a_damaged_file_is_refused(tmp_path):
-    write_session(tmp_path / "s1.mcap", taught_from(kept(guided()), "cell-1", "s1"))
+    write_session(tmp_path / "s1.mcap", read_session_export(kept(guided()), "cell-1", "s1"))
     whole = bytearray((tmp_path / "s1.mcap").read_bytes())
     whole[len(whole) // 2] ^= 0xFF
     (tmp_path / "bad.mcap").write_bytes(whole)
@@ -151,7 +151,7 @@ def test_an_exported_session_keeps_the_limit_and_the_tolerances_of_its_cell(tmp_
     recording = load_recording(DATA / "dispenser.npz")
     asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05}
     journal = kept(recording, **asked)
-    write_session(tmp_path / "taught.mcap", taught_from(journal, "cell-1", "s1"))
+    write_session(tmp_path / "taught.mcap", read_session_export(journal, "cell-1", "s1"))
     recording_of(journal.replay("cell-1", "s1")).save(tmp_path / "taught.npz")
     write_csv(tmp_path / "taught.csv", load_recording(tmp_path / "taught.npz"))
     for suffix in ("mcap", "npz", "csv"):

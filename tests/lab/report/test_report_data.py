@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.report.report_data import DELAYS_S, ReportData, gather
+from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
 from caesura_lab.report.tables import notes, program_table, ranges, segments_table
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
@@ -24,7 +24,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def content(recording: Recording) -> ReportData:
-    return gather(recording, "default")
+    return collect(recording, "default")
 
 
 def without(recording: Recording, name: str) -> Recording:
@@ -53,7 +53,7 @@ def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(con
 @pytest.mark.parametrize("preset", ["default", "integrated"])
 def test_the_run_length_image_holds_what_every_view_on_the_way_said(preset: str):
     recording = guided()
-    runs = gather(recording, preset).run_lengths
+    runs = collect(recording, preset).run_lengths
     for view in views(recording, preset):
         now = view.observations - 1
         if now >= 0:
@@ -70,7 +70,7 @@ def test_every_moment_is_certain_that_some_segment_is_going_on(content: ReportDa
 def test_what_is_known_later_is_a_diagonal_of_the_image(content: ReportData):
     runs = content.run_lengths
     for delay_s in DELAYS_S:
-        known, steps = runs.after(delay_s), round(10 * delay_s)
+        known, steps = runs.start_probability_after(delay_s), round(10 * delay_s)
         assert np.isnan(known[-steps:]).all()
         assert known[17] == runs.probability[(runs.start == 17) & (runs.now == 17 + steps)].sum()
 
@@ -96,11 +96,11 @@ def test_online_and_offline_agree_on_contacts(content: ReportData):
 
 
 def test_without_a_wrench_there_is_no_force_to_draw():
-    assert gather(without(guided(), "force"), "default").signals.force is None
+    assert collect(without(guided(), "force"), "default").signals.force is None
 
 
 def test_a_gap_divides_what_is_drawn_and_is_told_of():
-    content = gather(with_gap(guided(), 2.0, 2.6), "default")
+    content = collect(with_gap(guided(), 2.0, 2.6), "default")
     first, second = content.signals.stretches
     assert content.signals.t[first][-1] < 2.0
     assert content.signals.t[second][0] > 2.6
@@ -111,7 +111,7 @@ def test_a_recording_too_short_to_see_anything_says_so():
     whole = guided()
     short = Recording(whole.t[:3], {name: values[:3] for name, values in whole.signals.items()})
     with pytest.raises(ValueError, match="expected at least"):
-        gather(short, "default")
+        collect(short, "default")
 
 
 def test_tables_have_a_row_for_every_segment_and_app(content: ReportData):

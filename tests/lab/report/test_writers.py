@@ -18,7 +18,7 @@ from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.figures.path import informative_planes
 from caesura_lab.report.figures.style import LONGEST_S, windows
 from caesura_lab.report.figures.tables import table_pages
-from caesura_lab.report.report_data import ReportData, gather
+from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.tables import program_table, segments_table
 from caesura_lab.report.writers import UnknownFormatError, write_report
 from caesura_protocol.recording import Recording
@@ -35,7 +35,7 @@ VOID = {"meta", "img", "br"}
 
 @pytest.fixture(scope="module")
 def content() -> ReportData:
-    return gather(guided(), "default", TRUTH)
+    return collect(guided(), "default", TRUTH)
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def unusual(case: str) -> Recording:
     ],
 )
 def test_unusual_recordings_are_drawn_all_the_same(case: str, suffix: str, divided: bool, tmp_path: Path):
-    content = gather(unusual(case), "default")
+    content = collect(unusual(case), "default")
     assert (len(content.view.segments) > 1) == divided
     assert len(written(content, tmp_path / f"out{suffix}")) > 10_000
 

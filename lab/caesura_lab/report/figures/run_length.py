@@ -97,7 +97,7 @@ def _scale(figure: Figure, drawn: AxesImage) -> None:
 def _delayed(content: ReportData, axes: Axes, delay_s: float) -> None:
     """P(the segment started at τ | data up to τ + delay): run-length probabilities put where they begin."""
     style.mark_changepoints(content, axes)
-    known = content.run_lengths.after(delay_s)
+    known = content.run_lengths.start_probability_after(delay_s)
     style.bars(axes, content.run_lengths.start_t[1:], known[1:])
     axes.set_ylim(0.0, 1.08)
     axes.set_yticks([0.0, 1.0])

@@ -234,5 +234,5 @@ def _listening(transport: Transport, station: str, session: str) -> Iterator[Inb
         for stream in STREAMS:
             stack.enter_context(transport.subscribe(session_key(station, session, stream), inbox))
         stack.enter_context(transport.subscribe(station_key(station, "program"), inbox))
-        stack.enter_context(transport.watch(service_key("*", "alive"), inbox))
+        stack.enter_context(transport.watch_liveliness(service_key("*", "alive"), inbox))
         yield inbox

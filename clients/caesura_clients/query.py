@@ -94,12 +94,12 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 def stations(transport: Transport) -> list[str]:
     """Stations whose bridge is connected now."""
-    return _named(transport.alive(station_key("*", "alive")), parse_station_key)
+    return _named(transport.list_tokens(station_key("*", "alive")), parse_station_key)
 
 
 def services(transport: Transport) -> list[str]:
     """Instances of the service that are alive now."""
-    return _named(transport.alive(service_key("*", "alive")), parse_service_key)
+    return _named(transport.list_tokens(service_key("*", "alive")), parse_service_key)
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:

@@ -55,7 +55,7 @@ def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[N
             if change is not None:
                 say(change)
 
-    with transport.watch(service_key("*", "alive"), inbox):
+    with transport.watch_liveliness(service_key("*", "alive"), inbox):
         thread = threading.Thread(target=listen, name="attending", daemon=True)
         thread.start()
         try:

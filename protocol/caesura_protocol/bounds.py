@@ -113,12 +113,12 @@ def _counting(limit: int) -> Callable[[Any], Any]:
     """A hook for every container that was unpacked. Raises ProtocolError `malformed` past the limit."""
     containers = count(1)
 
-    def take(container: Any) -> Any:
+    def count_items(container: Any) -> Any:
         if next(containers) > limit:
             raise ProtocolError("malformed", "too many containers for its size", limit=limit)
         return container
 
-    return take
+    return count_items
 
 
 def _check_items(payload: bytes, limit: int | None) -> None:

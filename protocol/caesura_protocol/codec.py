@@ -56,8 +56,8 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     """The wire form of a message. Raises ProtocolError `too_large` over the limit [bytes]."""
     try:
         payload: bytes = msgpack.packb(message, default=_fields)
-    except _PackedError:
-        payload = _put_together(message)
+    except _HoldsPackedError:
+        payload = _join_packed(message)
     check_size(payload, limit)
     return Encoded(payload, encoding_of(type(message)))
 
@@ -74,7 +74,7 @@ class PreEncoded(ABC):
         """All of them in order: messages, and payloads, as many of these in one piece as there are."""
 
 
-class _PackedError(Exception):
+class _HoldsPackedError(Exception):
     """There is something packed within: the message has to be put together."""
 
 
@@ -83,11 +83,11 @@ def _fields(message: object) -> dict[str, Any]:
     if isinstance(message, Message):
         return message.__dict__
     if isinstance(message, PreEncoded):
-        raise _PackedError
+        raise _HoldsPackedError
     raise TypeError(f"{type(message).__name__} does not go over the wire")
 
 
-def _put_together(message: Message) -> bytes:
+def _join_packed(message: Message) -> bytes:
     """The same bytes as of one call, but that what is packed is not unpacked for it."""
     packer, done = msgpack.Packer(default=_fields, autoreset=False), list[bytes]()
 
@@ -96,7 +96,7 @@ def _put_together(message: Message) -> bytes:
             packer.pack_array_header(len(value))
             for part in value.parts():
                 keep(part) if isinstance(part, bytes) else packer.pack(part)
-        elif isinstance(value, Message) and _is_apart(value):
+        elif isinstance(value, Message) and _is_packed(value):
             packer.pack_map_header(len(value.__dict__))
             for name, field in value.__dict__.items():
                 packer.pack(name)
@@ -113,10 +113,10 @@ def _put_together(message: Message) -> bytes:
     return b"".join(done)
 
 
-def _is_apart(value: object) -> bool:
+def _is_packed(value: object) -> bool:
     """Is there something packed within?"""
     if isinstance(value, Message):
-        return any(map(_is_apart, value.__dict__.values()))
+        return any(map(_is_packed, value.__dict__.values()))
     return isinstance(value, PreEncoded)
 
 

@@ -12,7 +12,7 @@ DISTRIBUTION = "caesura-teaching"  # the package index has another project under
 PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_lab")
 
 
-def installing(extra: str) -> str:
+def install_command(extra: str) -> str:
     """The command that installs an extra, as an error names it. README.md, Install, has the others.
 
     >>> installing("mcap")
@@ -30,11 +30,11 @@ def installed_version() -> str:
 
 
 @contextmanager
-def needing(extra: str, what: object) -> Iterator[None]:
+def import_extra(extra: str, what: object) -> Iterator[None]:
     """Import what an extra brings. Raises SourceError, which names the extra, where it is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in PACKAGES:
             raise
-        raise SourceError(f"{what} needs {error.name}: {installing(extra)}") from error
+        raise SourceError(f"{what} needs {error.name}: {install_command(extra)}") from error

@@ -19,7 +19,7 @@ HELD_BYTES = 2 * MAX_WHOLE_BYTES  # of the pieces on all keys; past it the key t
 PIECE_COST = 256  # [bytes] of one beside its payload
 
 
-def in_pieces(message: Message) -> Iterator[Encoded]:
+def fragment(message: Message) -> Iterator[Encoded]:
     """The wire form of a message, in pieces where it is too long.
 
     Raises ProtocolError `too_large` over MAX_WHOLE_BYTES.

@@ -59,8 +59,8 @@ class Implausible(NamedTuple):
 
     def __str__(self) -> str:
         guess = "no known unit explains it" if self.likely is None else f"probably in {self.likely}"
-        said = self.what.format(value=f"{self.value:.4g} {self.unit}")
-        return f"{said}, at most {self.limit:g} {self.unit} are plausible: {guess}"
+        text = self.what.format(value=f"{self.value:.4g} {self.unit}")
+        return f"{text}, at most {self.limit:g} {self.unit} are plausible: {guess}"
 
 
 class _Check(NamedTuple):

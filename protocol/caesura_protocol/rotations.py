@@ -16,13 +16,12 @@ Array = NDArray[np.float64]
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
     """Rotation (3, 3) of a quaternion (4,)."""
-    return np.array(_rows(*(np.asarray(quaternion) / np.linalg.norm(quaternion))))
+    return np.array(_rows(*_unit(quaternion)))
 
 
 def matrices_of(quaternions: Array) -> Array:
     """Rotations (n, 3, 3) of quaternions (n, 4)."""
-    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return np.moveaxis(np.array(_rows(*along.T)), -1, 0)
+    return np.moveaxis(np.array(_rows(*_unit(quaternions).T)), -1, 0)
 
 
 def quaternion_of(rotation: Array) -> Array:
@@ -37,16 +36,12 @@ def quaternion_of(rotation: Array) -> Array:
             [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
         ]
     )
-    row = products[int(np.argmax(squares))]
-    unit: Array = np.asarray(row / np.linalg.norm(row), dtype=np.float64)
-    return unit
+    return _unit(products[int(np.argmax(squares))])
 
 
 def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
     """[rad] between two quaternions (4,)."""
-    a: Array = np.array(one) / np.linalg.norm(one)
-    b: Array = np.array(other) / np.linalg.norm(other)
-    return 2.0 * math.acos(min(abs(float(a @ b)), 1.0))
+    return 2.0 * math.acos(min(abs(float(_unit(one) @ _unit(other))), 1.0))
 
 
 def angles(quaternions: Array, other: Array) -> Array:
@@ -85,7 +80,7 @@ def _imaginary(change: Array, quaternion: Array) -> Array:
 
 def turned_along(quaternions: Array) -> Array:
     """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
-    along = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    along = _unit(quaternions)
     align_signs(along)
     before, after = along[:-1], along[1:]
     half_sines = (
@@ -101,6 +96,14 @@ def align_signs(quaternions: Array) -> None:
     """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
+
+
+def _unit(quaternions: Sequence[float] | Array) -> Array:
+    """Scale a quaternion (4,), or each of (n, 4), to unit length."""
+    given = np.asarray(quaternions, dtype=np.float64)
+    if given.ndim == 1:
+        return np.asarray(given / np.linalg.norm(given))
+    return np.asarray(given / np.linalg.norm(given, axis=1, keepdims=True))
 
 
 def _rows(x: Array, y: Array, z: Array, w: Array) -> list[list[Array]]:

@@ -24,7 +24,7 @@ def torque_about_axis(screw: ScrewMotion) -> float | None:
     return sum(a * b for a, b in zip(screw.torque, screw.axis, strict=True))
 
 
-def tight_nm(screw: ScrewMotion | None) -> float | None:
+def stop_torque_nm(screw: ScrewMotion | None) -> float | None:
     """Torque [Nm] about the axis at which a turn is done; None where none was taught.
 
     screw: with the torque that the robot exerts.

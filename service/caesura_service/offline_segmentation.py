@@ -38,7 +38,7 @@ def opening_of(recording: Recording, preset: str | None = None, setting: CellSet
         force_frame=recording.force_frame,
         length_unit=recording.length_unit,
         preset=preset,
-        **setting.over(recording.setting)._asdict(),
+        **setting.completed_by(recording.setting)._asdict(),
         declared_units=recording.declared_units,
     )
 

@@ -22,7 +22,7 @@ from machine import options, tell
 from service_load import prepared
 
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.fragments import in_pieces
+from caesura_protocol.fragments import fragment
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Message
 from caesura_service.app import segmenting_pipeline
@@ -110,7 +110,7 @@ def main() -> None:
             for owner, name in places:
                 timed = clock.timed(part, getattr(owner, name))
                 stack.enter_context(mock.patch.object(owner, name, timed))
-        write = clock.timed("writing messages", lambda message: list(in_pieces(message)))
+        write = clock.timed("writing messages", lambda message: list(fragment(message)))
         whole = clock.timed(REST, lambda *given: take(registry, write, *given))
         for seq, batch in enumerate(content):
             if seq == WARM_UP:

@@ -32,7 +32,7 @@ from rich.console import Console
 from rich.table import Table
 
 from caesura_protocol.codec import pack_samples
-from caesura_protocol.fragments import in_pieces
+from caesura_protocol.fragments import fragment
 from caesura_protocol.messages import Open
 from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.registry import Registry
@@ -90,7 +90,7 @@ class Demonstration:
         before = time.thread_time()
         for said in self._registry.samples(self._station, batch, float(rows[-1, 0])):
             if isinstance(said, Publish):
-                deque(in_pieces(said.message), maxlen=0)
+                deque(fragment(said.message), maxlen=0)
         return 1e3 * (time.thread_time() - before)
 
     def minute(self, spent: Sequence[float]) -> Minute:

@@ -197,11 +197,11 @@ def robot(endpoint: str, names: Sequence[str], lockstep: bool, told: Any) -> Non
         ExitStack() as stack,
     ):
         for name in names:
-            stack.enter_context(transport.token(station_key(name, "alive")))
+            stack.enter_context(transport.declare_token(station_key(name, "alive")))
         publishers = {name: publisher(peer, name, content[name][0].encoding) for name in names}
         asked = Inbox()
         for name in names:
-            stack.enter_context(transport.answer(station_key(name, "replay"), asked))
+            stack.enter_context(transport.declare_queryable(station_key(name, "replay"), asked))
         threading.Thread(target=replay, args=(asked, content), daemon=True).start()
         for name in names:
             opened(transport, name, opening)

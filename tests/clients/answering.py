@@ -40,9 +40,9 @@ class Answering:
             station_key("*", "program"),
             service_key("*", "status"),
         ):
-            self._stack.enter_context(self._transport.answer(key, self._inbox))
-        self._stack.enter_context(self._transport.token(service_key("fake-1", "alive")))
-        eventually(lambda: self._transport.alive(service_key("fake-1", "alive")) != ())
+            self._stack.enter_context(self._transport.declare_queryable(key, self._inbox))
+        self._stack.enter_context(self._transport.declare_token(service_key("fake-1", "alive")))
+        eventually(lambda: self._transport.list_tokens(service_key("fake-1", "alive")) != ())
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -59,9 +59,9 @@ class FakeService:
         self._stack.callback(thread.join)
         self._stack.callback(self._over.set)
         self._stack.enter_context(self._transport.subscribe(station_key("*", "samples"), self._inbox))
-        self._stack.enter_context(self._transport.answer(station_key("*", "control"), self._inbox))
-        self._stack.enter_context(self._transport.token(service_key(self._instance, "alive")))
-        eventually(lambda: self._transport.alive(service_key(self._instance, "alive")) != ())
+        self._stack.enter_context(self._transport.declare_queryable(station_key("*", "control"), self._inbox))
+        self._stack.enter_context(self._transport.declare_token(service_key(self._instance, "alive")))
+        eventually(lambda: self._transport.list_tokens(service_key(self._instance, "alive")) != ())
         return self
 
     def __exit__(self, *_: object) -> None:

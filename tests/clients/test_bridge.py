@@ -499,8 +499,8 @@ def test_a_restarted_bridge_takes_its_session_up_where_the_service_stands(memory
 def test_a_bridge_is_seen_while_it_is_there(network):
     transport, key = network.transport(), station_key("cell-1", "alive")
     with Bridge(network.transport(), "cell-1", LiveSource()):
-        eventually(lambda: transport.alive(key) == (key,))
-    eventually(lambda: transport.alive(key) == ())
+        eventually(lambda: transport.list_tokens(key) == (key,))
+    eventually(lambda: transport.list_tokens(key) == ())
 
 
 def test_a_bridge_leaves_no_thread_behind(memory):

@@ -15,7 +15,7 @@ from caesura_clients.query import ASKED, decoded, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.fragments import in_pieces
+from caesura_protocol.fragments import fragment
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
 from caesura_protocol.transport.inbox import ReceivedSample
@@ -105,7 +105,7 @@ def long_snapshot() -> Snapshot:
 
 
 def pieces_of(snapshot: Snapshot) -> list[ReceivedSample]:
-    return [ReceivedSample(session_key("cell-1", "s1", "snapshot"), *part) for part in in_pieces(snapshot)]
+    return [ReceivedSample(session_key("cell-1", "s1", "snapshot"), *part) for part in fragment(snapshot)]
 
 
 def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():

@@ -77,7 +77,7 @@ def test_how_the_service_is_doing(caesura, service):
 
 def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, network):
     service.snapshots = [snapshot(0, station="cell-7")]
-    with network.transport().token(station_key("cell-8", "alive")):
+    with network.transport().declare_token(station_key("cell-8", "alive")):
         for ask in (lambda: caesura.program("cell-1"), lambda: caesura.snapshot("cell-1")):
             with pytest.raises(
                 NotFound, match=r"'cell-1' has no .*with sessions: cell-7; with a bridge: cell-8"

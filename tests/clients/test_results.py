@@ -224,7 +224,7 @@ def test_a_service_that_takes_over_is_believed(network, publisher):
     updates = following(network, "cell-1", refresh_s=60.0)
     next(updates)
     publisher.snapshots.append(snapshot(0, "hold", epoch=9, instance="b"))
-    with network.transport().token(service_key("b", "alive")):
+    with network.transport().declare_token(service_key("b", "alive")):
         assert kinds(next(updates)) == ["hold"]
 
 

@@ -40,7 +40,7 @@ class Stuck:
 
     @contextmanager
     def answer(self, key, inbox):
-        with self._transport.answer(key, Answering(inbox, self._called)):
+        with self._transport.declare_queryable(key, Answering(inbox, self._called)):
             yield
 
     def __getattr__(self, name):

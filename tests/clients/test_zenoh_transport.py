@@ -69,7 +69,7 @@ def answering(network, *, refuse=None):
     seen = []
     thread = threading.Thread(target=answer, daemon=True)
     thread.start()
-    return network.transport().answer(KEY, inbox), seen
+    return network.transport().declare_queryable(KEY, inbox), seen
 
 
 def asked(transport, *arguments, **options):
@@ -104,7 +104,7 @@ def test_a_question_nobody_answers_comes_back_empty_at_once(network):
 
 
 def test_a_query_that_is_received_and_not_answered_in_time_is_refused_as_overloaded(network):
-    with network.transport().answer(KEY, Inbox()):
+    with network.transport().declare_queryable(KEY, Inbox()):
         refusals = []
         eventually(
             lambda: refusals.extend(network.transport().query(KEY, timeout_s=0.2).refusals) or refusals
@@ -118,30 +118,30 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
     before, after = Inbox(), Inbox()
     here, there = network.transport(), network.transport()
     key, pattern = "caesura/v1/station/cell-1/alive", "caesura/v1/station/*/alive"
-    with there.watch(pattern, before):
-        with here.token(key):
+    with there.watch_liveliness(pattern, before):
+        with here.declare_token(key):
             assert before.get(5.0) == TokenChange(key, alive=True)
-            with there.watch(pattern, after):
+            with there.watch_liveliness(pattern, after):
                 assert after.get(5.0) == TokenChange(key, alive=True)
-            assert there.alive(pattern) == (key,)
+            assert there.list_tokens(pattern) == (key,)
         seen = iter(lambda: before.get(5.0), None)
         assert TokenChange(key, alive=False) in seen  # it may have been reported as there once more
-        eventually(lambda: there.alive(pattern) == ())
+        eventually(lambda: there.list_tokens(pattern) == ())
 
 
 def test_no_token_is_overlooked(network):
     """Once asked through the session that watches: zenoh 1.10.2 then overlooked 3 % on a busy machine."""
     here, there = network.transport(), network.transport()
     pattern = "caesura/v1/station/*/alive"
-    with here.token("caesura/v1/station/cell-1/alive"), there.watch(pattern, Inbox()):
-        eventually(lambda: there.alive(pattern) != ())
-        assert all(there.alive(pattern) for _ in range(200))
+    with here.declare_token("caesura/v1/station/cell-1/alive"), there.watch_liveliness(pattern, Inbox()):
+        eventually(lambda: there.list_tokens(pattern) != ())
+        assert all(there.list_tokens(pattern) for _ in range(200))
 
 
 def test_a_question_that_an_inbox_has_no_room_for_is_refused_as_overloaded(network):
     inbox = Inbox(capacity=1)
     here, there = network.transport(), network.transport()
-    with there.answer(KEY, inbox):
+    with there.declare_queryable(KEY, inbox):
         eventually(lambda: there.query(KEY, timeout_s=0.05) is not None and len(inbox) == 1)
         dropped = []
         first = threading.Thread(target=lambda: dropped.extend(here.query(KEY, timeout_s=2.0).refusals))
@@ -192,7 +192,7 @@ def test_connecting_waits_for_a_router_that_comes_later():
     assert not opened
     with network:
         thread.join(30.0)
-        assert opened[0].alive("a/*") == ()
+        assert opened[0].list_tokens("a/*") == ()
 
 
 def test_connecting_without_an_endpoint_takes_that_of_the_environment(monkeypatch):
@@ -218,7 +218,7 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
     file = tmp_path / "client.json5"
     file.write_text('{metadata: {name: "cell-1"}, scouting: {multicast: {enabled: true}}}')
     with ZenohTransport(router.endpoint, config_file=file, timeout_s=5.0) as transport:
-        assert transport.alive("a/*") == ()
+        assert transport.list_tokens("a/*") == ()
 
 
 @pytest.mark.parametrize("named", ['["{0}"]', '{{"client": ["{0}"], "router": []}}'])
@@ -227,7 +227,7 @@ def test_a_config_file_names_the_router_unless_somebody_else_does(router, tmp_pa
     file.write_text(f'{{"connect": {{"endpoints": {named.format(router.endpoint)}}}}}')
     with ZenohTransport(config_file=file, timeout_s=5.0) as transport:
         assert transport.endpoint == router.endpoint
-        assert transport.alive("caesura/v1/service/*/alive") == ()
+        assert transport.list_tokens("caesura/v1/service/*/alive") == ()
     with pytest.raises(Unreachable, match="tcp/127"):
         ZenohTransport("tcp/127.0.0.1:1", config_file=file, timeout_s=0.1)
 

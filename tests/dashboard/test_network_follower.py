@@ -89,8 +89,11 @@ def test_a_bridge_that_changes_its_columns_ends_nobodys_signals(gateway, memory)
 
 def test_a_strangers_token_troubles_nobody(gateway, memory):
     robot = memory.transport()
-    with robot.token("caesura/v1/station/Cell-9/alive"), robot.token("caesura/v1/service/Foo/alive"):
-        with robot.token(station_key("cell-7", "alive")):
+    with (
+        robot.declare_token("caesura/v1/station/Cell-9/alive"),
+        robot.declare_token("caesura/v1/service/Foo/alive"),
+    ):
+        with robot.declare_token(station_key("cell-7", "alive")):
             eventually(lambda: "cell-7" in gateway.world.bridges)
             assert stations(robot) == ["cell-7"]
             assert services(robot) == ["fake-1"]
@@ -100,7 +103,7 @@ def test_a_strangers_token_troubles_nobody(gateway, memory):
 
 def test_what_went_wrong_once_is_got_over(gateway, memory, monkeypatch):
     robot = memory.transport()
-    with robot.token(station_key("cell-7", "alive")):
+    with robot.declare_token(station_key("cell-7", "alive")):
         eventually(lambda: "cell-7" in gateway.world.bridges)
         with monkeypatch.context() as patch:
             patch.setattr(gateway, "_sampled", failing)
@@ -127,7 +130,7 @@ def test_which_session_is_current_is_asked_until_somebody_says(gateway, answerin
 
 
 def test_a_bridge_comes_and_goes(gateway, memory):
-    with memory.transport().token(station_key("cell-7", "alive")):
+    with memory.transport().declare_token(station_key("cell-7", "alive")):
         eventually(lambda: "cell-7" in gateway.world.bridges)
     eventually(lambda: "cell-7" not in gateway.world.bridges)
 

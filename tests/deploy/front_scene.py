@@ -49,7 +49,7 @@ def connects(directory: Path, port: int) -> bool:
     file = directory / "dashboard.wall.json5"
     try:
         with ZenohTransport(f"tls/127.0.0.1:{port}", config_file=file, timeout_s=PATIENCE_S) as transport:
-            return bool(transport.alive(service_key("*", "alive")))
+            return bool(transport.list_tokens(service_key("*", "alive")))
     except CaesuraError:
         return False
 

@@ -36,7 +36,7 @@ def test_the_mappings_are_read(mapped):
         "force_frame": force_frame,
     }
     if mapped.part("columns"):
-        assert {rule.ours: rule.factor for rule in rules_of(mapped)} == pytest.approx(
+        assert {rule.column: rule.factor for rule in rules_of(mapped)} == pytest.approx(
             {"t": 1e-3, "px": 1e-3, "py": 1e-3, "pz": 1e-3, "fx": 1.0, "fy": 1.0, "fz": -1.0}
         )
     else:

@@ -7,7 +7,7 @@ import pytest
 from caesura_protocol import fragments
 from caesura_protocol.codec import Encoded, decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.fragments import Reassembler, in_pieces
+from caesura_protocol.fragments import Reassembler, fragment
 from caesura_protocol.messages import (
     MAX_MESSAGE_BYTES,
     MAX_WHOLE_BYTES,
@@ -32,7 +32,7 @@ def joined(joining: Reassembler, parts: list[Encoded]) -> list[Encoded]:
 
 def test_what_fits_into_a_message_goes_as_it_always_did():
     short = posterior(10)
-    (only,) = in_pieces(short)
+    (only,) = fragment(short)
     assert only == encode(short)
     assert Reassembler().add(KEY, only) == only
 
@@ -41,7 +41,7 @@ def test_what_does_not_fit_goes_in_pieces_that_do():
     long = posterior(LONG)
     with pytest.raises(ProtocolError, match="too_large"):
         encode(long)
-    parts = [*in_pieces(long)]
+    parts = [*fragment(long)]
     assert all(len(part.payload) < MAX_MESSAGE_BYTES for part in parts)
     assert {part.encoding for part in parts} == {encoding_of(Piece)}
     ((payload, encoding),) = joined(Reassembler(), parts)
@@ -51,7 +51,7 @@ def test_what_does_not_fit_goes_in_pieces_that_do():
 @pytest.mark.parametrize("seed", range(5))
 def test_order_doubles_and_another_message_between_do_not_matter(seed: int):
     one, other = posterior(LONG, 1), posterior(LONG, 2)
-    parts = [*in_pieces(one), *in_pieces(other), *in_pieces(one)]
+    parts = [*fragment(one), *fragment(other), *fragment(one)]
     random.Random(seed).shuffle(parts)
     joining = Reassembler()
     found = [decode(*whole, Posterior, limit=MAX_WHOLE_BYTES).seq for whole in joined(joining, parts)]
@@ -61,14 +61,14 @@ def test_order_doubles_and_another_message_between_do_not_matter(seed: int):
 def test_a_message_that_lacks_a_piece_is_never_told_and_makes_room_for_newer_ones():
     joining = Reassembler()
     for seq in range(10):
-        assert joined(joining, [*in_pieces(posterior(LONG, seq))][1:]) == []
+        assert joined(joining, [*fragment(posterior(LONG, seq))][1:]) == []
         assert joining.unfinished == min(seq + 1, fragments.UNFINISHED)
-    assert len(joined(joining, [*in_pieces(posterior(LONG, 10))])) == 1
+    assert len(joined(joining, [*fragment(posterior(LONG, 10))])) == 1
 
 
 def test_pieces_on_many_keys_have_one_bound(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(fragments, "HELD_BYTES", 10 * PIECE_BYTES)
-    joining, (first, *rest) = Reassembler(), [*in_pieces(posterior(LONG))]
+    joining, (first, *rest) = Reassembler(), [*fragment(posterior(LONG))]
     for number in range(50):
         assert joining.add(f"{KEY}-{number}", first) is None
         assert joining.add(f"{KEY}-{number}", first) is None
@@ -81,7 +81,7 @@ def test_pieces_on_many_keys_have_one_bound(monkeypatch: pytest.MonkeyPatch):
 def test_what_is_too_long_even_for_pieces_is_refused_with_the_limit(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(fragments, "MAX_WHOLE_BYTES", 2 * MAX_MESSAGE_BYTES)
     with pytest.raises(ProtocolError) as caught:
-        [*in_pieces(posterior(LONG))]
+        [*fragment(posterior(LONG))]
     assert (caught.value.code, caught.value.limit) == ("too_large", 2 * MAX_MESSAGE_BYTES)
 
 

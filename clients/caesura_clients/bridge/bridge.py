@@ -140,8 +140,8 @@ class Bridge:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(ReplayServer(self._transport, self.station, self.session, self._ring))
-            stack.enter_context(self._transport.watch(service_key("*", "alive"), self._services))
-            stack.enter_context(self._transport.token(station_key(self.station, "alive")))
+            stack.enter_context(self._transport.watch_liveliness(service_key("*", "alive"), self._services))
+            stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
             keeper = threading.Thread(target=self._keep, name=f"keeper {self.station}", daemon=True)
             stack.enter_context(self._pump)
             keeper.start()
@@ -362,6 +362,6 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None, setti
         length_unit=source.length_unit,
         preset=preset,
         bridge=new_bridge_name(),
-        **setting.over(getattr(source, "setting", UNSET))._asdict(),
+        **setting.completed_by(getattr(source, "setting", UNSET))._asdict(),
         declared_units=getattr(source, "declared_units", ()),
     )

@@ -37,7 +37,7 @@ class ReplayServer:
             thread.start()
             stack.callback(thread.join)
             stack.callback(self._stopped.set)
-            stack.enter_context(self._transport.answer(self._key, self._inbox))
+            stack.enter_context(self._transport.declare_queryable(self._key, self._inbox))
             self._stack = stack.pop_all()
         return self
 

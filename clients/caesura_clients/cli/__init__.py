@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.distribution import PACKAGES, installing
+from caesura_protocol.distribution import PACKAGES, install_command
 
 GROUP = "caesura.commands"
 COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
@@ -69,5 +69,5 @@ def _stand_in(app: typer.Typer, name: str, extra: str) -> None:
 
     @app.command(name, hidden=True, context_settings=anything)
     def _missing() -> None:
-        typer.echo(f"error: caesura {name} needs {installing(extra)}", err=True)
+        typer.echo(f"error: caesura {name} needs {install_command(extra)}", err=True)
         raise typer.Exit(2)

@@ -96,7 +96,7 @@ class ProgramOptions(NamedTuple):
             self.force_limit,
             None if self.path_tolerance is None else self.path_tolerance / 1000.0,
             None if self.angle_tolerance is None else math.radians(self.angle_tolerance),
-        ).over(cell)
+        ).completed_by(cell)
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

@@ -15,7 +15,7 @@ import typer
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.recorder import Recorded, Recorder, record
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.transport.zenoh_transport import endpoint_of
@@ -38,7 +38,7 @@ def record_session(
         named(station)
         check_writable(out, ".mcap")
         if out.suffix == ".mcap":
-            with needing("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
+            with import_extra("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
                 import_module("caesura_protocol.formats.mcap_write")
         with connected(endpoint, config, patient=True) as caesura, _until_interrupted() as over:
             where = endpoint_of(endpoint, config)

@@ -19,7 +19,7 @@ from caesura_clients.cli.result_tables import (
     segments_view,
     sessions_view,
 )
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import NotFound
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
@@ -100,7 +100,7 @@ def _elsewhere(group: typer.Typer, name: str) -> None:
     def _missing() -> None:
         typer.echo(
             f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
-            f"it comes with {installing('service')}",
+            f"it comes with {install_command('service')}",
             err=True,
         )
         raise typer.Exit(2)

@@ -157,8 +157,8 @@ class NetworkFollower:
         self._change(bridges=frozenset(), alive=frozenset())
         with ExitStack() as stack:
             stack.enter_context(self.transport.subscribe(station_key("*", "samples"), inbox))
-            stack.enter_context(self.transport.watch(station_key("*", "alive"), inbox))
-            stack.enter_context(self.transport.watch(service_key("*", "alive"), inbox))
+            stack.enter_context(self.transport.watch_liveliness(station_key("*", "alive"), inbox))
+            stack.enter_context(self.transport.watch_liveliness(service_key("*", "alive"), inbox))
             self._trouble("arrivals")
             while not self._over.is_set():
                 item = inbox.get(TICK_S)

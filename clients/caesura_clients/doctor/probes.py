@@ -63,7 +63,9 @@ class ProbeResult:
 def gather(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
     """Ask, listen for so long, ask again. Raises Unreachable where the router goes away meanwhile."""
     facts = ProbeResult(alive=services(transport), bridges=[])
-    facts.other_versions = [key for key in transport.alive(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")]
+    facts.other_versions = [
+        key for key in transport.list_tokens(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")
+    ]
     facts.reported = _statuses(transport, facts)
     with ExitStack() as stack:
         inbox = Inbox(MOST_BATCHES)

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import Config, Connect, Station, connected, named, only_station, reported
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 
 DEFAULT_PORT = 8765  # Foxglove's own
@@ -48,7 +48,7 @@ def serve_foxglove(
                 f"--host {host}: other machines reach it, and a viewer needs no password; add --insecure on "
                 "a network you trust, or a tunnel to 127.0.0.1"
             )
-        with needing("foxglove", "caesura foxglove"):
+        with import_extra("foxglove", "caesura foxglove"):
             from caesura_clients.viewer.feed import StationFeed  # noqa: PLC0415
             from caesura_clients.viewer.foxglove_server import FoxgloveServer  # noqa: PLC0415
         with connected(endpoint, config, patient=True) as caesura:

@@ -19,7 +19,7 @@ from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.channels import TaskProgram
 from caesura_protocol.formats.mcap_write import (
-    NOWHERE,
+    NO_POSES,
     PATH_S,
     McapContent,
     McapMessage,
@@ -160,7 +160,7 @@ class LiveSession:
             recording=recording,
             began_s=self._began_s or 0.0,
             columns=batch.columns,
-            poses=NOWHERE if update is None else poses_of(recording),
+            poses=NO_POSES if update is None else poses_of(recording),
         )
 
     def _extend(self, poses: Poses) -> None:

@@ -24,7 +24,7 @@ from caesura_lab.evaluation.runner import Verdict, judge_all
 from caesura_lab.evaluation.suites import OPEN, SUITES, Case, SuiteOptions, files, missing_recordings, suite
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
@@ -296,7 +296,7 @@ def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
         diagram.write(result, file)
     except ModuleNotFoundError as error:
-        message = f"{error.name} is not installed; {installing('report')}, or leave out --diagram"
+        message = f"{error.name} is not installed; {install_command('report')}, or leave out --diagram"
         raise MissingExtraError(message) from error
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {file}: {error.strerror}") from error

@@ -12,7 +12,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import segmented
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import WRITERS, check_writable
@@ -41,7 +41,7 @@ def export_recording(
     with reported():
         check_writable(out, ".mcap")
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
-        recording = replace(recording, setting=asked.setting().over(recording.setting))
+        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         try:
             if out.suffix == ".mcap":
                 _write_mcap(out, recording, preset)
@@ -53,7 +53,7 @@ def export_recording(
 
 
 def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
-    with needing("mcap", "writing .mcap"):
+    with import_extra("mcap", "writing .mcap"):
         written = import_module("caesura_lab.export.mcap_file")
     view = segmented(recording, preset)
     taught = import_module("caesura_lab.export.session_export").SessionExport(

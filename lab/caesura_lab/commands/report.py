@@ -13,7 +13,7 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.report.report_data import ReportData, collect
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.safety import CellSettings
@@ -73,4 +73,4 @@ def _writers() -> ModuleType:
     try:
         return import_module("caesura_lab.report.writers")
     except ModuleNotFoundError as error:
-        raise CaesuraError(f"a report needs {error.name}: {installing('report')}") from error
+        raise CaesuraError(f"a report needs {error.name}: {install_command('report')}") from error

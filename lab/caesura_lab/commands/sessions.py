@@ -13,7 +13,7 @@ import typer
 
 from caesura_clients.cli.options import Station, grouped, reported
 from caesura_clients.cli.sessions import sessions
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, NotFound
 from caesura_protocol.recording import Recording
 from caesura_service.config import journal_directory, journal_path
@@ -184,7 +184,9 @@ def _format_of(out: Path, asked: Format | None, names: list[str], dataset: Datas
             f"cannot write {out}: expected the suffix .npz or .mcap, or --format lerobot and a new directory"
         )
     if chosen in EXTRAS and find_spec(EXTRAS[chosen]) is None:
-        raise CaesuraError(f"writing {'.mcap' if chosen == 'mcap' else chosen} needs {installing(chosen)}")
+        raise CaesuraError(
+            f"writing {'.mcap' if chosen == 'mcap' else chosen} needs {install_command(chosen)}"
+        )
     if chosen == "lerobot":
         return chosen
     if out.suffix != f".{chosen}":

@@ -15,7 +15,7 @@ from caesura_lab.evaluation.baselines import Baseline, one_segment, thresholds, 
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
-from caesura_protocol.distribution import installing
+from caesura_protocol.distribution import install_command
 from caesura_protocol.messages import Segment
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import views
@@ -100,7 +100,7 @@ def baselines() -> list[Method]:
         from caesura_lab.evaluation import third_party_baselines  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(
-            f"{error.name} is not installed; {installing('judge')}, or give --no-baselines"
+            f"{error.name} is not installed; {install_command('judge')}, or give --no-baselines"
         ) from error
     return [
         Baseline("thresholds", thresholds),

@@ -21,7 +21,7 @@ from caesura_protocol.paths import Curve
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, turning_of
-from caesura_protocol.screw_motion import tight_nm
+from caesura_protocol.screw_motion import stop_torque_nm
 
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S = 0.01
@@ -270,7 +270,7 @@ class TorqueStop:
 
     def __init__(self, screw: ScrewMotion | None) -> None:
         """screw: with the torque that the robot exerts; without one nothing is ever tight."""
-        self._most_nm = tight_nm(screw)
+        self._most_nm = stop_torque_nm(screw)
         if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 

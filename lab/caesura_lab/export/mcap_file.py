@@ -8,14 +8,14 @@ import numpy as np
 
 from caesura_lab.export.session_export import SessionExport
 from caesura_protocol.formats.mcap_write import (
-    NOWHERE,
+    NO_POSES,
     TRANSFORM_S,
     UPRIGHT,
     Array,
     McapContent,
     McapMessage,
     Poses,
-    every,
+    decimate,
 )
 from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
@@ -62,9 +62,9 @@ def _poses(session: SessionExport) -> Poses:
     opening = session.opening.model_copy(update={"columns": session.recording.columns})
     layout = layout_of(opening)
     times, values = _read(layout, session.recording.matrix())
-    kept = every(times, TRANSFORM_S)
+    kept = decimate(times, TRANSFORM_S)
     if not kept:
-        return NOWHERE
+        return NO_POSES
     columns = columns_of(layout)
     rows = flange_rows(layout, columns, values[kept])
     upright = np.tile(UPRIGHT, (len(kept), 1))

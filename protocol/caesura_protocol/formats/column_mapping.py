@@ -28,25 +28,25 @@ class ColumnMapping:
         said = {key: self.table[key] for key in OPTIONS if key in self.table}
         for key, value in said.items():
             if value not in OPTIONS[key]:
-                raise self.wrong(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
+                raise self.error(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
         return said
 
-    def part(self, key: str) -> Mapping[str, Any]:
+    def section(self, key: str) -> Mapping[str, Any]:
         """A table of the file, empty where it is not there."""
         found = self.table.get(key, {})
         if not isinstance(found, Mapping):
-            raise self.wrong(f"{key} is {found!r}, expected a table [{key}]")
+            raise self.error(f"{key} is {found!r}, expected a table [{key}]")
         return found
 
-    def known(self, where: str, found: Iterable[str], expected: Iterable[str]) -> None:
+    def check_keys(self, where: str, found: Iterable[str], expected: Iterable[str]) -> None:
         """Raise RecordingError for an unknown key: a typo must not pass in silence."""
         unknown = sorted(set(found) - set(expected))
         if unknown:
-            raise self.wrong(
+            raise self.error(
                 f"{where}: unknown {', '.join(map(repr, unknown))}, known: {', '.join(expected)}"
             )
 
-    def wrong(self, what: str) -> RecordingError:
+    def error(self, what: str) -> RecordingError:
         """An error of this file."""
         return RecordingError(f"{self.name}: {what}")
 
@@ -58,5 +58,7 @@ def load_mapping(path: Path) -> ColumnMapping:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise RecordingError(f"{path}: not a readable mapping file ({error})") from error
     mapped = ColumnMapping(path.name, table)
-    mapped.known("the top", table, (*OPTIONS, "delimiter", "decimal", "time", "columns", "topics", "domain"))
+    mapped.check_keys(
+        "the top", table, (*OPTIONS, "delimiter", "decimal", "time", "columns", "topics", "domain")
+    )
     return mapped

@@ -46,11 +46,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 SIGNAL_OF_COLUMN = {"t": "t", **{column: s for s, names in COLUMNS_OF_SIGNAL.items() for column in names}}
 
 
-class Rule(NamedTuple):
+class ColumnRule(NamedTuple):
     """The source of one of Caesura's columns."""
 
-    ours: str
-    theirs: str
+    column: str
+    source_column: str
     factor: float
 
 
@@ -66,55 +66,55 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     """The signals that the mapping names. Raises RecordingError, which names the column and what there is."""
     rules = rules_of(mapped)
     table = _table(path, mapped)
-    column = {rule.ours: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
+    column = {rule.column: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
     arrays = {"t": column["t"]}
     for signal, names in COLUMNS_OF_SIGNAL.items():
         missing = [name for name in names if name not in column]
         if not missing:
             arrays[signal] = np.column_stack([column[name] for name in names])
         elif len(missing) < len(names):
-            raise mapped.wrong(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
-    used = {rule.theirs for rule in rules}
+            raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
+    used = {rule.source_column for rule in rules}
     return RawRecording(arrays, mapped.options, [name for name in table.header if name not in used])
 
 
-def rules_of(mapped: ColumnMapping) -> list[Rule]:
+def rules_of(mapped: ColumnMapping) -> list[ColumnRule]:
     """What the mapping says of each column. Raises RecordingError."""
-    time = mapped.part("time")
+    time = mapped.section("time")
     if not time:
-        raise mapped.wrong('has no [time], expected for example [time] with column = "t"')
-    columns = mapped.part("columns")
-    mapped.known("[columns]", columns, [name for name in SIGNAL_OF_COLUMN if name != "t"])
-    return [_rule(mapped, "t", time), *(_rule(mapped, ours, said) for ours, said in columns.items())]
+        raise mapped.error('has no [time], expected for example [time] with column = "t"')
+    columns = mapped.section("columns")
+    mapped.check_keys("[columns]", columns, [name for name in SIGNAL_OF_COLUMN if name != "t"])
+    return [_rule(mapped, "t", time), *(_rule(mapped, column, entry) for column, entry in columns.items())]
 
 
-def _rule(mapped: ColumnMapping, ours: str, said: Any) -> Rule:
-    where = "[time]" if ours == "t" else f"[columns] {ours}"
-    if isinstance(said, str | int) and not isinstance(said, bool):
-        return Rule(ours, str(said), 1.0)
-    if not isinstance(said, Mapping) or "column" not in said:
-        raise mapped.wrong(f"{where} is {said!r}, expected a column's name or {{ column = …, unit = … }}")
-    mapped.known(where, said, ("column", "unit", "scale"))
-    units = UNITS[SIGNAL_OF_COLUMN[ours]]
-    unit = str(said.get("unit", next(iter(units))))
+def _rule(mapped: ColumnMapping, column: str, entry: Any) -> ColumnRule:
+    where = "[time]" if column == "t" else f"[columns] {column}"
+    if isinstance(entry, str | int) and not isinstance(entry, bool):
+        return ColumnRule(column, str(entry), 1.0)
+    if not isinstance(entry, Mapping) or "column" not in entry:
+        raise mapped.error(f"{where} is {entry!r}, expected a column's name or {{ column = …, unit = … }}")
+    mapped.check_keys(where, entry, ("column", "unit", "scale"))
+    units = UNITS[SIGNAL_OF_COLUMN[column]]
+    unit = str(entry.get("unit", next(iter(units))))
     if unit not in units:
-        raise mapped.wrong(f"{where}: unit {unit!r}, expected one of {', '.join(units)}")
+        raise mapped.error(f"{where}: unit {unit!r}, expected one of {', '.join(units)}")
     factor = units[unit]
-    if "unit" in said and SIGNAL_OF_COLUMN[ours] == "pos":  # the rest of pos may be in another unit
+    if "unit" in entry and SIGNAL_OF_COLUMN[column] == "pos":  # the rest of pos may be in another unit
         factor /= METRES[mapped.options.get("length_unit", "m")]
-    return Rule(ours, str(said["column"]), factor * _scale(mapped, where, said.get("scale", 1.0)))
+    return ColumnRule(column, str(entry["column"]), factor * _scale(mapped, where, entry.get("scale", 1.0)))
 
 
-def _scale(mapped: ColumnMapping, where: str, said: Any) -> float:
-    if isinstance(said, bool) or not isinstance(said, int | float) or not np.isfinite(said) or said == 0:
-        raise mapped.wrong(f"{where}: scale is {said!r}, expected a number that is not 0")
-    return float(said)
+def _scale(mapped: ColumnMapping, where: str, entry: Any) -> float:
+    if isinstance(entry, bool) or not isinstance(entry, int | float) or not np.isfinite(entry) or entry == 0:
+        raise mapped.error(f"{where}: scale is {entry!r}, expected a number that is not 0")
+    return float(entry)
 
 
 def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
     delimiter = str(mapped.table.get("delimiter", ","))
     if len(delimiter) != 1:
-        raise mapped.wrong(f"delimiter is {delimiter!r}, expected one character")
+        raise mapped.error(f"delimiter is {delimiter!r}, expected one character")
     text = path.read_text(encoding="utf-8-sig").splitlines()
     kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#")]
     rows = list(csv.reader((line for _, line in kept), delimiter=delimiter))
@@ -136,16 +136,16 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: Rule) -> Array:
+def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRule) -> Array:
     """Return one column. Raises RecordingError, which names the column, the line and the value."""
-    found = table.header.count(rule.theirs)
+    found = table.header.count(rule.source_column)
     if found != 1:
-        what = f"no column {rule.theirs!r}" if not found else f"{found} columns {rule.theirs!r}"
+        what = f"no column {rule.source_column!r}" if not found else f"{found} columns {rule.source_column!r}"
         raise RecordingError(
-            f"{path}: {what}, from which {mapped.name} takes {rule.ours}; "
+            f"{path}: {what}, from which {mapped.name} takes {rule.column}; "
             f"it has {', '.join(map(repr, table.header))}{_hint(table.header)}"
         )
-    index, decimal = table.header.index(rule.theirs), str(mapped.table.get("decimal", "."))
+    index, decimal = table.header.index(rule.source_column), str(mapped.table.get("decimal", "."))
     values = np.empty(len(table.rows))
     for i, (number, row) in enumerate(zip(table.numbers, table.rows, strict=True)):
         try:
@@ -153,7 +153,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: Rule) -> 
         except (IndexError, ValueError):
             shown = repr(row[index]) if index < len(row) else f"nothing ({len(row)} values)"
             raise RecordingError(
-                f"{path}, line {number}: column {rule.theirs!r} has {shown}, expected a number "
+                f"{path}, line {number}: column {rule.source_column!r} has {shown}, expected a number "
                 f"with {decimal!r} as its decimal mark"
             ) from None
     return values

@@ -48,7 +48,7 @@ class Poses(NamedTuple):
     orientations: Array
 
 
-NOWHERE = Poses(np.empty(0), np.empty((0, 3)), np.empty((0, 4)))
+NO_POSES = Poses(np.empty(0), np.empty((0, 3)), np.empty((0, 4)))
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class McapContent:
     recording: Recording
     began_s: float  # [s] time of day at the session's time 0
     columns: tuple[str, ...]  # as they were sent
-    poses: Poses = NOWHERE
+    poses: Poses = NO_POSES
     segments: tuple[Segment, ...] = ()
     phases: tuple[Phase, ...] = ()
     changepoints: tuple[Changepoint, ...] = ()
@@ -96,7 +96,7 @@ def write_mcap(path: Path, content: McapContent) -> int:
 
 def entries(content: McapContent) -> Iterator[McapMessage]:
     """Every message in order of time."""
-    points = every(content.poses.t, PATH_S)
+    points = decimate(content.poses.t, PATH_S)
     path = [path_of(Poses(*(of[points] for of in content.poses)), content.began_s)] if points else []
     return heapq.merge(sample_entries(content), path, _results(content), key=itemgetter(0))
 
@@ -115,14 +115,14 @@ def poses_of(recording: Recording) -> Poses:
     """Where the recording says the flange was, TRANSFORM_S apart or more; joints alone do not say it here."""
     position = recording.signals.get("pos")
     if position is None:
-        return NOWHERE
+        return NO_POSES
     metres = position * {"m": 1.0, "cm": 1e-2, "mm": 1e-3}[recording.length_unit]
     turned = recording.signals.get("quat", np.tile(UPRIGHT, (recording.t.size, 1)))
-    kept = every(recording.t, TRANSFORM_S)
+    kept = decimate(recording.t, TRANSFORM_S)
     return Poses(recording.t[kept], metres[kept], turned[kept])
 
 
-def every(times: Array, step_s: float) -> list[int]:
+def decimate(times: Array, step_s: float) -> list[int]:
     """Samples at least so far apart, in order of time, the first one among them."""
     kept: list[int] = []
     due = -np.inf

@@ -10,7 +10,7 @@ from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.raw_recording import Array, RawRecording
@@ -189,7 +189,7 @@ def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
 
 def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
-    with needing("mcap", path):
+    with import_extra("mcap", path):
         from caesura_protocol.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
     if profile_of(path) == ROS2:
         return _read_rosbag(path, mapping, wrench_source)
@@ -198,7 +198,7 @@ def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> R
 
 
 def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
-    with needing("ros2", path):
+    with import_extra("ros2", path):
         from caesura_protocol.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
     return read_rosbag(path, None if mapping is None else load_mapping(mapping), wrench_source)
 

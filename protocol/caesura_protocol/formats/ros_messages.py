@@ -48,24 +48,24 @@ class TopicRule:
 
 def topic_rules(mapped: ColumnMapping | None) -> dict[str, TopicRule]:
     """The rules of a mapping by topic. Raises RecordingError."""
-    found = {} if mapped is None else mapped.part("topics")
-    return {topic: _rule(mapped, topic, said) for topic, said in found.items() if mapped is not None}
+    found = {} if mapped is None else mapped.section("topics")
+    return {topic: _rule(mapped, topic, entry) for topic, entry in found.items() if mapped is not None}
 
 
-def _rule(mapped: ColumnMapping, topic: str, said: Any) -> TopicRule:
+def _rule(mapped: ColumnMapping, topic: str, entry: Any) -> TopicRule:
     where = f'[topics."{topic}"]'
-    if not isinstance(said, Mapping):
-        raise mapped.wrong(f"{where} is {said!r}, expected a table")
-    mapped.known(where, said, [name for name in TopicRule.__dataclass_fields__ if name != "topic"])
-    lists = {key: tuple(value) for key, value in said.items() if isinstance(value, list)}
-    rule = TopicRule(topic, **{**said, **lists})
+    if not isinstance(entry, Mapping):
+        raise mapped.error(f"{where} is {entry!r}, expected a table")
+    mapped.check_keys(where, entry, [name for name in TopicRule.__dataclass_fields__ if name != "topic"])
+    lists = {key: tuple(value) for key, value in entry.items() if isinstance(value, list)}
+    rule = TopicRule(topic, **{**entry, **lists})
     if rule.force_of not in {None, *FORCE_OF}:
-        raise mapped.wrong(f"{where}: force_of is {rule.force_of!r}, expected {' or '.join(FORCE_OF)}")
+        raise mapped.error(f"{where}: force_of is {rule.force_of!r}, expected {' or '.join(FORCE_OF)}")
     if rule.type not in {None, *READ} and not rule.mark:
-        raise mapped.wrong(f"{where}: type is {rule.type!r}, expected one of {', '.join(READ)}")
+        raise mapped.error(f"{where}: type is {rule.type!r}, expected one of {', '.join(READ)}")
     if rule.joints is not None and len(rule.joints) != JOINTS:
-        raise mapped.wrong(f"{where}: joints has {len(rule.joints)} names, expected {JOINTS}")
-    mapped.known(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)
+        raise mapped.error(f"{where}: joints has {len(rule.joints)} names, expected {JOINTS}")
+    mapped.check_keys(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)
     return rule
 
 
@@ -184,25 +184,25 @@ def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) ->
         return [float(value) for value in values]
     by_name = dict(zip(names, values, strict=True)) if len(names) == len(values) else {}
     if rule.joints is not None:
-        wanted = list(rule.joints)
+        joint_names = list(rule.joints)
     else:
         numbered = [(number, name) for name in by_name if (number := _arm_joint(name)) is not None]
-        wanted = [name for _, name in sorted(numbered)]
+        joint_names = [name for _, name in sorted(numbered)]
         if [number for number, _ in sorted(numbered)] != list(range(1, JOINTS + 1)):
-            wanted = []
-    missing = [name for name in wanted if name not in by_name]
-    if len(wanted) != JOINTS or missing:
+            joint_names = []
+    missing = [name for name in joint_names if name not in by_name]
+    if len(joint_names) != JOINTS or missing:
         what = f"no joint {missing[0]!r}" if missing else f"joints that are not one arm's 1 to {JOINTS}"
         raise RecordingError(
             f"{rule.topic}: {what}; it has {', '.join(names) or 'none'} with {len(values)} values: "
             "name seven, from the base on, as joints in a mapping"
         )
-    return [float(by_name[name]) for name in wanted]
+    return [float(by_name[name]) for name in joint_names]
 
 
 def _fingers(message: Any, rule: TopicRule) -> list[float]:
-    wanted = rule.gripper or [name for name in message.name if "finger" in name]
+    joint_names = rule.gripper or [name for name in message.name if "finger" in name]
     by_name = dict(zip(message.name, message.position, strict=False))
-    if rule.gripper and not set(wanted) <= by_name.keys():
+    if rule.gripper and not set(joint_names) <= by_name.keys():
         return []
-    return [float(by_name[name]) for name in wanted if name in by_name]
+    return [float(by_name[name]) for name in joint_names if name in by_name]

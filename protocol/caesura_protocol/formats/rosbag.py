@@ -22,12 +22,12 @@ from caesura_protocol.formats.raw_recording import RawRecording
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
-from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
+from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
 
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
-LOOKED_AT = 50  # messages of a topic, to find its signals: joint states may come from several nodes
+FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
 def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | None) -> RawRecording:
@@ -38,7 +38,7 @@ def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | N
         _check_types(path)
         with AnyReader([path], default_typestore=store) as reader:
             topics = _topics(reader, rules, path)
-            plan = plan_of(list(_heard(reader, topics)), mapped, wrench_source)
+            plan = select_topics(list(_first_messages(reader, topics)), mapped, wrench_source)
             return _content(path, reader, topics, plan)
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
@@ -57,26 +57,27 @@ def _check_types(path: Path) -> None:
 
 def _topics(reader: AnyReader, rules: Mapping[str, TopicRule], path: Path) -> dict[str, Topic]:
     """The topics to read: those of the mapping, or else all of a type that is read."""
-    there = {connection.topic: connection for connection in reader.connections}
-    missing = sorted(set(rules) - set(there))
+    available = {connection.topic: connection for connection in reader.connections}
+    missing = sorted(set(rules) - set(available))
     if missing:
         raise RecordingError(
-            f"{path}: no topic {missing[0]!r}, which the mapping names; it has {_listed(there)}"
+            f"{path}: no topic {missing[0]!r}, which the mapping names; it has {_listed(available)}"
         )
-    wanted = [name for name in (rules or there) if there[name].msgtype in READ]
+    wanted = [name for name in (rules or available) if available[name].msgtype in READ]
     if not wanted:
         raise RecordingError(
-            f"{path}: no topic of a type that is read; it has {_listed(there)}, expected {', '.join(READ)}"
+            f"{path}: no topic of a type that is read; it has {_listed(available)}, "
+            f"expected {', '.join(READ)}"
         )
     return {
-        name: Topic(name, there[name].msgtype, rules.get(name, TopicRule(name)))
+        name: Topic(name, available[name].msgtype, rules.get(name, TopicRule(name)))
         for name in wanted
-        if there[name].msgcount
+        if available[name].msgcount
     }
 
 
-def _listed(there: Mapping[str, Connection]) -> str:
-    return ", ".join(f"{name} ({connection.msgtype})" for name, connection in there.items()) or "none"
+def _listed(available: Mapping[str, Connection]) -> str:
+    return ", ".join(f"{name} ({connection.msgtype})" for name, connection in available.items()) or "none"
 
 
 def _messages(reader: AnyReader, topics: Mapping[str, Topic], *only: str) -> Iterator[tuple[Topic, Any]]:
@@ -85,9 +86,9 @@ def _messages(reader: AnyReader, topics: Mapping[str, Topic], *only: str) -> Ite
         yield topics[connection.topic], reader.deserialize(raw, connection.msgtype)
 
 
-def _heard(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[tuple[Topic, Any]]:
+def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[tuple[Topic, Any]]:
     for name in topics:
-        yield from islice(_messages(reader, topics, name), LOOKED_AT)
+        yield from islice(_messages(reader, topics, name), FIRST_MESSAGES)
 
 
 def _content(
@@ -97,7 +98,7 @@ def _content(
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
     for topic, message in _messages(reader, used):
-        rows += joiner.push(stamp_of(message, f"{path}: {topic.name}"), plan.taken(topic, message))
+        rows += joiner.push(stamp_of(message, f"{path}: {topic.name}"), plan.select_values(topic, message))
     rows += joiner.flush()
     if not rows:
         raise RecordingError(

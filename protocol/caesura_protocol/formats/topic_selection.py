@@ -40,19 +40,19 @@ class TopicSelection:
         """What a row has."""
         return tuple(self.topic_of)
 
-    def taken(self, topic: Topic, message: Any) -> Values:
+    def select_values(self, topic: Topic, message: Any) -> Values:
         """What of a message is taken."""
         told = values_of(topic.type, message, topic.rule)
         return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
 
 
-def plan_of(
-    heard: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
+def select_topics(
+    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
 ) -> TopicSelection:
     """From some first messages of every topic. Raises RecordingError."""
-    topics = {topic.name: topic for topic, _ in heard}
+    topics = {topic.name: topic for topic, _ in messages}
     told: dict[str, set[str]] = {}
-    for topic, message in heard:
+    for topic, message in messages:
         for signal in values_of(topic.type, message, topic.rule):
             told.setdefault(signal, set()).add(topic.name)
     topic_of = {signal: _best(signal, names, topics) for signal, names in told.items()}
@@ -63,7 +63,7 @@ def plan_of(
         )
     if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
         del topic_of["quat"]
-    return TopicSelection(topic_of, _options(topic_of, heard, mapped, wrench_source))
+    return TopicSelection(topic_of, _options(topic_of, messages, mapped, wrench_source))
 
 
 def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
@@ -79,7 +79,7 @@ def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
 
 def _options(
     topic_of: Mapping[str, str],
-    heard: Sequence[tuple[Topic, Any]],
+    messages: Sequence[tuple[Topic, Any]],
     mapped: ColumnMapping | None,
     wrench_source: str | None,
 ) -> dict[str, str]:
@@ -87,7 +87,7 @@ def _options(
     of = topic_of.get("force") or topic_of.get("tau")
     if of is None:
         return {"wrench_source": "none", **said}
-    topic, message = next((topic, message) for topic, message in heard if topic.name == of)
+    topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
         **{key: said[key] for key in ("hand_on_robot",) if key in said},
         "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),

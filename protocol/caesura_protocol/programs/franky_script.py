@@ -16,7 +16,7 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.screw_motion import tight_nm
+from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
@@ -74,7 +74,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         ]
         row["arrives"] = round(app.path.tn - began, 3)
         row["turns"] = _rounded(turn_of(app))
-    most_nm = tight_nm(app.screw)
+    most_nm = stop_torque_nm(app.screw)
     if app.screw is not None and most_nm is not None:
         row["tight"] = _rounded(app.screw.axis), _rounded(app.screw.point), _rounded(most_nm)
     return row

@@ -65,7 +65,7 @@ class CellSettings(NamedTuple):
     path_tolerance_m: float | None = None
     path_tolerance_rad: float | None = None
 
-    def over(self, other: CellSettings) -> CellSettings:
+    def completed_by(self, other: CellSettings) -> CellSettings:
         """Return this setting, completed by another where it states nothing."""
         return CellSettings(
             *(theirs if own is None else own for own, theirs in zip(self, other, strict=True))

@@ -20,25 +20,25 @@ Read = Callable[[str], Any]  # of a configuration, by path; None where there is 
 
 TIMEOUT_S = 1.0
 VERDICT_S = 0.5  # for a router to turn a certificate down, which TLS 1.3 does after the handshake
-_SEEN_BY_PYTHON = ("tcp", "tls")
+_CHECKED_PROTOCOLS = ("tcp", "tls")
 
 # What is wrong and what would do, by what TLS says.
-_FOREIGN = "is not of {} authority: take the file from where the router's was made"
+_FOREIGN_AUTHORITY = "is not of {} authority: take the file from where the router's was made"
 _OTHER_HOST = "its certificate does not name this host: `caesura certs DIR --host` where it was made"
-_ABOUT_OURS: Mapping[str, str] = {
+_OWN_CERTIFICATE_REMEDIES: Mapping[str, str] = {
     "CERTIFICATE_REQUIRED": "it demands a certificate: --zenoh-config with a file of `caesura certs`",
     "CERTIFICATE_EXPIRED": "our certificate has ended, or a clock is wrong: `caesura certs DIR --renew`",
-    "UNKNOWN_CA": f"our certificate {_FOREIGN.format('its')}",
-    "DECRYPT_ERROR": f"our certificate {_FOREIGN.format('its')}",
+    "UNKNOWN_CA": f"our certificate {_FOREIGN_AUTHORITY.format('its')}",
+    "DECRYPT_ERROR": f"our certificate {_FOREIGN_AUTHORITY.format('its')}",
     "UNSUPPORTED_CERTIFICATE": "our certificate is not one for a client: take that of a station or reader",
     "BAD_CERTIFICATE": "it does not take our certificate: make another with `caesura certs DIR --renew`",
 }
-_ABOUT_ITS: tuple[tuple[str, str], ...] = (
+_PEER_CERTIFICATE_REMEDIES: tuple[tuple[str, str], ...] = (
     ("expired", "its certificate has ended, or this clock is wrong: `caesura certs DIR --renew router`"),
     ("not yet valid", "its certificate is not valid yet: set this machine's clock"),
     ("mismatch", _OTHER_HOST),
     ("not valid for", _OTHER_HOST),
-    ("", f"its certificate {_FOREIGN.format('our')}"),
+    ("", f"its certificate {_FOREIGN_AUTHORITY.format('our')}"),
 )
 
 
@@ -46,7 +46,7 @@ class _NoRoomError(Exception):
     """The router closes the connection before anything is said, as Zenoh does with one too many."""
 
 
-def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
+def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
     """The error to raise after a failed attempt. AccessDenied where waiting will not help.
 
     read: the configuration that was tried; for_s: how long it was.
@@ -54,10 +54,10 @@ def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreach
     protocol, _, address = endpoint.partition("#")[0].partition("?")[0].partition("/")
     host, _, port = address.rpartition(":")
     tried = "" if for_s is None else f" for {for_s:g} s"
-    if protocol not in _SEEN_BY_PYTHON or not port.isdecimal():
+    if protocol not in _CHECKED_PROTOCOLS or not port.isdecimal():
         return Unreachable(f"no router at {endpoint}{tried}; is the service running?")
     try:
-        said = _look(protocol, host.strip("[]"), int(port), read)
+        said = _check_listener(protocol, host.strip("[]"), int(port), read)
     except ConnectionRefusedError:
         return Unreachable(f"no router at {endpoint}{tried}; is the service running?")
     except socket.gaierror:
@@ -70,18 +70,18 @@ def why_not(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreach
     return AccessDenied(f"{endpoint} does not let us in: {said}")
 
 
-def _look(protocol: str, host: str, port: int, read: Read) -> str:
+def _check_listener(protocol: str, host: str, port: int, read: Read) -> str:
     """What stands between us and a router that listens. Raises OSError where nothing does."""
     with socket.create_connection((host, port), TIMEOUT_S) as plain:
         if protocol == "tls":
             found = _tls_verdict(plain, host, read)
         else:
-            _check_stays(plain)
+            _check_not_closed(plain)
             found = "it speaks TLS: write tls/" if _speaks_tls(plain) else None
-    return found or _about_the_password(read)
+    return found or _password_remedy(read)
 
 
-def _check_stays(link: socket.socket) -> None:
+def _check_not_closed(link: socket.socket) -> None:
     """Raises _NoRoomError where it is closed already; one that is content waits for the first message."""
     link.settimeout(VERDICT_S)
     try:
@@ -99,17 +99,17 @@ def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
         return f"the certificate or key in --zenoh-config cannot be read: {error}"
     try:
         with context.wrap_socket(plain, server_hostname=host) as link:
-            return _last_word(link)
+            return _alert_after_handshake(link)
     except ssl.SSLCertVerificationError as error:
         said = error.verify_message.lower()
-        return next(text for word, text in _ABOUT_ITS if word in said)
+        return next(text for word, text in _PEER_CERTIFICATE_REMEDIES if word in said)
     except ssl.SSLError as error:
         return _alert(error)
     except OSError:
         return "it does not speak TLS: write tcp/"
 
 
-def _last_word(link: ssl.SSLSocket) -> str | None:
+def _alert_after_handshake(link: ssl.SSLSocket) -> str | None:
     """What it says of our certificate once the handshake is over; one that is content waits for us."""
     link.settimeout(VERDICT_S)
     try:
@@ -126,7 +126,7 @@ def _alert(error: ssl.SSLError) -> str:
     reason = error.reason or ""
     if reason in {"WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING"}:
         return "it does not speak TLS: write tcp/"
-    known = (text for word, text in _ABOUT_OURS.items() if reason.endswith(word))
+    known = (text for word, text in _OWN_CERTIFICATE_REMEDIES.items() if reason.endswith(word))
     return next(known, f"TLS fails: {reason or error}")
 
 
@@ -168,7 +168,7 @@ def _speaks_tls(plain: socket.socket) -> bool:
     return True
 
 
-def _about_the_password(read: Read) -> str:
+def _password_remedy(read: Read) -> str:
     user = read("transport/auth/usrpwd/user")
     if user:
         return f"it does not know user {user!r}, or by another password; or it is no Zenoh router"

@@ -84,7 +84,7 @@ class Inbox:
         dropped: list[Item] = []
         with self._changed:
             while self._items and self._is_full(item):
-                dropped.append(self._take())
+                dropped.append(self._pop())
             self._items.append(item)
             self._bytes += _size(item)
             self.dropped += len(dropped)
@@ -102,7 +102,7 @@ class Inbox:
                 if remaining <= 0.0:
                     return None
                 self._changed.wait(remaining)
-            return self._take()
+            return self._pop()
 
     def __len__(self) -> int:
         return len(self._items)
@@ -110,7 +110,7 @@ class Inbox:
     def _is_full(self, item: Item) -> bool:
         return len(self._items) >= self.capacity or self._bytes + _size(item) > self.capacity_bytes
 
-    def _take(self) -> Item:
+    def _pop(self) -> Item:
         item = self._items.popleft()
         self._bytes -= _size(item)
         return item

@@ -92,7 +92,7 @@ class MemoryTransport:
             (*refusals, *(unanswered() for _ in late)),
         )
 
-    def alive(self, key: str) -> tuple[str, ...]:
+    def list_tokens(self, key: str) -> tuple[str, ...]:
         """Keys of the tokens that exist now, sorted."""
         with self._network.lock:
             return tuple(sorted({token for token in self._network.tokens if intersect(key, token)}))
@@ -104,13 +104,13 @@ class MemoryTransport:
             yield
 
     @contextmanager
-    def answer(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Question for every query on the key."""
         with self._declared(self._network.queryables, key, inbox):
             yield
 
     @contextmanager
-    def token(self, key: str) -> Iterator[None]:
+    def declare_token(self, key: str) -> Iterator[None]:
         """Be seen on the key."""
         with self._network.lock:
             self._network.tokens.append(key)
@@ -123,10 +123,10 @@ class MemoryTransport:
                 self._offer(self._network.watchers, key, TokenChange(key, alive=False))
 
     @contextmanager
-    def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""
         with self._declared(self._network.watchers, key, inbox):
-            for token in self.alive(key):
+            for token in self.list_tokens(key):
                 inbox.offer(TokenChange(token, alive=True))
             yield
 

@@ -54,17 +54,17 @@ class Transport(Protocol):
     ) -> QueryReplies:
         """Ask, and wait for every answer or the timeout, which is a refusal: see `unanswered`."""
 
-    def alive(self, key: str) -> tuple[str, ...]:
+    def list_tokens(self, key: str) -> tuple[str, ...]:
         """Keys of the liveliness tokens that exist now, sorted."""
 
     def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue a Delivery for everything that is put on the key."""
 
-    def answer(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+    def declare_queryable(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue a Question for every query on the key."""
 
-    def token(self, key: str) -> AbstractContextManager[None]:
+    def declare_token(self, key: str) -> AbstractContextManager[None]:
         """Be seen on the key."""
 
-    def watch(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
+    def watch_liveliness(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""

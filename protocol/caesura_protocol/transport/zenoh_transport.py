@@ -24,7 +24,7 @@ import zenoh
 
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
-from caesura_protocol.transport.diagnosis import why_not
+from caesura_protocol.transport.diagnosis import diagnose_connection
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import (
     DEFAULT_ENDPOINT,
@@ -98,7 +98,7 @@ class ZenohTransport:
 
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
         """Publish, without ever blocking."""
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             self._session.put(
                 expression_of(key),
                 content.payload,
@@ -117,7 +117,7 @@ class ZenohTransport:
     ) -> QueryReplies:
         """Ask, and wait for every answer or the timeout. Consolidation is off: every answer counts."""
         payload, encoding = content or (None, None)
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             replies = self._session.get(
                 f"{key}?{parameters}" if parameters else key,
                 target=zenoh.QueryTarget.ALL if "*" in key else zenoh.QueryTarget.BEST_MATCHING,
@@ -127,15 +127,15 @@ class ZenohTransport:
                 payload=payload,
                 encoding=encoding,
             )
-            return _sorted_out(replies)
+            return _split_replies(replies)
 
-    def alive(self, key: str) -> tuple[str, ...]:
+    def list_tokens(self, key: str) -> tuple[str, ...]:
         """Keys of the liveliness tokens that exist now, sorted. Raises Unreachable without a router.
 
         Asks through a session of its own. In one that watches tokens, a query ends before its answers have
         come in 3 % of all cases (zenoh 1.10.2, busy machine); in one that never does, in 0 of 41,700.
         """
-        with _translated(self.endpoint), self._looking:
+        with _map_zenoh_errors(self.endpoint), self._looking:
             if self._looker is None:
                 self._looker = _open(self._config, self.endpoint, QUERY_TIMEOUT_S)
             replies = self._looker.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
@@ -144,33 +144,33 @@ class ZenohTransport:
     @contextmanager
     def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Delivery for everything that is put on the key."""
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda sample: inbox.offer(_delivery(sample)))
             declared = self._session.declare_subscriber(key, handler)
         with _undeclared(declared.undeclare):
             yield
 
     @contextmanager
-    def answer(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a Question for every query on the key."""
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda query: inbox.offer(ZenohQuestion(query)))
             declared = self._session.declare_queryable(key, handler)
         with _undeclared(declared.undeclare):
             yield
 
     @contextmanager
-    def token(self, key: str) -> Iterator[None]:
+    def declare_token(self, key: str) -> Iterator[None]:
         """Be seen on the key."""
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             declared = self._session.liveliness().declare_token(key)
         with _undeclared(declared.undeclare):
             yield
 
     @contextmanager
-    def watch(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""
-        with _translated(self.endpoint):
+        with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda sample: inbox.offer(_presence(sample)))
             declared = self._session.liveliness().declare_subscriber(key, handler, history=True)
         with _undeclared(declared.undeclare):
@@ -191,12 +191,12 @@ class ZenohQuestion:
 
     def reply(self, key: str, answer: Encoded) -> None:
         """Send one answer."""
-        with _translated(key):
+        with _map_zenoh_errors(key):
             self._query.reply(key, answer.payload, encoding=answer.encoding)
 
     def refuse(self, error: Encoded) -> None:
         """Send a refusal."""
-        with _translated(self.key):
+        with _map_zenoh_errors(self.key):
             self._query.reply_err(error.payload, encoding=error.encoding)
 
     def __enter__(self) -> Self:
@@ -223,7 +223,7 @@ def _presence(sample: zenoh.Sample) -> TokenChange:
     return TokenChange(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
 
-def _sorted_out(replies: zenoh.handlers.Handler[zenoh.Reply]) -> QueryReplies:
+def _split_replies(replies: zenoh.handlers.Handler[zenoh.Reply]) -> QueryReplies:
     good: list[ReceivedSample] = []
     refusals: list[ProtocolError] = []
     for reply in replies:
@@ -258,8 +258,8 @@ def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
         for key, value in {**SETTINGS, **own}.items():
             config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        said = [str(config_file)] * (config_file is not None) + [f"endpoint {endpoint!r}"] * bool(endpoint)
-        what = f"{' with '.join(said)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
+        text = [str(config_file)] * (config_file is not None) + [f"endpoint {endpoint!r}"] * bool(endpoint)
+        what = f"{' with '.join(text)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
         raise CaesuraError(what) from error
     return config
 
@@ -289,11 +289,11 @@ def _open(config: zenoh.Config, endpoint: str, timeout_s: float | None) -> zenoh
             return zenoh.open(config)
         except zenoh.ZError as error:
             if deadline is not None and time.monotonic() >= deadline:
-                raise why_not(endpoint, _reader(config), for_s=timeout_s) from error
+                raise diagnose_connection(endpoint, _reader(config), for_s=timeout_s) from error
 
 
 @contextmanager
-def _translated(where: str) -> Iterator[None]:
+def _map_zenoh_errors(where: str) -> Iterator[None]:
     try:
         yield
     except zenoh.ZError as error:
@@ -317,5 +317,5 @@ def reason(error: Exception) -> str:
     text = str(error).partition(" at /")[0]
     quoted = _QUOTED_REASON.search(text)
     lines = text.split("\n")
-    said = quoted[1] if quoted else f"{lines[0]} {lines[-1]}" if len(lines) > 1 else text
-    return " ".join(said.split()) or type(error).__name__
+    text = quoted[1] if quoted else f"{lines[0]} {lines[-1]}" if len(lines) > 1 else text
+    return " ".join(text.split()) or type(error).__name__

@@ -26,7 +26,7 @@ from typing import Any
 
 import zenoh
 
-from caesura_protocol.transport.diagnosis import why_not
+from caesura_protocol.transport.diagnosis import diagnose_connection
 from caesura_protocol.transport.zenoh_transport import reason
 from caesura_service.security import exposure
 from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
@@ -216,9 +216,9 @@ def _connect(
             if stop.is_set():
                 raise
             if time.monotonic() >= deadline:
-                raise NetworkError(str(why_not(endpoint, _reader(config)))) from error
+                raise NetworkError(str(diagnose_connection(endpoint, _reader(config)))) from error
         if not said:
-            logger.warning("%s; trying until there is one", why_not(endpoint, _reader(config)))
+            logger.warning("%s; trying until there is one", diagnose_connection(endpoint, _reader(config)))
             said = True
 
 

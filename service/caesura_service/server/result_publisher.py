@@ -14,7 +14,7 @@ import zenoh
 
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.fragments import in_pieces
+from caesura_protocol.fragments import fragment
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
     Ack,
@@ -165,7 +165,7 @@ def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zeno
 
 def put(publisher: zenoh.Publisher, message: Message) -> None:
     """Put a message. Raises ProtocolError for one that is too large, or ZError."""
-    for encoded in in_pieces(message):
+    for encoded in fragment(message):
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
@@ -194,7 +194,7 @@ def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
 def answer(query: zenoh.Query, key: str, message: Message) -> None:
     """Reply to a query on a key of this instance; a message that cannot go is refused instead."""
     try:
-        for encoded in in_pieces(message):
+        for encoded in fragment(message):
             query.reply(key, encoded.payload, encoding=encoded.encoding)
     except ProtocolError as error:
         refuse(query, error)

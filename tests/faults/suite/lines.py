@@ -59,4 +59,4 @@ def bad_messages(line: Line, directory: Path, scale: Scale = FULL, least: int = 
 def there(endpoint: str) -> None:
     """Wait until a service is seen here."""
     with ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport:
-        eventually(lambda: bool(transport.alive(service_key("*", "alive"))))
+        eventually(lambda: bool(transport.list_tokens(service_key("*", "alive"))))

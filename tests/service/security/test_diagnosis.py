@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from caesura_clients import connect
 from caesura_clients.cli import build
 from caesura_protocol.errors import AccessDenied, Unreachable
-from caesura_protocol.transport.diagnosis import why_not
+from caesura_protocol.transport.diagnosis import diagnose_connection
 from caesura_service.security import zenoh_files
 from caesura_service.security.certificates import Issued, issue_client, issue_router, new_authority
 from caesura_service.security.roles import Identity
@@ -155,7 +155,7 @@ def test_a_router_that_closes_every_connection_at_once_has_no_room_and_waiting_h
 
         router = threading.Thread(target=close_at_once, daemon=True)
         router.start()
-        found = why_not(endpoint, lambda _: None)
+        found = diagnose_connection(endpoint, lambda _: None)
         router.join(5.0)
     assert not isinstance(found, AccessDenied)
     assert "closes every connection at once: more connections wait there" in str(found)

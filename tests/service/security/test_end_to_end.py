@@ -158,9 +158,9 @@ def test_a_bridge_reads_no_other_station_and_poses_as_no_service(network):
     ControlClient(network.as_("bridge.cell-2").transport, "cell-2").ask(opening("private"))
     assert not thief.transport.query("caesura/v1/session/cell-2/private/snapshot").replies
     assert not thief.transport.query(station_key("*", "program")).replies
-    with thief.transport.token(service_key("fake", "alive")):
+    with thief.transport.declare_token(service_key("fake", "alive")):
         assert not thief.transport.query("caesura/v1/session/cell-1/none/snapshot").replies
-        assert wall.transport.alive(service_key("*", "alive")) == (service_key("west", "alive"),)
+        assert wall.transport.list_tokens(service_key("*", "alive")) == (service_key("west", "alive"),)
 
 
 def test_nobody_gets_in_without_a_certificate(network, directory):

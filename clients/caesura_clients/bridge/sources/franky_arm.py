@@ -15,14 +15,14 @@ from importlib import import_module
 from typing import Any
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.poses import Transform, pose_of
 from caesura_protocol.messages import HandOnRobot
 
 
 def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
     """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
-    with needing("franky", "the source franky"):
+    with import_extra("franky", "the source franky"):
         franky = import_module("franky")
     who = f"franky at {host}"
     robot = connected(who, lambda: franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore))

@@ -11,13 +11,13 @@ from __future__ import annotations
 from importlib import import_module
 
 from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
-from caesura_protocol.distribution import needing
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.messages import HandOnRobot
 
 
 def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
     """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
-    with needing("panda", "the source panda"):
+    with import_extra("panda", "the source panda"):
         libfranka = import_module("panda_py.libfranka")
     who = f"panda at {host}"
     robot = connected(who, lambda: libfranka.Robot(host, libfranka.RealtimeConfig.kIgnore))

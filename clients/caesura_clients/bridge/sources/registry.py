@@ -9,7 +9,7 @@ from pathlib import Path
 
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_protocol.distribution import PACKAGES, installing, needing
+from caesura_protocol.distribution import PACKAGES, import_extra, install_command
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
@@ -130,7 +130,7 @@ def _host(options: SourceOptions, name: str) -> str:
 def _ros2(options: SourceOptions) -> Source:
     from caesura_protocol.formats.column_mapping import load_mapping  # noqa: PLC0415 - not every bridge needs it
 
-    with needing("ros2", "the source ros2"):
+    with import_extra("ros2", "the source ros2"):
         from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra
     mapped = None if options.mapping is None else load_mapping(options.mapping)
     endpoint = endpoint_of(options.ros, options.config)
@@ -149,7 +149,7 @@ def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source
             if error.name is None or error.name.partition(".")[0] in PACKAGES:
                 raise
             raise SourceError(
-                f"the source {entry_point.name} needs {error.name}: {installing(entry_point.name)}"
+                f"the source {entry_point.name} needs {error.name}: {install_command(entry_point.name)}"
             ) from error
         return opener(options)
 

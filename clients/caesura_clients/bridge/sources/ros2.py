@@ -27,7 +27,7 @@ from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
-from caesura_protocol.formats.topic_selection import Topic, TopicSelection, plan_of
+from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
@@ -83,7 +83,7 @@ class Ros2Source:
         try:
             for key in self._keys():
                 self._stack.enter_context(transport.subscribe(key, self._inbox))
-            self._heard = self._discover(discover_s)
+            self._first_messages = self._discover(discover_s)
             self._plan = self._planned(mapped, wrench_source)
         except BaseException:
             self._stack.close()
@@ -115,12 +115,12 @@ class Ros2Source:
         """Yield rows as they become whole, those of the discovery first."""
         try:
             rows: list[Row] = []
-            for heard in self._all():
-                if heard is not None and heard.topic.rule.mark:
+            for messages in self._all():
+                if messages is not None and messages.topic.rule.mark:
                     yield Mark(self._joiner.latest_s)
-                elif heard is not None:
-                    rows += self._joined(heard)
-                if rows and (heard is None or len(rows) >= CHUNK_SAMPLES):
+                elif messages is not None:
+                    rows += self._joined(messages)
+                if rows and (messages is None or len(rows) >= CHUNK_SAMPLES):
                     yield np.array(rows)
                     rows = []
             rows += self._joiner.flush()
@@ -129,21 +129,21 @@ class Ros2Source:
         finally:
             self.close()
 
-    def _joined(self, heard: ReceivedMessage) -> list[Row]:
+    def _joined(self, messages: ReceivedMessage) -> list[Row]:
         with _as_source():
-            stamp = stamp_of(heard.message, heard.topic.name)
-            return self._joiner.push(stamp, self._plan.taken(heard.topic, heard.message))
+            stamp = stamp_of(messages.message, messages.topic.name)
+            return self._joiner.push(stamp, self._plan.select_values(messages.topic, messages.message))
 
     def _all(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""
-        yield from self._heard
-        self._heard = []
+        yield from self._first_messages
+        self._first_messages = []
         while True:
             item = self._inbox.get(TICK_S)
             if isinstance(item, ReceivedSample):
-                heard = self._read(item)
-                if heard is not None:
-                    yield heard
+                messages = self._read(item)
+                if messages is not None:
+                    yield messages
             else:
                 if self._over.is_set():
                     return
@@ -178,7 +178,7 @@ class Ros2Source:
 
     def _discover(self, discover_s: float) -> list[ReceivedMessage]:
         """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
-        heard: list[ReceivedMessage] = []
+        messages: list[ReceivedMessage] = []
         awaited = {name for name, rule in self._rules.items() if not rule.mark}
         deadline = self._clock() + discover_s
         while self._clock() < deadline:
@@ -186,24 +186,24 @@ class Ros2Source:
             one = self._read(item) if isinstance(item, ReceivedSample) else None
             if one is None:
                 continue
-            if not heard and not self._rules:
+            if not messages and not self._rules:
                 deadline = min(deadline, self._clock() + LISTEN_S)
-            heard.append(one)
+            messages.append(one)
             awaited.discard(one.topic.name)
             if self._rules and not awaited:
-                return heard
-        if awaited or not heard:
-            there = ", ".join(sorted({one.topic.name for one in heard})) or "nothing"
+                return messages
+        if awaited or not messages:
+            there = ", ".join(sorted({one.topic.name for one in messages})) or "nothing"
             raise SourceError(
                 f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
                 f"{discover_s:g} s; received {there}, listening to {', '.join(self._keys())}"
             )
-        return heard
+        return messages
 
     def _planned(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
         with _as_source():
-            told = [(one.topic, one.message) for one in self._heard if not one.topic.rule.mark]
-            return plan_of(told, mapped, wrench_source)
+            told = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
+            return select_topics(told, mapped, wrench_source)
 
 
 def open_ros2(

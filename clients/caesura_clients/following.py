@@ -65,9 +65,9 @@ def follow(
     them after which the iteration ends, None for never. Raises ProtocolError `unsupported_version` where the
     service is newer.
     """
-    told = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
-    with closing(told):
-        for event in told:
+    happened = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
+    with closing(happened):
+        for event in happened:
             if isinstance(event, Update):
                 yield event
 
@@ -98,8 +98,8 @@ def events(
                 silent_s = 0.0
                 yield from follower.receive(item)
             elif isinstance(item, TokenChange):
-                yield from follower.attend(item)
-            yield from follower.look_after()
+                yield from follower.apply_liveliness(item)
+            yield from follower.refresh_silent()
 
 
 class _Follower:
@@ -110,16 +110,16 @@ class _Follower:
         self._station = station
         self._session = session
         self._readers: dict[tuple[str, str], SessionReader] = {}
-        self._silence: RefreshBackoff[tuple[str, str]] = RefreshBackoff(
+        self._backoff: RefreshBackoff[tuple[str, str]] = RefreshBackoff(
             refresh_s
         )  # of sessions, and of all of them
-        self._attendance = LiveServices()
-        self._joining = Reassembler()
+        self._live_services = LiveServices()
+        self._reassembler = Reassembler()
         self._asked_all = float("-inf")  # [s]
 
-    def attend(self, presence: TokenChange) -> Iterator[Event]:
+    def apply_liveliness(self, presence: TokenChange) -> Iterator[Event]:
         """Yield that a service came or went, and query its sessions."""
-        change = self._attendance.receive(presence)
+        change = self._live_services.receive(presence)
         if change is not None:
             yield ServiceAvailability(change)
         yield from self.refresh()
@@ -130,33 +130,33 @@ class _Follower:
         known = self._ask()
         yield from self._restart(known or ())
         for key in self._readers:
-            self._has_asked(key, answered=known is not None)
+            self._record_query(key, answered=known is not None)
         if known is None:
-            self._silence.unanswered(ALL)
+            self._backoff.retry_after_silence(ALL)
             return
-        self._silence.ended(ALL)
-        yield from self._forget(self._missing(known))
+        self._backoff.remove(ALL)
+        yield from self._remove_missing(self._missing(known))
 
-    def look_after(self) -> Iterator[Event]:
+    def refresh_silent(self) -> Iterator[Event]:
         """Ask for what has said nothing for a while; yields as `refresh`."""
-        due = self._silence.due()
+        due = self._backoff.due()
         if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
             yield from self.refresh()
             return
         for key in due:
             known = self._ask(*key)
             yield from self._restart(known or ())
-            self._has_asked(key, answered=known is not None)
+            self._record_query(key, answered=known is not None)
             if known == []:
-                yield from self._forget({key})
+                yield from self._remove_missing({key})
 
     def receive(self, delivery: ReceivedSample) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
         message = self._read(delivery)
         if message is None or self._session not in {"*", message.session}:
             return  # a station's program may be that of another session
-        self._silence.heard(ALL)
-        self._silence.heard((message.station, message.session))
+        self._backoff.reset(ALL)
+        self._backoff.reset((message.station, message.session))
         reader = self._reader(message.station, message.session)
         before = reader.update
         for _ in range(SNAPSHOT_ATTEMPTS):
@@ -173,23 +173,23 @@ class _Follower:
             if reader.restart(snapshot) == "changed" and reader.update is not None:
                 yield reader.update
 
-    def _has_asked(self, key: tuple[str, str], *, answered: bool) -> None:
+    def _record_query(self, key: tuple[str, str], *, answered: bool) -> None:
         update = self._reader(*key).update
         if not answered:
-            self._silence.unanswered(key)
+            self._backoff.retry_after_silence(key)
         elif update is not None and update.closed:
-            self._silence.ended(key)
+            self._backoff.remove(key)
         else:
-            self._silence.answered(key)
+            self._backoff.back_off(key)
 
-    def _forget(self, missing: set[tuple[str, str]]) -> Iterator[SessionRemoved]:
+    def _remove_missing(self, missing: set[tuple[str, str]]) -> Iterator[SessionRemoved]:
         """Drop what a second question does not bring up either, though every service there answers it."""
         again = self._ask(complete=True) if missing else None
         if again is None or not self._is_served():
             return
         for key in sorted(missing & self._missing(again)):
             del self._readers[key]
-            self._silence.ended(key)
+            self._backoff.remove(key)
             yield SessionRemoved(*key)
 
     def _is_served(self) -> bool:
@@ -216,7 +216,7 @@ class _Follower:
     def _read(self, delivery: ReceivedSample) -> Published | None:
         """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
         try:
-            whole = self._joining.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
+            whole = self._reassembler.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
             return whole and decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
         except ProtocolError as error:
             if error.code == "unsupported_version":

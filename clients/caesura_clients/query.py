@@ -16,7 +16,7 @@ from caesura_protocol.transport.network import IncompleteAnswerError, QueryRepli
 
 M = TypeVar("M", bound=Message)
 
-ASKED = 3  # times at most
+QUERY_ATTEMPTS = 3  # times at most
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ def snapshots(
     complete: also raise where only some of the live instances have answered.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in _asked(transport, session_key(station, session, "snapshot"), Snapshot, complete=complete):
+    for snapshot in _query_all(
+        transport, session_key(station, session, "snapshot"), Snapshot, complete=complete
+    ):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -54,7 +56,7 @@ def snapshot(transport: Transport, station: str, session: str | None = None) -> 
     name = session or _current_session(transport, station)
     found = snapshots(transport, station, name or "*")
     if not found:
-        raise _nothing(transport, f"station {station!r} has no session {name or ''}".rstrip())
+        raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
 
@@ -63,13 +65,13 @@ def program(transport: Transport, station: str) -> Program:
     """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
     found = _current_program(transport, station)
     if found is None:
-        raise _nothing(transport, f"station {station!r} has no program")
+        raise _not_found(transport, f"station {station!r} has no program")
     return found
 
 
 def current_sessions(transport: Transport) -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = _asked(transport, station_key("*", "program"), Program)
+    programs = _query_all(transport, station_key("*", "program"), Program)
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 
@@ -94,23 +96,23 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 def stations(transport: Transport) -> list[str]:
     """Stations whose bridge is connected now."""
-    return _named(transport.list_tokens(station_key("*", "alive")), parse_station_key)
+    return _names_of_tokens(transport.list_tokens(station_key("*", "alive")), parse_station_key)
 
 
 def services(transport: Transport) -> list[str]:
     """Instances of the service that are alive now."""
-    return _named(transport.list_tokens(service_key("*", "alive")), parse_service_key)
+    return _names_of_tokens(transport.list_tokens(service_key("*", "alive")), parse_service_key)
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
     """How every instance is doing. Raises Unreachable where there is none."""
-    found = _asked(transport, service_key("*", "status"), ServiceStatus)
+    found = _query_all(transport, service_key("*", "status"), ServiceStatus)
     if not found:
         _require_service(transport)
     return sorted(found, key=lambda one: one.instance)
 
 
-def _named(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
+def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
     """Whose tokens these are, without a stranger's on a key of that form, but for its name."""
     names = []
     for key in keys:
@@ -120,7 +122,7 @@ def _named(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> l
 
 
 def _current_program(transport: Transport, station: str) -> Program | None:
-    found = _asked(transport, station_key(station, "program"), Program)
+    found = _query_all(transport, station_key(station, "program"), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
 
@@ -134,12 +136,12 @@ def _rank(snapshot: Snapshot) -> tuple[int, str]:
     return snapshot.status.epoch, snapshot.status.instance
 
 
-def _asked(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
+def _query_all(transport: Transport, key: str, model: type[M], *, complete: bool = False) -> list[M]:
     """The answers to a query. Asks again, ASKED times in all, where pieces of a long answer were lost, or it
     took longer than the query lasts. What the service itself refuses as `overloaded` is not asked again: that
     would add to its load.
     """
-    for _ in range(ASKED - 1):
+    for _ in range(QUERY_ATTEMPTS - 1):
         with suppress(IncompleteAnswerError):
             return decoded(transport.query(key), model, complete=complete)
     return decoded(transport.query(key), model, complete=complete)
@@ -175,7 +177,7 @@ def _require_service(transport: Transport) -> None:
         raise Unreachable(f"no service is alive at {transport.endpoint}")
 
 
-def _nothing(transport: Transport, what: str) -> NotFound:
+def _not_found(transport: Transport, what: str) -> NotFound:
     _require_service(transport)
     known = {one.status.station for one in snapshots(transport)}
     return NotFound(

@@ -57,9 +57,9 @@ class Recorder:
     _unreadable: set[int] = field(default_factory=set)  # from there on
     _asked: tuple[int, int] = (-1, 0)  # what was asked for last and not answered, and how often
 
-    def take(self, batch: SampleBatch, now_s: float | None = None) -> None:
+    def add_batch(self, batch: SampleBatch, now_s: float | None = None) -> None:
         """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
-        self.heard(batch.seq)
+        self.announce_seq(batch.seq)
         if batch.seq in self.batches or batch.seq > self.known:
             return
         try:
@@ -73,7 +73,7 @@ class Recorder:
         if now_s is not None:  # a batch cannot come before its last sample was taken
             self.began_s = min(self.began_s, now_s - end)
 
-    def heard(self, seq: int) -> None:
+    def announce_seq(self, seq: int) -> None:
         """The sender has come to this number."""
         if seq <= max(self.known, 0) + MAX_BATCHES_AHEAD:
             self.known = max(self.known, seq)
@@ -90,14 +90,14 @@ class Recorder:
             last += 1
         return ReplayRange(first, last, last - first + 1, self.session)
 
-    def unanswered(self, asked: ReplayRange, *, nobody: bool = False) -> None:
+    def count_unanswered(self, asked: ReplayRange, *, no_reply: bool = False) -> None:
         """Count a replay without these batches; after ATTEMPTS they are a gap."""
         first, tried = self._asked
         self._asked = (asked.first, tried + 1 if first == asked.first else 1)
         if self._asked[1] >= ATTEMPTS:
-            self.evicted(self.known + 1 if nobody else asked.last + 1)
+            self.give_up_before(self.known + 1 if no_reply else asked.last + 1)
 
-    def evicted(self, oldest: int) -> None:
+    def give_up_before(self, oldest: int) -> None:
         """Give up the batches before the oldest one that the ring has."""
         self._whole = max(self._whole, min(oldest, self.known + 1))
         self._unreadable = {seq for seq in self._unreadable if seq >= self._whole}
@@ -134,7 +134,7 @@ class Recorder:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedSession:
     """One session, as far as it was received."""
 
     recording: Recording
@@ -170,23 +170,25 @@ def record(
     on_message: Callable[[Recorder], None] = lambda recorder: None,
     clock: Callable[[], float] = time.monotonic,
     time_of_day: Callable[[], float] = time.time,
-) -> Recorded:
+) -> RecordedSession:
     """Record a session until it is closed or `over` is set: the one named, or the first that is received.
 
     on_message: is called after every received message. Raises CaesuraError where nothing came at all.
     """
     ending = over or threading.Event()
     inbox = Inbox()
-    heard = _Hearing(transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day)
+    announce_seq = _LiveRecording(
+        transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day
+    )
     with ExitStack() as stack:
         for key in (station_key(station, "samples"), session_key(station, session or "*", "status")):
             stack.enter_context(transport.subscribe(key, inbox))
-        while not ending.is_set() and not heard.closed:
-            heard.take(inbox.get(TICK_S))
-            heard.mind()
+        while not ending.is_set() and not announce_seq.closed:
+            announce_seq.add_batch(inbox.get(TICK_S))
+            announce_seq.request_missing()
         while (rest := inbox.get(0.0)) is not None:
-            heard.take(rest)
-        recorder = heard.recorder
+            announce_seq.add_batch(rest)
+        recorder = announce_seq.recorder
         if recorder is None:
             raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was received")
         until = clock() + LAST_S
@@ -194,10 +196,10 @@ def record(
             pass
     found = _snapshot(transport, station, recorder.session)
     recording = recorder.recording(None if found is None else found.status)
-    return Recorded(recording, found, recorder, heard.closed)
+    return RecordedSession(recording, found, recorder, announce_seq.closed)
 
 
-class _Hearing:
+class _LiveRecording:
     """Receives a session from its first message on, and requests what is missing."""
 
     def __init__(
@@ -220,9 +222,9 @@ class _Hearing:
         self._time_of_day = time_of_day
         self._heard_s = self._asked_s = clock()
 
-    def take(self, item: Item | None) -> None:
+    def add_batch(self, item: Item | None) -> None:
         """Keep what arrived, where it is of the session."""
-        message = _readable(item) if isinstance(item, ReceivedSample) else None
+        message = _decoded(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):
             return
         if self.recorder is None:
@@ -233,7 +235,7 @@ class _Hearing:
         self.closed |= _take(self.recorder, message, self._time_of_day)
         self._on_message(self.recorder)
 
-    def mind(self) -> None:
+    def request_missing(self) -> None:
         """Ask the bridge for what is missing, and after a silence the service whether it is over."""
         now = self._clock()
         if self.recorder is None:
@@ -246,25 +248,25 @@ class _Hearing:
             self._heard_s = self._clock()
 
 
-Heard = SampleBatch | Heartbeat | SessionStatus
-HEARD: tuple[type[Heard], ...] = (SampleBatch, Heartbeat, SessionStatus)
+RecordedMessage = SampleBatch | Heartbeat | SessionStatus
+RECORDED_TYPES: tuple[type[RecordedMessage], ...] = (SampleBatch, Heartbeat, SessionStatus)
 
 
-def _readable(delivery: ReceivedSample) -> Heard | None:
+def _decoded(delivery: ReceivedSample) -> RecordedMessage | None:
     try:
-        message = decode(delivery.payload, delivery.encoding, *HEARD)
+        message = decode(delivery.payload, delivery.encoding, *RECORDED_TYPES)
     except ProtocolError:  # any other payload on these keys
         return None
-    return message if isinstance(message, HEARD) else None
+    return message if isinstance(message, RECORDED_TYPES) else None
 
 
-def _take(recorder: Recorder, message: Heard, time_of_day: Callable[[], float]) -> bool:
+def _take(recorder: Recorder, message: RecordedMessage, time_of_day: Callable[[], float]) -> bool:
     """Store a message; return whether the session is over."""
     match message:
         case SampleBatch():
-            recorder.take(message, time_of_day())
+            recorder.add_batch(message, time_of_day())
         case Heartbeat():
-            recorder.heard(message.seq)
+            recorder.announce_seq(message.seq)
         case SessionStatus():
             return message.state == "closed"
     return False
@@ -278,18 +280,18 @@ def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
     try:
         answers = transport.query(station_key(station, "replay"), parameters=replay_parameters(wanted))
     except Unreachable:
-        recorder.unanswered(wanted)
+        recorder.count_unanswered(wanted)
         return True
     before = len(recorder.batches)
     for reply in answers.replies:
-        batch = _readable(reply)
+        batch = _decoded(reply)
         if isinstance(batch, SampleBatch) and batch.session == recorder.session:
-            recorder.take(batch)
+            recorder.add_batch(batch)
     for refusal in answers.refusals:
         if refusal.code == "evicted" and isinstance(refusal.limit, int):
-            recorder.evicted(refusal.limit)
+            recorder.give_up_before(refusal.limit)
     if len(recorder.batches) == before:
-        recorder.unanswered(wanted, nobody=not (answers.replies or answers.refusals))
+        recorder.count_unanswered(wanted, no_reply=not (answers.replies or answers.refusals))
     return True
 
 

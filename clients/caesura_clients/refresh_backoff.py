@@ -22,35 +22,35 @@ class _Waiting(NamedTuple):
 class RefreshBackoff(Generic[K]):
     """Of many, each by its key."""
 
-    def __init__(self, patience_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         """patience_s: how long nothing may be received before a query."""
-        self._patience_s = patience_s
+        self._silence_s = silence_s
         self._clock = clock
         self._waiting: dict[K, _Waiting] = {}
-        self._look_at = clock()
+        self._next_check_s = clock()
 
-    def heard(self, key: K) -> None:
+    def reset(self, key: K) -> None:
         """It has said something."""
-        self._waiting[key] = _Waiting(self._clock() + self._patience_s, self._patience_s)
+        self._waiting[key] = _Waiting(self._clock() + self._silence_s, self._silence_s)
 
-    def unanswered(self, key: K) -> None:
+    def retry_after_silence(self, key: K) -> None:
         """It was asked for in vain."""
-        self.heard(key)
+        self.reset(key)
 
-    def answered(self, key: K) -> None:
+    def back_off(self, key: K) -> None:
         """It was asked for; there may have been nothing new."""
         known = self._waiting.get(key)
-        wait_s = min(2.0 * known.wait_s, LONGEST_S) if known else self._patience_s
+        wait_s = min(2.0 * known.wait_s, LONGEST_S) if known else self._silence_s
         self._waiting[key] = _Waiting(self._clock() + wait_s, wait_s)
 
-    def ended(self, key: K) -> None:
+    def remove(self, key: K) -> None:
         """Nothing more is expected of it."""
         self._waiting.pop(key, None)
 
     def due(self) -> list[K]:
         """Return the keys to query now; checks no oftener than needed."""
         now = self._clock()
-        if now < self._look_at:
+        if now < self._next_check_s:
             return []
-        self._look_at = now + self._patience_s / 4.0
+        self._next_check_s = now + self._silence_s / 4.0
         return [key for key, waiting in self._waiting.items() if waiting.due <= now]

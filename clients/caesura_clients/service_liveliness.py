@@ -43,8 +43,8 @@ class LiveServices:
 
 
 @contextmanager
-def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[None]:
-    """Call `say`, from a thread of its own, whenever the last service goes or a first one comes."""
+def watch_services(transport: Transport, on_change: Callable[[Change], None]) -> Iterator[None]:
+    """Call `on_change`, from a thread of its own, whenever the last service goes or a first one comes."""
     inbox, over = Inbox(), threading.Event()
 
     def listen() -> None:
@@ -53,7 +53,7 @@ def attending(transport: Transport, say: Callable[[Change], None]) -> Iterator[N
             item = inbox.get(TICK_S)
             change = attendance.receive(item) if isinstance(item, TokenChange) else None
             if change is not None:
-                say(change)
+                on_change(change)
 
     with transport.watch_liveliness(service_key("*", "alive"), inbox):
         thread = threading.Thread(target=listen, name="attending", daemon=True)

@@ -12,7 +12,7 @@ from caesura_clients.cli import build
 from caesura_clients.cli.commands import _teller, register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.sessions import stand_in
-from caesura_clients.service_liveliness import attending
+from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
@@ -160,7 +160,7 @@ def test_bridge_says_when_the_service_goes_and_comes_back(router, capsys):
         say(change)
         seen.append(change)
 
-    with attending(router.transport(), note):
+    with watch_services(router.transport(), note):
         for number in (1, 2):
             with Answering(router.transport()):
                 eventually(lambda number=number: len(seen) == 2 * number - 1)

@@ -21,7 +21,7 @@ from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
 from caesura_clients.doctor.findings import CheckResult, Grade
-from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus, Reported, gather
+from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus, TimedServiceStatus, probe_network
 from caesura_clients.doctor.reach import no_session
 from caesura_clients.doctor.run_checks import examine_network, examine_recording, judge
 from caesura_clients.doctor.signal import cells_at_rest
@@ -63,12 +63,12 @@ def test_a_time_that_lies_far_off_costs_no_memory():
 # --- judgements, without a network ----------------------------------------------------------------------
 
 
-def service(**changes: object) -> Reported:
+def service(**changes: object) -> TimedServiceStatus:
     held = example(ServiceStatus).budgets[0]
     none = held.model_copy(update={"commands": held.commands.model_copy(update={"refused": 0})})
     well = {"version": installed_version(), "time": NOW + 0.001, "overloaded": False, "budgets": (none,)}
     status = example(ServiceStatus).model_copy(update={**well, **changes})
-    return Reported(status, NOW, NOW + 0.002)
+    return TimedServiceStatus(status, NOW, NOW + 0.002)
 
 
 def test_a_station_that_was_held_back_is_named_with_its_budget():
@@ -91,7 +91,7 @@ def well(**changes: object) -> ProbeResult:
     """One service, one station that is taught at 1 kHz."""
     first, last = (status(batches=50 * i, samples=1000 * i, t=float(i), seq=i) for i in range(1, 3))
     one = snapshot(3, "motion").model_copy(update={"status": last})
-    facts = ProbeResult(
+    probed = ProbeResult(
         alive=[example(ServiceStatus).instance],
         reported=[service()],
         bridges=[last.station],
@@ -100,17 +100,17 @@ def well(**changes: object) -> ProbeResult:
         listened_s=1.0,
     )
     for name, value in changes.items():
-        assert hasattr(facts, name)
-        setattr(facts, name, value)
-    return facts
+        assert hasattr(probed, name)
+        setattr(probed, name, value)
+    return probed
 
 
-def heard(facts: ProbeResult, **changes: object) -> ProbeResult:
+def heard(probed: ProbeResult, **changes: object) -> ProbeResult:
     """The same, with the station's last status changed."""
-    ((key, (first, last)),) = facts.statuses.items()
+    ((key, (first, last)),) = probed.statuses.items()
     changed = ReceivedStatus(last.at, last.status.model_copy(update=changes))
-    facts.statuses = {key: [first, changed]}
-    return facts
+    probed.statuses = {key: [first, changed]}
+    return probed
 
 
 def test_where_all_is_well_nothing_is_to_be_done():
@@ -235,8 +235,10 @@ def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
 )
 def test_a_session_that_has_just_begun_does_not_hang(first_at, grade, words):
     begun = status(batches=1, samples=20, t=0.02)
-    facts = well(statuses={(begun.station, begun.session): [ReceivedStatus(first_at, begun)]}, listened_s=3.0)
-    found = list(judge(facts))
+    probed = well(
+        statuses={(begun.station, begun.session): [ReceivedStatus(first_at, begun)]}, listened_s=3.0
+    )
+    found = list(judge(probed))
     assert grades(found, "samples") == [grade]
     assert words in said(found, "samples")
 
@@ -340,11 +342,11 @@ def test_rubbish_that_somebody_publishes_is_told_and_not_fatal():
 
     shouting = threading.Thread(target=shout, daemon=True)
     shouting.start()
-    facts = gather(memory.transport(), seconds=0.1)
+    probed = probe_network(memory.transport(), seconds=0.1)
     over.set()
     shouting.join()
-    assert facts.refusals
-    assert facts.batches == {}
+    assert probed.refusals
+    assert probed.batches == {}
 
 
 @pytest.fixture
@@ -467,22 +469,22 @@ def batch_of(session: str) -> SampleBatch:
 
 
 def test_samples_of_a_session_that_nobody_opened_are_bad_and_those_of_one_that_just_ended_are_not():
-    facts = heard(well(), state="closed")
-    ((station, session),) = facts.statuses
-    facts.batches = {(station, session): [batch_of(session)]}
-    assert grades(list(judge(facts)), "bridge") == ["warn"]
-    facts.batches = {(station, "other"): [batch_of("other")]}
-    assert grades(list(judge(facts)), "bridge") == ["bad"]
-    facts = well(batches={(station, "other"): [batch_of("other")]})
-    assert grades(list(judge(facts)), "bridge") == ["ok", "warn"]
+    probed = heard(well(), state="closed")
+    ((station, session),) = probed.statuses
+    probed.batches = {(station, session): [batch_of(session)]}
+    assert grades(list(judge(probed)), "bridge") == ["warn"]
+    probed.batches = {(station, "other"): [batch_of("other")]}
+    assert grades(list(judge(probed)), "bridge") == ["bad"]
+    probed = well(batches={(station, "other"): [batch_of("other")]})
+    assert grades(list(judge(probed)), "bridge") == ["ok", "warn"]
 
 
 def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():
-    facts = well()
-    ((station, session),) = facts.statuses
+    probed = well()
+    ((station, session),) = probed.statuses
     sent = [batch_of(session).model_copy(update={"bridge": name}) for name in ("east-1", "west-2", "east-1")]
-    facts.batches = {(station, session): sent}
-    found = list(judge(facts))
+    probed.batches = {(station, session): sent}
+    found = list(judge(probed))
     (rivals,) = [one for one in found if one.check == "bridge" and one.grade == "bad"]
     assert rivals.found == f"2 bridges publish {session}: east-1 (2 batches), west-2 (1 batches)"
     assert not [one for one in found if "over" in f"{one.found} {one.remedy}"]

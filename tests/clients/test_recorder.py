@@ -34,8 +34,8 @@ def batch(seq: int, session: str = "s1") -> SampleBatch:
 def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, oldest):
     recorder = Recorder("s1")
     for seq in arrivals:
-        recorder.take(batch(seq), now_s=1000.0 + seq * 0.02)
-    recorder.heard(beat)
+        recorder.add_batch(batch(seq), now_s=1000.0 + seq * 0.02)
+    recorder.announce_seq(beat)
     known = max([beat, *arrivals])
     for _ in range(100):
         wanted = recorder.missing()
@@ -43,10 +43,10 @@ def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, o
             break
         assert wanted.first not in recorder.batches
         if wanted.first < oldest:
-            recorder.evicted(oldest)
+            recorder.give_up_before(oldest)
         else:
             for seq in range(wanted.first, wanted.last + 1):
-                recorder.take(batch(seq))
+                recorder.add_batch(batch(seq))
     assert recorder.missing() is None
     gone = {seq for seq in range(min(oldest, known + 1)) if seq not in arrivals}
     assert recorder.lost == len(gone)
@@ -58,57 +58,57 @@ def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, o
 
 def test_a_question_that_nobody_answers_is_a_gap_in_the_end():
     recorder = Recorder("s1")
-    recorder.take(batch(0))
-    recorder.heard(3)
+    recorder.add_batch(batch(0))
+    recorder.announce_seq(3)
     for _ in range(ATTEMPTS):
         assert recorder.missing() == ReplayRange(1, 3, 3, "s1")
-        recorder.unanswered(ReplayRange(1, 3, 3, "s1"))
+        recorder.count_unanswered(ReplayRange(1, 3, 3, "s1"))
     assert recorder.missing() is None
     assert recorder.lost == 3
-    recorder.take(batch(2))  # late, but welcome
+    recorder.add_batch(batch(2))  # late, but welcome
     assert recorder.lost == 2
 
 
 def test_a_number_far_ahead_is_none():
     recorder = Recorder("s1")
-    recorder.take(batch(0))
-    recorder.heard((1 << 53) - 1)
-    recorder.take(batch(0).model_copy(update={"seq": 1 << 50}))
+    recorder.add_batch(batch(0))
+    recorder.announce_seq((1 << 53) - 1)
+    recorder.add_batch(batch(0).model_copy(update={"seq": 1 << 50}))
     assert (recorder.known, recorder.missing()) == (0, None)
 
 
 def test_where_nobody_answers_at_all_an_hour_is_given_up_at_once():
     recorder = Recorder("s1")
-    recorder.take(batch(180_000))
+    recorder.add_batch(batch(180_000))
     for _ in range(ATTEMPTS):
-        recorder.unanswered(recorder.missing(), nobody=True)
+        recorder.count_unanswered(recorder.missing(), no_reply=True)
     assert recorder.missing() is None
     assert recorder.lost == 180_000
 
 
 def test_a_number_that_leaps_to_a_billion_takes_no_memory():
     recorder = Recorder("s1")
-    recorder.take(batch(0))
+    recorder.add_batch(batch(0))
     tracemalloc.start()
     for seq in range(1_000_000, 1_000_000_001, 1_000_000):
-        recorder.heard(seq)
+        recorder.announce_seq(seq)
     for _ in range(ATTEMPTS):
-        recorder.unanswered(recorder.missing(), nobody=True)
+        recorder.count_unanswered(recorder.missing(), no_reply=True)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert (recorder.missing(), recorder.lost) == (None, 1_000_000_000)
     assert peak < 100_000
-    recorder.take(batch(500_000_000))
+    recorder.add_batch(batch(500_000_000))
     assert recorder.lost == 999_999_999
 
 
 def test_batches_that_cannot_be_read_are_not_asked_for_again():
     recorder = Recorder("s1")
     for seq in (2, 4):
-        recorder.take(batch(seq).model_copy(update={"samples": b"1234"}))
+        recorder.add_batch(batch(seq).model_copy(update={"samples": b"1234"}))
     assert recorder.missing() == ReplayRange(0, 4, 5, "s1")
     for seq in (0, 1, 3):
-        recorder.take(batch(seq))
+        recorder.add_batch(batch(seq))
     assert (recorder.missing(), recorder.lost) == (None, 2)
 
 
@@ -128,7 +128,7 @@ def test_a_correction_of_yesterdays_session_is_not_waited_for(memory):
 
 def test_a_batch_that_cannot_be_read_is_counted_and_not_kept():
     recorder = Recorder("s1")
-    recorder.take(batch(0).model_copy(update={"samples": b"1234"}))
+    recorder.add_batch(batch(0).model_copy(update={"samples": b"1234"}))
     assert (recorder.spoiled, recorder.lost, recorder.missing()) == (1, 1, None)
     with pytest.raises(CaesuraError, match="s1: no samples came"):
         recorder.recording(None)
@@ -137,13 +137,13 @@ def test_a_batch_that_cannot_be_read_is_counted_and_not_kept():
 def test_the_zero_of_the_session_is_told_by_the_batch_that_was_quickest():
     recorder = Recorder("s1")
     for seq, late_s in enumerate((0.3, 0.002, 0.1)):
-        recorder.take(batch(seq), now_s=500.0 + seq * 0.02 + 0.019 + late_s)
+        recorder.add_batch(batch(seq), now_s=500.0 + seq * 0.02 + 0.019 + late_s)
     assert recorder.began_s == pytest.approx(500.002)
 
 
 def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=lambda batch: False):
     """A bridge that sends `before` batches before anybody records, and `after` ones then."""
-    over, pool, heard = threading.Event(), ThreadPoolExecutor(1), []
+    over, pool, announce_seq = threading.Event(), ThreadPoolExecutor(1), []
     recording_transport = network.transport()
     with (
         pool,
@@ -154,13 +154,13 @@ def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=la
         bridge.send(samples(20 * before))
         eventually(lambda: bridge._sender._next_put == before)
         network.lose = lose
-        future = pool.submit(record, recording_transport, "cell-1", over=over, on_message=heard.append)
+        future = pool.submit(record, recording_transport, "cell-1", over=over, on_message=announce_seq.append)
         try:
             eventually(lambda: any(key == station_key("cell-1", "samples") for key, _ in network.subscribers))
             eventually(lambda: len(network.subscribers) >= 3)
             bridge.send(samples(20 * after, t0=before * 0.02))
-            eventually(lambda: heard and heard[-1].known == before + after - 1)
-            eventually(lambda: heard[-1].missing() is None)
+            eventually(lambda: announce_seq and announce_seq[-1].known == before + after - 1)
+            eventually(lambda: announce_seq[-1].missing() is None)
         finally:
             over.set()
         return future.result(10.0)

@@ -19,12 +19,12 @@ def times_asked(until: float, *, answers: bool) -> list[float]:
     """When somebody is asked who said something at 0 s and never again."""
     clock, asked = Clock(), []
     silence: RefreshBackoff[str] = RefreshBackoff(2.0, clock)
-    silence.heard("a")
+    silence.reset("a")
     while clock.now < until:
         clock.now += 0.5
         for key in silence.due():
             asked.append(clock.now)
-            (silence.answered if answers else silence.unanswered)(key)
+            (silence.back_off if answers else silence.retry_after_silence)(key)
     return asked
 
 
@@ -42,10 +42,10 @@ def test_who_is_heard_is_waited_for_anew_and_who_has_ended_not_at_all():
     clock = Clock()
     silence: RefreshBackoff[str] = RefreshBackoff(2.0, clock)
     for key in "ab":
-        silence.heard(key)
+        silence.reset(key)
     clock.now = 1.5
-    silence.heard("a")
-    silence.ended("b")
+    silence.reset("a")
+    silence.remove("b")
     clock.now = 3.0
     assert silence.due() == []
     clock.now = 3.5

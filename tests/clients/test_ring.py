@@ -14,7 +14,7 @@ def filled(count, *, period_s=0.02, samples=20, **bounds):
 
 
 def kept(ring):
-    return ring.after(0, len(ring))
+    return ring.entries_from(0, len(ring))
 
 
 def numbers(entries):
@@ -43,20 +43,20 @@ def test_a_clock_that_stands_still_fills_no_memory():
 
 def test_a_range_is_answered_in_order_and_within_its_limit():
     ring = filled(10)
-    assert numbers(ring.since(ReplayRange(2, 5, 100))) == [2, 3, 4, 5]
-    assert numbers(ring.since(ReplayRange(2, 5, 3))) == [2, 3, 4]
-    assert numbers(ring.since(ReplayRange(8, 20, 100))) == [8, 9]
-    assert ring.since(ReplayRange(10, 20, 100)) == []
-    assert ring.since(ReplayRange(0, 9, 0)) == []
-    assert ReplayRing().since(ReplayRange(0, 9, 100)) == []
+    assert numbers(ring.sent_range(ReplayRange(2, 5, 100))) == [2, 3, 4, 5]
+    assert numbers(ring.sent_range(ReplayRange(2, 5, 3))) == [2, 3, 4]
+    assert numbers(ring.sent_range(ReplayRange(8, 20, 100))) == [8, 9]
+    assert ring.sent_range(ReplayRange(10, 20, 100)) == []
+    assert ring.sent_range(ReplayRange(0, 9, 0)) == []
+    assert ReplayRing().sent_range(ReplayRange(0, 9, 100)) == []
 
 
 def test_what_is_gone_is_refused_and_the_oldest_is_named():
     ring = filled(100, samples=20, max_samples=200)
     with pytest.raises(ProtocolError) as refused:
-        ring.since(ReplayRange(3, 99, 100))
+        ring.sent_range(ReplayRange(3, 99, 100))
     assert (refused.value.code, refused.value.value, refused.value.limit) == ("evicted", 3, 90)
-    assert numbers(ring.since(ReplayRange(90, 99, 100))) == list(range(90, 100))
+    assert numbers(ring.sent_range(ReplayRange(90, 99, 100))) == list(range(90, 100))
 
 
 def test_numbers_have_no_holes():
@@ -76,10 +76,10 @@ def test_a_clock_that_jumps_evicts_nothing(jump_s):
 
 def test_what_comes_after_a_number_is_what_is_still_there():
     ring = filled(100, samples=20, max_samples=200)
-    assert numbers(ring.after(95, 3)) == [95, 96, 97]
-    assert numbers(ring.after(0, 3)) == [90, 91, 92]
-    assert ring.after(100, 3) == []
-    assert ReplayRing().after(0, 3) == []
+    assert numbers(ring.entries_from(95, 3)) == [95, 96, 97]
+    assert numbers(ring.entries_from(0, 3)) == [90, 91, 92]
+    assert ring.entries_from(100, 3) == []
+    assert ReplayRing().entries_from(0, 3) == []
 
 
 def test_a_batch_becomes_bytes_when_they_are_needed_and_once():

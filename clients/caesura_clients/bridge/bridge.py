@@ -91,8 +91,8 @@ class Bridge:
         self.acknowledged = 0  # batches that the service is known to have
         self._source = source
         self._open = _opening(source, self.session, epoch, preset, self.settings.setting)
-        said = self._open
-        self._first_second = FirstSecond(said.columns, said.length_unit, said.declared_units)
+        opening = self._open
+        self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
@@ -112,12 +112,12 @@ class Bridge:
         self._clock = clock
         self.unmarked: list[str] = []  # why marks of the source's were not made
         self._revision = 0  # of the session, as far as a mark has learnt
-        self._known = False  # to a service
+        self._is_open = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
         self._failure: Exception | None = None
         self._services = Inbox()
-        self._pump = SendThread(
+        self._send_thread = SendThread(
             self._sender,
             f"pump {station}",
             tick_s=self.settings.tick_s,
@@ -135,15 +135,15 @@ class Bridge:
     @property
     def is_open(self) -> bool:
         """Has a service acknowledged the session?"""
-        return self._known
+        return self._is_open
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(ReplayServer(self._transport, self.station, self.session, self._ring))
             stack.enter_context(self._transport.watch_liveliness(service_key("*", "alive"), self._services))
             stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
-            keeper = threading.Thread(target=self._keep, name=f"keeper {self.station}", daemon=True)
-            stack.enter_context(self._pump)
+            keeper = threading.Thread(target=self._run_keeper, name=f"keeper {self.station}", daemon=True)
+            stack.enter_context(self._send_thread)
             keeper.start()
             stack.callback(keeper.join)
             stack.callback(self._over.set)
@@ -165,11 +165,11 @@ class Bridge:
         try:
             with MarkerQueue(self.mark, self.station) as marks:
                 self.unmarked = marks.failed
-                for told in self._source.chunks():
-                    if isinstance(told, Mark):
-                        marks.put(told.t)
+                for item in self._source.chunks():
+                    if isinstance(item, Mark):
+                        marks.put(item.t)
                     else:
-                        self.send(told)
+                        self.send(item)
         except (ProtocolError, Unreachable):
             raise  # the service's word, not the source's
         except Exception:
@@ -182,7 +182,7 @@ class Bridge:
         """Wait until a service has the session. Raises Unreachable, or ProtocolError where it refuses."""
         if not self._answered.wait(timeout_s):
             raise Unreachable(f"no service has opened {self.station}/{self.session} for {timeout_s:g} s")
-        self._check()
+        self._raise_failure()
 
     def send(self, chunk: Chunk) -> None:
         """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
@@ -191,7 +191,7 @@ class Bridge:
         are probably in another unit; ProtocolError once the service has refused the session, CaesuraError
         once it is closed.
         """
-        self._check()
+        self._raise_failure()
         if self._over.is_set():
             raise CaesuraError(f"{self.station}/{self.session} is closed: it takes no samples")
         step = self.settings.batch_samples
@@ -220,7 +220,7 @@ class Bridge:
         Raises Unreachable where the service does not acknowledge everything in `close_timeout_s`, or
         ProtocolError where it refuses to.
         """
-        self._check()
+        self._raise_failure()
         self._sender.flush()
         self._sender.put_waiting()
         close = Close(session=self.session, last_seq=self._sender.last_seq, bridge=self._open.bridge)
@@ -228,7 +228,7 @@ class Bridge:
         while True:
             # The keeper may have been refused: by a session of another bridge, or by our own that is closed
             # already, where the answer to an earlier close was lost. The next answer says which.
-            failure, before = self._failure or self._pump.failure, self.acknowledged
+            failure, before = self._failure or self._send_thread.failure, self.acknowledged
             ack, refusal, is_open = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
@@ -273,7 +273,7 @@ class Bridge:
         before, since = self.acknowledged, self._clock()
         while self.sent - self.acknowledged > self.settings.window_batches // 2:
             self._ask_to_open()
-            self._check()
+            self._raise_failure()
             if self.acknowledged > before:
                 before, since = self.acknowledged, self._clock()
             elif self._clock() - since > self.settings.stall_s:
@@ -288,33 +288,33 @@ class Bridge:
             self.acknowledged = ack.next_seq
         return ack is not None
 
-    def _keep(self) -> None:
+    def _run_keeper(self) -> None:
         """The keeper's loop; what goes wrong in it is raised to the caller by the next send."""
         try:
-            untold, due = True, self._clock()
+            open_due, due = True, self._clock()
             while not self._over.is_set():
-                untold |= self._services.get(self.settings.tick_s) is not None
-                untold |= self._clock() >= due + self.settings.reopen_s
-                if untold and self._clock() >= due:
-                    untold, due = not self._tell(), self._clock() + self.settings.retry_s
+                open_due |= self._services.get(self.settings.tick_s) is not None
+                open_due |= self._clock() >= due + self.settings.reopen_s
+                if open_due and self._clock() >= due:
+                    open_due, due = not self._open_and_announce(), self._clock() + self.settings.retry_s
         except Exception as error:
             self._failure = error
             self._over.set()
         finally:
             self._answered.set()
 
-    def _tell(self) -> bool:
+    def _open_and_announce(self) -> bool:
         """Open the session; a service that knew nothing of it learns its last number at once."""
         if not self._ask_to_open():
             return False
-        if not self._known:
-            self._begin()
+        if not self._is_open:
+            self._take_over_numbers()
         if self.sent:
             self._sender.heartbeat()
         self._answered.set()
         return True
 
-    def _begin(self) -> None:
+    def _take_over_numbers(self) -> None:
         """Open this bridge's session: a new one, or one that a predecessor with a lower epoch has left."""
         if self._open.epoch > 0:
             self._sender.continue_from(self.acknowledged)
@@ -323,7 +323,7 @@ class Bridge:
                 f"{self.station}/{self.session} already has {self.acknowledged} batches; "
                 "give the session another name, or the bridge a higher epoch"
             )
-        self._known = True
+        self._is_open = True
 
     def _check_units(self, rows: Chunk) -> None:
         if rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
@@ -331,8 +331,8 @@ class Bridge:
         if (found := self._first_second.look(rows)) is not None:
             raise SourceError(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
 
-    def _check(self) -> None:
-        failure = self._failure or self._pump.failure
+    def _raise_failure(self) -> None:
+        failure = self._failure or self._send_thread.failure
         if failure is not None:
             raise failure
 

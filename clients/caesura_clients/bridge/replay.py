@@ -59,11 +59,11 @@ class ReplayServer:
 
     def _answer(self, question: IncomingQuery) -> None:
         try:
-            wanted = parse_replay_parameters(question.parameters)
-            if wanted.session not in {"", self._session}:
+            requested = parse_replay_parameters(question.parameters)
+            if requested.session not in {"", self._session}:
                 why = "the bridge has another session"
-                raise ProtocolError("unknown_session", why, value=wanted.session, expected=self._session)
-            entries = self._ring.since(wanted)
+                raise ProtocolError("unknown_session", why, value=requested.session, expected=self._session)
+            entries = self._ring.sent_range(requested)
         except ProtocolError as error:
             question.refuse(encode_error(error))
             return

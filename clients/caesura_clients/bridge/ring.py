@@ -69,8 +69,8 @@ class ReplayRing:
             while self._evictable(entry.passed):
                 self._samples -= self._entries.popleft().samples
 
-    def since(self, wanted: ReplayRange) -> list[Entry]:
-        """The batches of a range that have been sent, oldest first, at most `wanted.limit`.
+    def sent_range(self, requested: ReplayRange) -> list[Entry]:
+        """The batches of a range that have been sent, oldest first, at most `requested.limit`.
 
         Raises ProtocolError `evicted`, which names the oldest, where the range begins before it.
         """
@@ -78,14 +78,14 @@ class ReplayRing:
             if not self._entries:
                 return []
             oldest = self._entries[0].seq
-            if wanted.first < oldest:
+            if requested.first < oldest:
                 raise ProtocolError(
-                    "evicted", "the ring no longer has these samples", value=wanted.first, limit=oldest
+                    "evicted", "the ring no longer has these samples", value=requested.first, limit=oldest
                 )
-            end = min(wanted.last + 1, wanted.first + wanted.limit, self._entries[-1].seq + 1)
-            return list(islice(self._entries, wanted.first - oldest, max(end, wanted.first) - oldest))
+            end = min(requested.last + 1, requested.first + requested.limit, self._entries[-1].seq + 1)
+            return list(islice(self._entries, requested.first - oldest, max(end, requested.first) - oldest))
 
-    def after(self, first: int, count: int) -> list[Entry]:
+    def entries_from(self, first: int, count: int) -> list[Entry]:
         """What it still has from batch `first` on, oldest first, at most `count`."""
         with self._lock:
             skipped = max(0, first - self._entries[0].seq) if self._entries else 0

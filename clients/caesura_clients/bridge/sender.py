@@ -90,7 +90,7 @@ class BatchSender:
     def put_waiting(self) -> None:
         """Put every batch that has not been put."""
         with self._putting:
-            while entries := self.ring.after(self._next_put, _AT_ONCE):
+            while entries := self.ring.entries_from(self._next_put, _AT_ONCE):
                 for entry in entries:
                     self._transport.put(self._key, entry.content)
                 self._next_put = entries[-1].seq + 1
@@ -101,14 +101,14 @@ class BatchSender:
         with self._putting:
             if self._clock() - self._last_put >= idle_s:
                 seq = self._next_put - 1
-                said = self._open
-                beat = Heartbeat(session=said.session, epoch=said.epoch, seq=seq, bridge=said.bridge)
+                opening = self._open
+                beat = Heartbeat(session=opening.session, epoch=opening.epoch, seq=seq, bridge=opening.bridge)
                 self._transport.put(self._key, encode(beat))
                 self._last_put = self._clock()
 
     def resend(self, first: int, count: int) -> None:
         """Put batches again from `first` on, as far as the ring has them, at most `count`."""
-        for entry in self.ring.after(first, count):
+        for entry in self.ring.entries_from(first, count):
             self._transport.put(self._key, entry.content)
 
     def _number(self, batch: Matrix) -> None:
@@ -117,8 +117,13 @@ class BatchSender:
         self.last_seq = seq
 
     def _encoded(self, batch: Matrix, seq: int) -> Encoded:
-        said = self._open
-        made = pack_samples(
-            batch, said.columns, session=said.session, epoch=said.epoch, seq=seq, bridge=said.bridge
+        opening = self._open
+        batch_message = pack_samples(
+            batch,
+            opening.columns,
+            session=opening.session,
+            epoch=opening.epoch,
+            seq=seq,
+            bridge=opening.bridge,
         )
-        return encode(made)
+        return encode(batch_message)

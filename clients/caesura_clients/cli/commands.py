@@ -38,7 +38,7 @@ from caesura_clients.cli.watching import SAID_OF_SERVICE, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
-from caesura_clients.service_liveliness import Change, attending
+from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.transport.zenoh_transport import endpoint_of
@@ -119,7 +119,7 @@ def bridge(
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
             with (
-                attending(caesura.transport, _teller()),
+                watch_services(caesura.transport, _teller()),
                 marking(opened) if marker else nullcontext(),
                 _ended_by_sigterm(),
             ):

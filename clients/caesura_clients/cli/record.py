@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
-from caesura_clients.recorder import Recorded, Recorder, record
+from caesura_clients.recorder import RecordedSession, Recorder, record
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import WRITERS, check_writable
@@ -83,14 +83,14 @@ def _until_interrupted() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _write(out: Path, station: str, found: Recorded) -> None:
+def _write(out: Path, station: str, found: RecordedSession) -> None:
     if out.suffix == ".mcap":
         _write_mcap(out, station, found)
     else:
         WRITERS[out.suffix](out, found.recording)
 
 
-def _write_mcap(out: Path, station: str, found: Recorded) -> None:
+def _write_mcap(out: Path, station: str, found: RecordedSession) -> None:
     mcap = import_module("caesura_protocol.formats.mcap_write")
     recording, snapshot, recorder = found.recording, found.snapshot, found.recorder
     first = -float(recording.t.min())  # not before 1970

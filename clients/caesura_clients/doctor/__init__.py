@@ -1,6 +1,6 @@
 """Diagnosis of everything between a robot and its segments, with a remedy for each fault.
 
-`reach` looks at the endpoint, `facts` asks and listens for a few seconds; everything else only judges what
+`reach` looks at the endpoint, `probed` asks and listens for a few seconds; everything else only judges what
 they brought and is pure: `instances` the service, `stations` each station, `signal` the samples themselves.
 """
 

@@ -32,6 +32,11 @@ def warn(check: str, found: str, remedy: str, *, station: str | None = None) -> 
     return CheckResult("warn", check, found, remedy, station)
 
 
+def warn_if(limited: bool, check: str, found: str, remedy: str) -> CheckResult:
+    """Make a warning where a limitation applies, else a passed check without the remedy."""
+    return warn(check, found, remedy) if limited else ok(check, found)
+
+
 def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:
     """Make an error: an action is required."""
     return CheckResult("bad", check, found, remedy, station)

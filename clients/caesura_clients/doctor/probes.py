@@ -27,7 +27,7 @@ _ANY_MAJOR = service_key("*", "alive").replace(ROOT, f"{ROOT.partition('/')[0]}/
 
 
 @dataclass(frozen=True)
-class Reported:
+class TimedServiceStatus:
     """A service's status, and when it was asked for and answered [s, time of day here]."""
 
     status: ServiceStatus
@@ -49,7 +49,7 @@ class ProbeResult:
 
     alive: list[str] = field(default_factory=list)  # instances
     other_versions: list[str] = field(default_factory=list)  # keys of services that speak another protocol
-    reported: list[Reported] = field(default_factory=list)
+    reported: list[TimedServiceStatus] = field(default_factory=list)
     bridges: list[str] = field(default_factory=list)  # stations whose bridge is connected
     snapshots: list[Snapshot] = field(default_factory=list)  # at the end; every answer, also two of a session
     statuses: dict[tuple[str, str], list[ReceivedStatus]] = field(
@@ -60,83 +60,83 @@ class ProbeResult:
     listened_s: float = 0.0
 
 
-def gather(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
+def probe_network(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
     """Ask, listen for so long, ask again. Raises Unreachable where the router goes away meanwhile."""
-    facts = ProbeResult(alive=services(transport), bridges=[])
-    facts.other_versions = [
+    probed = ProbeResult(alive=services(transport), bridges=[])
+    probed.other_versions = [
         key for key in transport.list_tokens(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")
     ]
-    facts.reported = _statuses(transport, facts)
+    probed.reported = _statuses(transport, probed)
     with ExitStack() as stack:
         inbox = Inbox(MOST_BATCHES)
         for key in (session_key(station, "*", "status"), station_key(station, "samples")):
             stack.enter_context(transport.subscribe(key, inbox))
         began = time.monotonic()
-        _take_in(facts, _snapshots(transport, station, facts), 0.0)
-        _listen(inbox, facts, began, seconds)
-    facts.listened_s = time.monotonic() - began
-    facts.snapshots = _snapshots(transport, station, facts)
-    _take_in(facts, facts.snapshots, time.monotonic() - began)
-    facts.bridges = [name for name in stations(transport) if station in {"*", name}]
-    return facts
+        _add_snapshots(probed, _snapshots(transport, station, probed), 0.0)
+        _listen(inbox, probed, began, seconds)
+    probed.listened_s = time.monotonic() - began
+    probed.snapshots = _snapshots(transport, station, probed)
+    _add_snapshots(probed, probed.snapshots, time.monotonic() - began)
+    probed.bridges = [name for name in stations(transport) if station in {"*", name}]
+    return probed
 
 
-def _statuses(transport: Transport, facts: ProbeResult) -> list[Reported]:
+def _statuses(transport: Transport, probed: ProbeResult) -> list[TimedServiceStatus]:
     asked = time.time()
     answers = transport.query(service_key("*", "status"))
     answered = time.time()
-    facts.refusals += answers.refusals
+    probed.refusals += answers.refusals
     found = [decode(reply.payload, reply.encoding, ServiceStatus) for reply in answers.replies]
-    return [Reported(one, asked, answered) for one in sorted(found, key=lambda one: one.instance)]
+    return [TimedServiceStatus(one, asked, answered) for one in sorted(found, key=lambda one: one.instance)]
 
 
-def _snapshots(transport: Transport, station: str, facts: ProbeResult) -> list[Snapshot]:
+def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[Snapshot]:
     answers = transport.query(session_key(station, "*", "snapshot"))
-    facts.refusals += answers.refusals
+    probed.refusals += answers.refusals
     try:
         return decoded(answers._replace(refusals=()), Snapshot)
     except ProtocolError as error:
         if error.code != "overloaded":
             raise
-        facts.refusals.append(error)
+        probed.refusals.append(error)
         return []
 
 
-def _take_in(facts: ProbeResult, snapshots: Iterable[Snapshot], at: float) -> None:
+def _add_snapshots(probed: ProbeResult, snapshots: Iterable[Snapshot], at: float) -> None:
     for one in snapshots:
-        _keep(facts, ReceivedStatus(at, one.status))
+        _add_status(probed, ReceivedStatus(at, one.status))
 
 
-def _listen(inbox: Inbox, facts: ProbeResult, began: float, seconds: float) -> None:
+def _listen(inbox: Inbox, probed: ProbeResult, began: float, seconds: float) -> None:
     while (left := began + seconds - time.monotonic()) > 0:
         item = inbox.get(left)
         if isinstance(item, ReceivedSample):
             try:
-                _hear(facts, item, time.monotonic() - began)
+                _add_message(probed, item, time.monotonic() - began)
             except ProtocolError as error:
-                facts.refusals.append(error)  # a publisher sends messages that no reader can decode
+                probed.refusals.append(error)  # a publisher sends messages that no reader can decode
 
 
-def _hear(facts: ProbeResult, item: ReceivedSample, at: float) -> None:
+def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
     if item.key.endswith("/status"):
         parse_session_key(item.key)
-        _keep(facts, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
+        _add_status(probed, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
         return
     name = parse_station_key(item.key)[0]
     message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
     if isinstance(message, SampleBatch):
-        facts.batches.setdefault((name, message.session), []).append(message)
+        probed.batches.setdefault((name, message.session), []).append(message)
 
 
-def _keep(facts: ProbeResult, heard: ReceivedStatus) -> None:
+def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
     """In the order of epochs and numbers: a late one, or that of a replaced owner, is no news."""
-    known = facts.statuses.setdefault((heard.status.station, heard.status.session), [])
-    if not known or _rank(known[-1].status) < _rank(heard.status):
-        known.append(heard)
+    known = probed.statuses.setdefault((received.status.station, received.status.session), [])
+    if not known or _rank(known[-1].status) < _rank(received.status):
+        known.append(received)
 
 
 def _rank(status: SessionStatus) -> tuple[int, int, int]:
     return status.epoch, status.samples, status.seq
 
 
-__all__ = ["ProbeResult", "ReceivedStatus", "Reported", "Unreachable", "gather"]
+__all__ = ["ProbeResult", "ReceivedStatus", "TimedServiceStatus", "Unreachable", "probe_network"]

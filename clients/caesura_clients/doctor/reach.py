@@ -15,7 +15,7 @@ _REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 
 
-def look_at(endpoint: str) -> CheckResult:
+def check_endpoint(endpoint: str) -> CheckResult:
     """Connect to the endpoint's port, and leave."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
@@ -29,7 +29,7 @@ def look_at(endpoint: str) -> CheckResult:
         with socket.create_connection((host.strip("[]"), int(port)), TIMEOUT_S):
             took_ms = 1000 * (time.monotonic() - began)
     except (OSError, OverflowError) as error:
-        return bad(CHECK, f"{endpoint}: {_said(error)}", _remedy(error))
+        return bad(CHECK, f"{endpoint}: {_error_text(error)}", _remedy(error))
     return ok(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
 
 
@@ -42,7 +42,7 @@ def no_session(error: CaesuraError) -> CheckResult:
     return bad("session", f"{where}{_REFUSED}{found}", remedy or "is it the router that you mean?")
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
-from caesura_clients.doctor.probes import ProbeResult, gather
-from caesura_clients.doctor.reach import look_at, no_session
+from caesura_clients.doctor.probes import ProbeResult, probe_network
+from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES
@@ -32,7 +32,7 @@ def examine(
 ) -> Iterator[CheckResult]:
     """Look at everything that can be reached; ends where there is nothing behind."""
     try:
-        found = look_at(endpoint or endpoint_of(None, config_file))
+        found = check_endpoint(endpoint or endpoint_of(None, config_file))
     except CaesuraError as error:
         yield no_session(error)
         return
@@ -51,27 +51,27 @@ def examine(
 def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[CheckResult]:
     """What there is behind a router."""
     try:
-        facts = gather(transport, station, seconds=seconds)
+        probed = probe_network(transport, station, seconds=seconds)
     except Unreachable as error:
         yield bad("session", str(error), "the router went away while it was looked at: see its log")
         return
-    yield from judge(facts, station)
+    yield from judge(probed, station)
 
 
-def judge(facts: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
+def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     """Every check on what was seen."""
-    yield from instances.check_services(facts, installed_version())
+    yield from instances.check_services(probed, installed_version())
     for check in instances.CHECKS:
-        yield from check(facts)
-    for reported in facts.reported:
+        yield from check(probed)
+    for reported in probed.reported:
         yield from instances.check_instance(reported)
-    known = stations.stations_of(facts)
+    known = stations.stations_of(probed)
     for one in known:
         yield from stations.check_station(one)
     if station != "*" and not known:
         remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
         yield bad("bridge", "neither a bridge nor a session", remedy, station=station)
-    elif not known and facts.alive:
+    elif not known and probed.alive:
         yield ok("stations", "none yet: no bridge is connected and no session known")
 
 
@@ -90,14 +90,14 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
         return  # figures in a wrong unit mean nothing
     yield from signal.check_rate(samples)
     yield from signal.check_signals(samples)
-    yield from _wrench(recording)
+    yield from _check_wrench(recording)
     yield from signal.check_noise(samples)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
 
 
-def _wrench(recording: Recording) -> Iterator[CheckResult]:
+def _check_wrench(recording: Recording) -> Iterator[CheckResult]:
     """The wrench source and the hand, as the file states them, and what follows."""
     if not recording.has_wrench:
         return

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, bad, ok, warn, warn_if
 from caesura_protocol.messages import Quantity, WrenchSource
 from caesura_protocol.plausibility import METRES, implausible
 from caesura_protocol.recording import unit_remedy
@@ -42,62 +42,52 @@ class CheckedSamples:
     declared_units: tuple[Quantity, ...] = ()
 
 
-def check_rate(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
+def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
     """Rate, regularity, pauses, times that do not advance."""
     steps = np.diff(samples.t)
     advancing = steps[steps > 0]
     if advancing.size == 0:
-        yield warn(
-            "rate", "time does not advance", "check the robot's clock: `t` in seconds", station=station
-        )
+        yield warn("rate", "time does not advance", "check the robot's clock: `t` in seconds")
         return
     middle = float(np.median(advancing))
-    rate, said = 1.0 / middle, f"{1.0 / middle:.0f} Hz"
-    if not FEWEST_HZ <= rate <= MOST_HZ:
-        remedy = f"expected {FEWEST_HZ:.0f} to 1000 Hz: is `t` in seconds?"
-        yield warn("rate", said, remedy, station=station)
-    else:
-        yield ok("rate", said, station=station)
-    yield _regularity(advancing, middle, station)
+    rate, remedy = 1.0 / middle, f"expected {FEWEST_HZ:.0f} to 1000 Hz: is `t` in seconds?"
+    yield warn_if(not FEWEST_HZ <= rate <= MOST_HZ, "rate", f"{rate:.0f} Hz", remedy)
+    yield _regularity(advancing, middle)
     back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
     if back.max() > PAUSE_LIMIT_S:
         row = int(back.argmax()) + 1
         found = f"sample {row}: time goes back by {back.max():.6g} s"
-        yield bad("clock", found, "it was set, or two recordings are one: divide them there", station=station)
+        yield bad("clock", found, "it was set, or two recordings are one: divide them there")
     elif advancing.size < steps.size:
         found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
-        yield warn(
-            "repeats", found, "the source sends samples twice, or its clock steps back", station=station
-        )
+        yield warn("repeats", found, "the source sends samples twice, or its clock steps back")
 
 
-def _regularity(advancing: Array, middle: float, station: str | None) -> CheckResult:
+def _regularity(advancing: Array, middle: float) -> CheckResult:
     pause = float(advancing.max())
     uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
-    said = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
+    found = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
     if pause > PAUSE_LIMIT_S:
         remedy = f"a pause over {1000 * PAUSE_LIMIT_S:.0f} ms is a gap in the results: look at the source"
-        return warn("regularity", said, remedy, station=station)
+        return warn("regularity", found, remedy)
     if uneven > UNEVEN_SHARE:
         remedy = "give samples the time at which they were measured, not at which they were sent"
-        return warn("regularity", said, remedy, station=station)
-    return ok("regularity", said, station=station)
+        return warn("regularity", found, remedy)
+    return ok("regularity", found)
 
 
-def check_signals(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
+def check_signals(samples: CheckedSamples) -> Iterator[CheckResult]:
     """What is there, and what its absence means."""
     there = ", ".join(samples.signals)
     if "pos" not in samples.signals and "q" not in samples.signals:
-        yield warn(
-            "signals", f"{there or 'none'}", "neither pos nor q: there is nothing to divide", station=station
-        )
+        yield warn("signals", f"{there or 'none'}", "neither pos nor q: there is nothing to divide")
         return
     missing = [name for name in WHAT_FOR if not _has(samples, name)]
     if not missing:
-        yield ok("signals", there, station=station)
+        yield ok("signals", there)
         return
     meaning = "; ".join(f"without {name} {WHAT_FOR[name]}" for name in missing)
-    yield warn("signals", there, f"{meaning}: send them if the robot has them", station=station)
+    yield warn("signals", there, f"{meaning}: send them if the robot has them")
 
 
 def _has(samples: CheckedSamples, name: str) -> bool:
@@ -108,48 +98,42 @@ def _has(samples: CheckedSamples, name: str) -> bool:
     return name in samples.signals
 
 
-def check_noise(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
+def check_noise(samples: CheckedSamples) -> Iterator[CheckResult]:
     """The force's scatter while the robot rests."""
     force = samples.signals.get("force")
     rest = [] if force is None else cells_at_rest(samples)
     if force is None or len(rest) < REST_CELLS:
         return
     noise = float(np.median([force[cell].std(axis=0).max() for cell in rest]))
-    said = f"{noise:.2f} N on the worst axis at rest, median of {len(rest)} tenths of a second"
-    if noise > NOISE_LIMIT_N:
-        remedy = (
-            f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (say flange_sensor_with_hand), a loose cable, "
-            "or no filter in the sensor"
-        )
-        yield warn("wrench noise", said, remedy, station=station)
-    else:
-        yield ok("wrench noise", said, station=station)
+    found = f"{noise:.2f} N on the worst axis at rest, median of {len(rest)} tenths of a second"
+    remedy = (
+        f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (say flange_sensor_with_hand), a loose cable, "
+        "or no filter in the sensor"
+    )
+    yield warn_if(noise > NOISE_LIMIT_N, "wrench noise", found, remedy)
 
 
-def check_bias(bias: Array | None, *, station: str | None = None) -> Iterator[CheckResult]:
+def check_bias(bias: Array | None) -> Iterator[CheckResult]:
     """Check the bias. bias: (3,) [N] reading while nothing touches the sensor; None where unknown."""
     if bias is None:
         return
     x, y, z = bias.tolist()
     size = float(np.linalg.norm(bias))
-    said = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
-    if size > BIAS_LIMIT_N:
-        remedy = (
-            f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot take off the weight of hand and "
-            "tool: it turns with the flange, and what is taken off once does not follow"
-        )
-        yield warn("wrench bias", said, remedy, station=station)
-    else:
-        yield ok("wrench bias", said, station=station)
+    found = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
+    remedy = (
+        f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot take off the weight of hand and "
+        "tool: it turns with the flange, and what is taken off once does not follow"
+    )
+    yield warn_if(size > BIAS_LIMIT_N, "wrench bias", found, remedy)
 
 
-def check_units(samples: CheckedSamples, *, station: str | None = None) -> Iterator[CheckResult]:
+def check_units(samples: CheckedSamples) -> Iterator[CheckResult]:
     """Are times, positions, joints and forces in the units that they are said to have?"""
     found = implausible(
         samples.t, samples.signals, length_unit=samples.length_unit, declared=samples.declared_units
     )
     if found is not None:
-        yield bad("units", str(found), unit_remedy(found, samples.length_unit), station=station)
+        yield bad("units", str(found), unit_remedy(found, samples.length_unit))
 
 
 def cells_at_rest(samples: CheckedSamples) -> list[slice]:

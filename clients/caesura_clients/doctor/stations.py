@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,35 +42,39 @@ class Station:
         return self.statuses[-1].status if self.statuses else None
 
 
-def stations_of(facts: ProbeResult) -> list[Station]:
+def stations_of(probed: ProbeResult) -> list[Station]:
     """Every station that has a bridge or a session, by name."""
-    names = {*facts.bridges, *(station for station, _ in (*facts.statuses, *facts.batches))}
-    return [_station(facts, name) for name in sorted(names)]
+    names = {*probed.bridges, *(station for station, _ in (*probed.statuses, *probed.batches))}
+    return [_station(probed, name) for name in sorted(names)]
 
 
 def check_station(station: Station) -> Iterator[CheckResult]:
-    """Everything about one station."""
+    """Yield every check of one station, with its name."""
+    return (replace(result, station=station.name) for result in _checks_of(station))
+
+
+def _checks_of(station: Station) -> Iterator[CheckResult]:
     status = station.status
     if status is None or status.state == "closed":
-        yield from _between_sessions(station)
+        yield from _check_closed(station)
     else:
-        yield _bridge(station, status)
-        yield from _flow(station, status)
+        yield _check_bridge(station, status)
+        yield from _check_flow(station, status)
     if status is not None:
         for check in CHECKS:
             yield from check(station, status)
     if status is not None and status.state == "open":
-        for session, count in _strangers(station).items():
+        for session, count in _other_sessions(station).items():
             remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
             found = f"{count} batches of {session}, which is not open"
-            yield warn("bridge", found, remedy, station=station.name)
+            yield warn("bridge", found, remedy)
 
 
-def _station(facts: ProbeResult, name: str) -> Station:
-    own = [statuses for (station, _), statuses in facts.statuses.items() if station == name and statuses]
+def _station(probed: ProbeResult, name: str) -> Station:
+    own = [statuses for (station, _), statuses in probed.statuses.items() if station == name and statuses]
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
-    batches = [one for (station, _), some in facts.batches.items() if station == name for one in some]
-    return Station(name, name in facts.bridges, current, batches, facts.listened_s)
+    batches = [one for (station, _), some in probed.batches.items() if station == name for one in some]
+    return Station(name, name in probed.bridges, current, batches, probed.listened_s)
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
@@ -78,32 +82,30 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
     return status.state == "open", status.session
 
 
-def _between_sessions(station: Station) -> Iterator[CheckResult]:
+def _check_closed(station: Station) -> Iterator[CheckResult]:
     status = station.status
     last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
-    if _strangers(station):
+    if _other_sessions(station):
         remedy = "the service refused it or has not answered: see the bridge's terminal and the service's log"
-        yield bad("bridge", f"samples come, and {last}", remedy, station=station.name)
+        yield bad("bridge", f"samples come, and {last}", remedy)
     elif station.connected:
         remedy = "one has just ended, or is beginning; if it stays so, see the bridge's terminal"
-        yield warn("bridge", f"connected, and {last}", remedy, station=station.name)
+        yield warn("bridge", f"connected, and {last}", remedy)
     else:
-        yield ok("bridge", f"not connected, and {last}", station=station.name)
+        yield ok("bridge", f"not connected, and {last}")
 
 
-def _bridge(station: Station, status: SessionStatus) -> CheckResult:
+def _check_bridge(station: Station, status: SessionStatus) -> CheckResult:
     if station.connected:
-        return ok("bridge", f"connected, session {status.session} on {status.instance}", station=station.name)
+        return ok("bridge", f"connected, session {status.session} on {status.instance}")
     remedy = (
         f"start it again with --station {station.name} --session {status.session} --epoch N, N above the "
         "last one (0 at first); or leave it open: it takes no samples and harms nothing"
     )
-    return bad(
-        "bridge", f"session {status.session} is open and no bridge is connected", remedy, station=station.name
-    )
+    return bad("bridge", f"session {status.session} is open and no bridge is connected", remedy)
 
 
-def _flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     """Do samples come, how many, and how evenly?"""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
@@ -112,32 +114,32 @@ def _flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
         return
     if took_s < STILL_S:
         remedy = "the session has just begun: look again"
-        yield warn("samples", f"listened to for {took_s:.1f} s only", remedy, station=station.name)
+        yield warn("samples", f"listened to for {took_s:.1f} s only", remedy)
         return
     if batches == 0 and not station.batches:
-        yield bad("samples", f"none in {took_s:.1f} s", _NO_SAMPLES, station=station.name)
+        yield bad("samples", f"none in {took_s:.1f} s", _NO_SAMPLES)
         return
     if batches == 0:
         found = f"{len(station.batches)} batches sent and none processed in {took_s:.1f} s"
         why = "a batch before them is missing, the queue is long or they are refused: see below and the log"
-        yield bad("samples", found, why, station=station.name)
+        yield bad("samples", found, why)
         return
     count, passed_s = last.status.samples - first.status.samples, last.status.t - first.status.t
     found = f"{batches / took_s:.1f} batches/s, {count / took_s:.0f} samples/s"
     if passed_s > 0:
         found += f", {passed_s / took_s:.2f} s of the demonstration a second"
-    yield ok("samples", found, station=station.name)
+    yield ok("samples", found)
     samples = _samples(station, status)
     if samples is None:
-        yield _even(station)
+        yield _counted_rate(station)
         return
     if status.refused:  # what the service takes is plausible, or its unit was declared
-        yield from check_units(samples, station=station.name)
+        yield from check_units(samples)
     for check in (check_rate, check_signals, check_noise):
-        yield from check(samples, station=station.name)
+        yield from check(samples)
 
 
-def _even(station: Station) -> CheckResult:
+def _counted_rate(station: Station) -> CheckResult:
     """From the service's counts, where the samples themselves are not for these credentials."""
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
@@ -146,9 +148,9 @@ def _even(station: Station) -> CheckResult:
     ]
     if not steps:
         remedy = "listen for longer with --seconds"
-        return warn("rate", "too few statuses in this time for a rate", remedy, station=station.name)
-    said = f"about {np.median(steps):.0f} Hz, as the service counts"
-    return ok("rate", said, station=station.name)
+        return warn("rate", "too few statuses in this time for a rate", remedy)
+    found = f"about {np.median(steps):.0f} Hz, as the service counts"
+    return ok("rate", found)
 
 
 _NO_SAMPLES = (
@@ -164,7 +166,7 @@ def _samples(station: Station, status: SessionStatus) -> CheckedSamples | None:
     if len(columns) != 1:
         return None
     try:
-        matrix = np.concatenate([unpack_samples(own[seq]) for seq in _unbroken(sorted(own))])
+        matrix = np.concatenate([unpack_samples(own[seq]) for seq in _longest_run(sorted(own))])
     except ProtocolError:
         return None  # the service refuses them, and says so
     if len(matrix) < FEWEST_SAMPLES:
@@ -178,13 +180,13 @@ def _samples(station: Station, status: SessionStatus) -> CheckedSamples | None:
     return CheckedSamples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
 
 
-def _unbroken(numbers: Sequence[int]) -> Sequence[int]:
+def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
     """The longest run without a hole: across one, there is no interval to judge."""
     runs = np.split(np.array(numbers), np.flatnonzero(np.diff(numbers) != 1) + 1)
     return [int(number) for number in max(runs, key=len)]
 
 
-def _losses(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_losses(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
@@ -193,23 +195,23 @@ def _losses(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
             "paused. The program is less sure there: teach it again"
         )
         found = f"{len(status.gaps)} of {lost_s:.2f} s in all ({', '.join(reasons)})"
-        yield warn("gaps", found, remedy, station=station.name)
+        yield warn("gaps", found, remedy)
     else:
-        yield ok("gaps", "none", station=station.name)
+        yield ok("gaps", "none")
     if status.waiting_for is not None and status.state == "open":
         remedy = "it is asked for again and again; if it stays so, look whether the bridge answers"
-        yield warn("gaps", f"batch {status.waiting_for} is missing", remedy, station=station.name)
+        yield warn("gaps", f"batch {status.waiting_for} is missing", remedy)
     if status.duplicates:
         found = f"{status.duplicates} of {status.batches + status.duplicates} batches came again"
-        yield ok("duplicates", f"{found} and were ignored", station=station.name)
+        yield ok("duplicates", f"{found} and were ignored")
 
 
-def _refusals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_refusals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     if status.refused:
-        said = ", ".join(f"{count} {code}" for code, count in status.refused.items())
+        found = ", ".join(f"{count} {code}" for code, count in status.refused.items())
         last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
         remedy = "the bridge sends what the service cannot take: see docs/operations.md"
-        yield warn("refused", f"{said}{last}", remedy, station=station.name)
+        yield warn("refused", f"{found}{last}", remedy)
 
 
 def wrench_remedy(source: str) -> str:
@@ -219,27 +221,29 @@ def wrench_remedy(source: str) -> str:
     return "with a sensor below the hand, state --wrench-source flange_sensor; else there are only moves"
 
 
-def _wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     wrench = status.wrench
     can = [
         name
         for name, there in (("contact", wrench.contact_models), ("load", wrench.transport_models))
         if there
     ]
-    said = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
+    found_text = (
+        f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
+    )
     if not can:
         remedy = wrench_remedy(wrench.source)
         if not wrench.stated:
             remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
-        yield warn("wrench", said, remedy, station=station.name)
+        yield warn("wrench", found_text, remedy)
     elif wrench.tare is None and status.observations:
-        yield warn("wrench", said, "start in free space and at rest for 0.4 s", station=station.name)
+        yield warn("wrench", found_text, "start in free space and at rest for 0.4 s")
     else:
-        yield ok("wrench", said, station=station.name)
-    yield from check_bias(None if wrench.tare is None else np.array(wrench.tare), station=station.name)
+        yield ok("wrench", found_text)
+    yield from check_bias(None if wrench.tare is None else np.array(wrench.tare))
 
 
-def _rivals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_rival_bridges(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
     """Do two bridges send one session?"""
     own = [one.bridge for one in station.batches if one.session == status.session]
     senders = Counter(name for name in own if name is not None)
@@ -249,10 +253,10 @@ def _rivals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
             "the service takes those of the one that opened it: stop the other, or give it another --session"
         )
         found = f"{len(senders)} bridges publish {status.session}: {each}"
-        yield bad("bridge", found, remedy, station=station.name)
+        yield bad("bridge", found, remedy)
 
 
-def _strangers(station: Station) -> dict[str, int]:
+def _other_sessions(station: Station) -> dict[str, int]:
     """Batches of sessions other than the current one, by session."""
     own = station.status.session if station.status is not None else None
     others = [one.session for one in station.batches if one.session != own]
@@ -260,8 +264,8 @@ def _strangers(station: Station) -> dict[str, int]:
 
 
 CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[CheckResult]], ...] = (
-    _rivals,
-    _losses,
-    _refusals,
-    _wrench,
+    _check_rival_bridges,
+    _check_losses,
+    _check_refusals,
+    _check_wrench,
 )

@@ -24,7 +24,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
 CHUNK_MS = 20  # of the robot's time
 GRIPPER_S = 0.02  # between two questions
-GIVEN_UP_S = 3.0
+GRIPPER_TIMEOUT_S = 3.0
 MS = 1000
 NO_GRIPPER = " (without a gripper: --no-gripper)"
 
@@ -67,7 +67,7 @@ class FrankaSource:
 
     def __init__(
         self,
-        who: str,
+        name: str,
         read: Callable[[], FrankaState],
         width: Callable[[], float] | None = None,
         hand_on_robot: HandOnRobot = "yes",
@@ -75,11 +75,11 @@ class FrankaSource:
         self.hand_on_robot: HandOnRobot = hand_on_robot
         signals = SIGNALS if width is None else (*SIGNALS, "gripper")
         self.columns = ("t", *(c for s in signals for c in COLUMNS_OF_SIGNAL[s]))
-        self._who = who
+        self._who = name
         self._read = read
         self._gripper: _Gripper | None = None
         if width is not None:
-            self._gripper = connected(f"{who}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
+            self._gripper = connect_arm(f"{name}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield about 20 ms of states at a time; a state that is read twice is yielded once."""
@@ -121,7 +121,7 @@ class FrankaSource:
         try:
             return self._read()
         except Exception as error:  # whatever the wrapper makes of libfranka's
-            raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_said(error)}") from error
+            raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_error_text(error)}") from error
 
     def _row(self, state: FrankaState, first: int, orientation: Any) -> list[float]:
         flange = flange_of(state.effector, state.effector_on_flange)
@@ -150,23 +150,23 @@ class _Gripper:
     def close(self) -> None:
         """Wait for the last answer, which libfranka itself gives up in time."""
         self._over.set()
-        self._thread.join(GIVEN_UP_S)
+        self._thread.join(GRIPPER_TIMEOUT_S)
 
     def _run(self) -> None:
         try:
             while not self._over.wait(GRIPPER_S):
                 self.width = self._ask()
         except Exception as error:
-            self.failure = _said(error)
+            self.failure = _error_text(error)
 
 
-def connected(who: str, connect: Callable[[], Any], hint: str = "") -> Any:
+def connect_arm(name: str, connect: Callable[[], Any], hint: str = "") -> Any:
     """What `connect` gives. Raises SourceError, with the reason, where it does not."""
     try:
         return connect()
     except Exception as error:
-        raise SourceError(f"{who}: cannot connect: {_said(error)}{hint}") from error
+        raise SourceError(f"{name}: cannot connect: {_error_text(error)}{hint}") from error
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__

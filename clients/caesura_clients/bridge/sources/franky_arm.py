@@ -14,7 +14,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connect_arm, state_of
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.poses import Transform, pose_of
 from caesura_protocol.messages import HandOnRobot
@@ -25,10 +25,10 @@ def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot =
     with import_extra("franky", "the source franky"):
         franky = import_module("franky")
     who = f"franky at {host}"
-    robot = connected(who, lambda: franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore))
+    robot = connect_arm(who, lambda: franky.Robot(host, realtime_config=franky.RealtimeConfig.Ignore))
     width = None
     if gripper:
-        hand = connected(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
+        hand = connect_arm(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.state.width)  # noqa: E731 - it closes over the hand
     return FrankaSource(who, lambda: state_of(robot.state, _pose), width, hand_on_robot)
 

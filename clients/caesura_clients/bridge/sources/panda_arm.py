@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connected, state_of
+from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connect_arm, state_of
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.messages import HandOnRobot
 
@@ -20,9 +20,9 @@ def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = 
     with import_extra("panda", "the source panda"):
         libfranka = import_module("panda_py.libfranka")
     who = f"panda at {host}"
-    robot = connected(who, lambda: libfranka.Robot(host, libfranka.RealtimeConfig.kIgnore))
+    robot = connect_arm(who, lambda: libfranka.Robot(host, libfranka.RealtimeConfig.kIgnore))
     width = None
     if gripper:
-        hand = connected(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
+        hand = connect_arm(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.read_once().width)  # noqa: E731 - it closes over the hand
     return FrankaSource(who, lambda: state_of(robot.read_once()), width, hand_on_robot)

@@ -84,7 +84,7 @@ class Ros2Source:
             for key in self._keys():
                 self._stack.enter_context(transport.subscribe(key, self._inbox))
             self._first_messages = self._discover(discover_s)
-            self._plan = self._planned(mapped, wrench_source)
+            self._plan = self._selection(mapped, wrench_source)
         except BaseException:
             self._stack.close()
             raise
@@ -100,7 +100,7 @@ class Ros2Source:
         """Messages that came faster than they were taken."""
         return self._inbox.dropped
 
-    def closing(self, close: Callable[[], None]) -> None:
+    def close_with(self, close: Callable[[], None]) -> None:
         """Close this as well, last of all."""
         topics = self._stack.pop_all()
         self._stack.callback(close)
@@ -115,12 +115,12 @@ class Ros2Source:
         """Yield rows as they become whole, those of the discovery first."""
         try:
             rows: list[Row] = []
-            for messages in self._all():
-                if messages is not None and messages.topic.rule.mark:
+            for received in self._received_messages():
+                if received is not None and received.topic.rule.mark:
                     yield Mark(self._joiner.latest_s)
-                elif messages is not None:
-                    rows += self._joined(messages)
-                if rows and (messages is None or len(rows) >= CHUNK_SAMPLES):
+                elif received is not None:
+                    rows += self._aligned_rows(received)
+                if rows and (received is None or len(rows) >= CHUNK_SAMPLES):
                     yield np.array(rows)
                     rows = []
             rows += self._joiner.flush()
@@ -129,21 +129,21 @@ class Ros2Source:
         finally:
             self.close()
 
-    def _joined(self, messages: ReceivedMessage) -> list[Row]:
+    def _aligned_rows(self, received: ReceivedMessage) -> list[Row]:
         with _as_source():
-            stamp = stamp_of(messages.message, messages.topic.name)
-            return self._joiner.push(stamp, self._plan.select_values(messages.topic, messages.message))
+            stamp = stamp_of(received.message, received.topic.name)
+            return self._joiner.push(stamp, self._plan.select_values(received.topic, received.message))
 
-    def _all(self) -> Iterator[ReceivedMessage | None]:
+    def _received_messages(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""
         yield from self._first_messages
         self._first_messages = []
         while True:
             item = self._inbox.get(TICK_S)
             if isinstance(item, ReceivedSample):
-                messages = self._read(item)
-                if messages is not None:
-                    yield messages
+                received = self._decode_message(item)
+                if received is not None:
+                    yield received
             else:
                 if self._over.is_set():
                     return
@@ -156,7 +156,7 @@ class Ros2Source:
             return [f"{self._domain}/**/{_dds(name)}/*" for name in READ]
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
-    def _read(self, delivery: ReceivedSample) -> ReceivedMessage | None:
+    def _decode_message(self, delivery: ReceivedSample) -> ReceivedMessage | None:
         """The message of a delivery. None for a topic that is not read. Raises SourceError."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
@@ -178,32 +178,32 @@ class Ros2Source:
 
     def _discover(self, discover_s: float) -> list[ReceivedMessage]:
         """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
-        messages: list[ReceivedMessage] = []
-        awaited = {name for name, rule in self._rules.items() if not rule.mark}
+        received: list[ReceivedMessage] = []
+        missing_topics = {name for name, rule in self._rules.items() if not rule.mark}
         deadline = self._clock() + discover_s
         while self._clock() < deadline:
             item = self._inbox.get(TICK_S)
-            one = self._read(item) if isinstance(item, ReceivedSample) else None
+            one = self._decode_message(item) if isinstance(item, ReceivedSample) else None
             if one is None:
                 continue
-            if not messages and not self._rules:
+            if not received and not self._rules:
                 deadline = min(deadline, self._clock() + LISTEN_S)
-            messages.append(one)
-            awaited.discard(one.topic.name)
-            if self._rules and not awaited:
-                return messages
-        if awaited or not messages:
-            there = ", ".join(sorted({one.topic.name for one in messages})) or "nothing"
+            received.append(one)
+            missing_topics.discard(one.topic.name)
+            if self._rules and not missing_topics:
+                return received
+        if missing_topics or not received:
+            there = ", ".join(sorted({one.topic.name for one in received})) or "nothing"
             raise SourceError(
-                f"ros2: no message of {', '.join(sorted(awaited)) or ' or '.join(READ)} within "
+                f"ros2: no message of {', '.join(sorted(missing_topics)) or ' or '.join(READ)} within "
                 f"{discover_s:g} s; received {there}, listening to {', '.join(self._keys())}"
             )
-        return messages
+        return received
 
-    def _planned(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
+    def _selection(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
         with _as_source():
-            told = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
-            return select_topics(told, mapped, wrench_source)
+            pairs = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
+            return select_topics(pairs, mapped, wrench_source)
 
 
 def open_ros2(
@@ -229,7 +229,7 @@ def open_ros2(
     except BaseException:
         transport.close()
         raise
-    source.closing(transport.close)
+    source.close_with(transport.close)
     return source
 
 

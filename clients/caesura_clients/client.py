@@ -125,7 +125,7 @@ class Caesura:
         return query.sessions(self.transport, station)
 
     def stations(self) -> list[str]:
-        """Stations whose bridge is connected now."""
+        """Return the stations whose bridge is connected now."""
         return query.stations(self.transport)
 
     def services(self) -> list[ServiceStatus]:

@@ -103,7 +103,7 @@ def events(
 
 
 class _Follower:
-    """The readers of all sessions that were met, and the way to their snapshots."""
+    """Readers of all sessions seen so far, and the queries for their snapshots."""
 
     def __init__(self, transport: Transport, station: str, session: str, refresh_s: float) -> None:
         self._transport = transport
@@ -138,7 +138,7 @@ class _Follower:
         yield from self._remove_missing(self._missing(known))
 
     def refresh_silent(self) -> Iterator[Event]:
-        """Ask for what has said nothing for a while; yields as `refresh`."""
+        """Query sessions that were silent for a while; yields as `refresh`."""
         due = self._backoff.due()
         if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
             yield from self.refresh()
@@ -183,7 +183,7 @@ class _Follower:
             self._backoff.back_off(key)
 
     def _remove_missing(self, missing: set[tuple[str, str]]) -> Iterator[SessionRemoved]:
-        """Drop what a second question does not bring up either, though every service there answers it."""
+        """Remove sessions that a second, complete query does not return either."""
         again = self._ask(complete=True) if missing else None
         if again is None or not self._is_served():
             return

@@ -34,7 +34,7 @@ class SessionInfo:
 def snapshots(
     transport: Transport, station: str = "*", session: str = "*", *, complete: bool = False
 ) -> list[Snapshot]:
-    """Everything about every session that matches, one of the highest epoch each; none is no error.
+    """Query the snapshots of every matching session, one of the highest epoch each; none is no error.
 
     complete: also raise where only some of the live instances have answered.
     """
@@ -51,7 +51,7 @@ def snapshots(
 def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
     """Everything about one session; without a name the one that `program` speaks of, the newest.
 
-    Raises Absent, which names what there is, or Unreachable.
+    Raises NotFound, which names what there is, or Unreachable.
     """
     name = session or _current_session(transport, station)
     found = snapshots(transport, station, name or "*")
@@ -62,7 +62,10 @@ def snapshot(transport: Transport, station: str, session: str | None = None) -> 
 
 
 def program(transport: Transport, station: str) -> Program:
-    """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
+    """Query the current task program of a station.
+
+    Raises NotFound, which names what there is, or Unreachable.
+    """
     found = _current_program(transport, station)
     if found is None:
         raise _not_found(transport, f"station {station!r} has no program")
@@ -95,17 +98,17 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
 
 
 def stations(transport: Transport) -> list[str]:
-    """Stations whose bridge is connected now."""
+    """Return the stations whose bridge is connected now."""
     return _names_of_tokens(transport.list_tokens(station_key("*", "alive")), parse_station_key)
 
 
 def services(transport: Transport) -> list[str]:
-    """Instances of the service that are alive now."""
+    """Return the instances of the service that are alive now."""
     return _names_of_tokens(transport.list_tokens(service_key("*", "alive")), parse_service_key)
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
-    """How every instance is doing. Raises Unreachable where there is none."""
+    """Query the status of every instance. Raises Unreachable where there is none."""
     found = _query_all(transport, service_key("*", "status"), ServiceStatus)
     if not found:
         _require_service(transport)

@@ -43,7 +43,7 @@ TICK_S = 0.1
 
 @dataclass
 class Recorder:
-    """The batches of one session, and what is missing of them.
+    """Batches of one session, and the ranges that are missing.
 
     Numbers are a sender's word, and may leap to a billion: of what is missing only its beginning is kept.
     """
@@ -58,7 +58,10 @@ class Recorder:
     _asked: tuple[int, int] = (-1, 0)  # what was asked for last and not answered, and how often
 
     def add_batch(self, batch: SampleBatch, now_s: float | None = None) -> None:
-        """Keep a batch, unless one of its number is here. now_s: time of day, where it came live."""
+        """Store a batch, unless its number is stored already.
+
+        now_s: time of day, where it was received live.
+        """
         self.announce_seq(batch.seq)
         if batch.seq in self.batches or batch.seq > self.known:
             return
@@ -74,12 +77,12 @@ class Recorder:
             self.began_s = min(self.began_s, now_s - end)
 
     def announce_seq(self, seq: int) -> None:
-        """The sender has come to this number."""
+        """Record that the sender has reached this number."""
         if seq <= max(self.known, 0) + MAX_BATCHES_AHEAD:
             self.known = max(self.known, seq)
 
     def missing(self) -> ReplayRange | None:
-        """The next range to ask for."""
+        """Return the next range to request; None where nothing is missing."""
         while self._whole in self.batches or self._whole in self._unreadable:
             self._unreadable.discard(self._whole)
             self._whole += 1
@@ -91,7 +94,7 @@ class Recorder:
         return ReplayRange(first, last, last - first + 1, self.session)
 
     def count_unanswered(self, asked: ReplayRange, *, no_reply: bool = False) -> None:
-        """Count a replay without these batches; after ATTEMPTS they are a gap."""
+        """Count a replay without these batches; after ATTEMPTS give them up as a gap."""
         first, tried = self._asked
         self._asked = (asked.first, tried + 1 if first == asked.first else 1)
         if self._asked[1] >= ATTEMPTS:
@@ -104,11 +107,11 @@ class Recorder:
 
     @property
     def lost(self) -> int:
-        """Batches that are known to exist and are not here."""
+        """Return how many batches exist and are not stored."""
         return self.known + 1 - len(self.batches)
 
     def recording(self, status: SessionStatus | None) -> Recording:
-        """What was kept. Raises CaesuraError where that is nothing."""
+        """Return the stored samples as a recording. Raises CaesuraError where there are none."""
         if not self.batches:
             raise CaesuraError(f"{self.session}: no samples came")
         columns = self.batches[min(self.batches)].columns
@@ -144,7 +147,7 @@ class RecordedSession:
 
     @property
     def missed(self) -> str:
-        """What a reader must know, nothing where nothing is missing."""
+        """Return what is missing from the recording, empty where nothing is."""
         said = []
         if self.recorder.lost:
             said.append(f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps")
@@ -223,7 +226,7 @@ class _LiveRecording:
         self._heard_s = self._asked_s = clock()
 
     def add_batch(self, item: Item | None) -> None:
-        """Keep what arrived, where it is of the session."""
+        """Store a received message, where it belongs to the session."""
         message = _decoded(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):
             return
@@ -236,7 +239,10 @@ class _LiveRecording:
         self._on_message(self.recorder)
 
     def request_missing(self) -> None:
-        """Ask the bridge for what is missing, and after a silence the service whether it is over."""
+        """Request missing batches from the bridge.
+
+        After a silence, ask the service whether the session is closed.
+        """
         now = self._clock()
         if self.recorder is None:
             return
@@ -273,7 +279,7 @@ def _take(recorder: Recorder, message: RecordedMessage, time_of_day: Callable[[]
 
 
 def _ask(transport: Transport, station: str, recorder: Recorder) -> bool:
-    """Ask the bridge for what is missing, once; is there anything left to ask for?"""
+    """Request the next missing range from the bridge; return whether there was one."""
     wanted = recorder.missing()
     if wanted is None:
         return False

@@ -20,7 +20,7 @@ class _Waiting(NamedTuple):
 
 
 class RefreshBackoff(Generic[K]):
-    """Of many, each by its key."""
+    """Query intervals of many keys."""
 
     def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         """patience_s: how long nothing may be received before a query."""
@@ -30,21 +30,21 @@ class RefreshBackoff(Generic[K]):
         self._next_check_s = clock()
 
     def reset(self, key: K) -> None:
-        """It has said something."""
+        """Restart the interval of a key that was received."""
         self._waiting[key] = _Waiting(self._clock() + self._silence_s, self._silence_s)
 
     def retry_after_silence(self, key: K) -> None:
-        """It was asked for in vain."""
+        """Repeat the query of a key after the first interval: no answer came."""
         self.reset(key)
 
     def back_off(self, key: K) -> None:
-        """It was asked for; there may have been nothing new."""
+        """Double the interval of a key that was queried, up to LONGEST_S."""
         known = self._waiting.get(key)
         wait_s = min(2.0 * known.wait_s, LONGEST_S) if known else self._silence_s
         self._waiting[key] = _Waiting(self._clock() + wait_s, wait_s)
 
     def remove(self, key: K) -> None:
-        """Nothing more is expected of it."""
+        """Stop querying a key."""
         self._waiting.pop(key, None)
 
     def due(self) -> list[K]:

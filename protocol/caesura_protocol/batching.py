@@ -47,7 +47,7 @@ class Batcher:
         return full
 
     def flush(self) -> list[Matrix]:
-        """What is pending, as a batch of its own."""
+        """Return the pending samples as a batch of their own."""
         pending, self._pending, self._count = self._pending, [], 0
         return [np.concatenate(pending)] if pending else []
 

@@ -48,7 +48,7 @@ _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
 
 
 class Bounds(NamedTuple):
-    """Of the payloads of one type."""
+    """Size and count limits of the payloads of one type."""
 
     size: int  # [bytes]
     items: int | None = None  # containers, keys and values, at any depth; None: as many as fit
@@ -73,12 +73,12 @@ BOUNDS: Mapping[type[Message], Bounds] = {
 
 
 def bounds_of(model: type[Message]) -> Bounds:
-    """What a payload of this type may hold."""
+    """Return the limits for payloads of this type."""
     return BOUNDS.get(model, _LONG)
 
 
 def unpacked(payload: bytes, bounds: Bounds) -> Any:
-    """What a payload holds, arrays as tuples. Raises ProtocolError `too_large` or `malformed`."""
+    """Unpack a payload, arrays as tuples. Raises ProtocolError `too_large` or `malformed`."""
     if len(payload) > bounds.size:
         why = "message over the size limit of its type"
         raise ProtocolError("too_large", why, value=len(payload), limit=bounds.size)

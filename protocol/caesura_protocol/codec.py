@@ -53,7 +53,7 @@ class Encoded(NamedTuple):
 
 
 def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
-    """The wire form of a message. Raises ProtocolError `too_large` over the limit [bytes]."""
+    """Encode a message for the wire. Raises ProtocolError `too_large` over the limit [bytes]."""
     try:
         payload: bytes = msgpack.packb(message, default=_fields)
     except _HoldsPackedError:
@@ -88,7 +88,7 @@ def _fields(message: object) -> dict[str, Any]:
 
 
 def _join_packed(message: Message) -> bytes:
-    """The same bytes as of one call, but that what is packed is not unpacked for it."""
+    """Encode a message around packed parts: the bytes of one call, without unpacking the parts."""
     packer, done = msgpack.Packer(default=_fields, autoreset=False), list[bytes]()
 
     def add(value: object) -> None:
@@ -126,7 +126,7 @@ def encoding_of(model: type[Message]) -> str:
 
 
 def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_MESSAGE_BYTES) -> M:
-    """The message in a payload, which must be one of the expected types.
+    """Decode the message in a payload, which must be one of the expected types.
 
     Raises ProtocolError: `too_large` over the limit [bytes], `unsupported_version` (names both versions) or
     `malformed` (names the field and its value).
@@ -147,7 +147,7 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
 
 
 def encode_error(error: ProtocolError) -> Encoded:
-    """The wire form of a refusal."""
+    """Encode a refusal for the wire."""
     return encode(
         Error(
             code=error.code,
@@ -160,7 +160,7 @@ def encode_error(error: ProtocolError) -> Encoded:
 
 
 def decode_error(payload: bytes, encoding: str) -> ProtocolError:
-    """The refusal in a `reply_err` payload, to be raised or shown."""
+    """Decode the refusal in a `reply_err` payload, to be raised or shown."""
     error = decode(payload, encoding, Error)
     return ProtocolError(
         error.code, error.message, value=error.value, limit=error.limit, expected=error.expected
@@ -176,7 +176,7 @@ def pack_samples(
     seq: int,
     bridge: str | None = None,
 ) -> SampleBatch:
-    """A batch from a matrix (n, columns), session time [s] in its first column.
+    """Pack a matrix (n, columns) into a batch, session time [s] in its first column.
 
     bridge: the name of the one that sends it.
     Precision is kept, and in double every bit: `unpack_samples` gives the same times, wherever it begins.
@@ -202,7 +202,7 @@ def pack_samples(
 
 
 def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
-    """The matrix (n, columns) of a batch, session time [s] in its first column.
+    """Unpack the matrix (n, columns) of a batch, session time [s] in its first column.
 
     Raises ProtocolError `malformed` where the size does not fit, the first column is not `t`, or a value
     is not finite (named with its row and column).

@@ -13,7 +13,7 @@ PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_l
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra, as an error names it. README.md, Install, has the others.
+    """Return the command that installs an extra, for errors. README.md, Install, has the others.
 
     >>> installing("mcap")
     "pip install '.[mcap]' in a clone of Caesura"
@@ -22,7 +22,7 @@ def install_command(extra: str) -> str:
 
 
 def installed_version() -> str:
-    """The version that is installed; `0+unknown` where the packages are imported without an installation."""
+    """Return the installed version; `0+unknown` where the packages are imported without an installation."""
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:
@@ -31,7 +31,7 @@ def installed_version() -> str:
 
 @contextmanager
 def import_extra(extra: str, what: object) -> Iterator[None]:
-    """Import what an extra brings. Raises SourceError, which names the extra, where it is not installed."""
+    """Import a module of an extra. Raises SourceError, which names the extra, where it is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:

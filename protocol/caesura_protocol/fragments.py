@@ -20,7 +20,7 @@ PIECE_COST = 256  # [bytes] of one beside its payload
 
 
 def fragment(message: Message) -> Iterator[Encoded]:
-    """The wire form of a message, in pieces where it is too long.
+    """Encode a message for the wire, in fragments where it is too long.
 
     Raises ProtocolError `too_large` over MAX_WHOLE_BYTES.
     """
@@ -36,7 +36,7 @@ def fragment(message: Message) -> Iterator[Encoded]:
 
 
 class Reassembler:
-    """Pieces as they come. A message that lacks some is dropped for newer ones on its key."""
+    """Joins fragments into messages. An incomplete message is dropped for a newer one on its key."""
 
     def __init__(self) -> None:
         self._held: dict[str, dict[int, dict[int, bytes]]] = {}  # by key, message and number
@@ -48,7 +48,10 @@ class Reassembler:
         return sum(map(len, self._held.values()))
 
     def add(self, key: str, content: Encoded) -> Encoded | None:
-        """The message that is whole with this; None while pieces are missing. Raises ProtocolError."""
+        """Add a fragment; return the message it completes, None while pieces are missing.
+
+        Raises ProtocolError.
+        """
         if content.encoding != encoding_of(Piece):
             check_size(content.payload)
             return content

@@ -15,17 +15,17 @@ Array = NDArray[np.float64]
 
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
-    """Rotation (3, 3) of a quaternion (4,)."""
+    """Return the rotation (3, 3) of a quaternion (4,)."""
     return np.array(_rows(*_unit(quaternion)))
 
 
 def matrices_of(quaternions: Array) -> Array:
-    """Rotations (n, 3, 3) of quaternions (n, 4)."""
+    """Return the rotations (n, 3, 3) of quaternions (n, 4)."""
     return np.moveaxis(np.array(_rows(*_unit(quaternions).T)), -1, 0)
 
 
 def quaternion_of(rotation: Array) -> Array:
-    """Quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
+    """Return the quaternion x y z w of a rotation (3, 3) (Shepperd's method, by the largest component)."""
     m, trace = rotation, float(np.trace(rotation))
     squares = np.array([1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace, 1 + trace])
     products = np.array(
@@ -40,23 +40,23 @@ def quaternion_of(rotation: Array) -> Array:
 
 
 def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
-    """[rad] between two quaternions (4,)."""
+    """Return the angle [rad] between two quaternions (4,)."""
     return 2.0 * math.acos(min(abs(float(_unit(one) @ _unit(other))), 1.0))
 
 
 def angles(quaternions: Array, other: Array) -> Array:
-    """Angles (n,) [rad] between quaternions (n, 4) and another (4,), all of unit length."""
+    """Return the angles (n,) [rad] between quaternions (n, 4) and another (4,), all of unit length."""
     cosine = np.minimum(np.abs(quaternions @ other), 1.0)
     return 2.0 * np.arccos(cosine)
 
 
 def angle_of_matrices(one: Array, other: Array) -> float:
-    """[rad] between two rotations (3, 3)."""
+    """Return the angle [rad] between two rotations (3, 3)."""
     return math.acos(min(max(0.5 * (float(np.vdot(one, other)) - 1.0), -1.0), 1.0))
 
 
 def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Array]:
-    """Angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
+    """Return angular velocity (3,) [rad/s] and acceleration (3,) [rad/s²] of a quaternion (4,), base frame.
 
     change, bend: (4,) its first and second derivatives; its length need not be 1.
     """
@@ -66,7 +66,7 @@ def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Ar
 
 
 def cross(one: Array, other: Array) -> Array:
-    """Cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
+    """Return the cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
     ax, ay, az = one.tolist()
     bx, by, bz = other.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
@@ -79,7 +79,7 @@ def _imaginary(change: Array, quaternion: Array) -> Array:
 
 
 def turned_along(quaternions: Array) -> Array:
-    """Sums (n, 3) [rad] of the rotation vectors from each of (n, 4) quaternions to the next, base frame."""
+    """Sum the rotation vectors from each of (n, 4) quaternions to the next: (n, 3) [rad], base frame."""
     along = _unit(quaternions)
     align_signs(along)
     before, after = along[:-1], along[1:]

@@ -10,7 +10,7 @@ TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn 
 
 
 def exerted(screw: ScrewMotion | None) -> ScrewMotion | None:
-    """The same motion with the torque that the robot exerts, which is the opposite of what acts on it."""
+    """Return the motion with the torque that the robot exerts: the opposite of the measured one."""
     if screw is None or screw.torque is None:
         return screw
     x, y, z = screw.torque
@@ -18,14 +18,14 @@ def exerted(screw: ScrewMotion | None) -> ScrewMotion | None:
 
 
 def torque_about_axis(screw: ScrewMotion) -> float | None:
-    """Torque [Nm] about the axis, above 0 in the direction of the turn; None where it is not known."""
+    """Return the torque [Nm] about the axis, above 0 in the direction of the turn; None where unknown."""
     if screw.torque is None:
         return None
     return sum(a * b for a, b in zip(screw.torque, screw.axis, strict=True))
 
 
 def stop_torque_nm(screw: ScrewMotion | None) -> float | None:
-    """Torque [Nm] about the axis at which a turn is done; None where none was taught.
+    """Return the torque [Nm] about the axis at which a turn ends; None where none was taught.
 
     screw: with the torque that the robot exerts.
     """
@@ -34,7 +34,7 @@ def stop_torque_nm(screw: ScrewMotion | None) -> float | None:
 
 
 def screw_in_words(screw: ScrewMotion) -> str:
-    """Angle, axis, advance in one turn and torque about the axis, with units.
+    """Format angle, axis, advance in one turn and torque about the axis, with units.
 
     >>> about_z = {"axis": (0.0, 0.0, -1.0), "point": (0.4, 0.0, 0.3), "angle": 2.0, "pitch_m": 0.0015}
     >>> screw_in_words(ScrewMotion(**about_z, pitch_sd_m=0.00001, torque=(0.1, 0.0, -0.9)))

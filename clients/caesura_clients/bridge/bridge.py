@@ -243,7 +243,7 @@ class Bridge:
                 time.sleep(self.settings.retry_s)  # the keeper has failed: `_over` waits no longer
 
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
-        """Ask once, and open the session again at a service that has lost it or lacks batches.
+        """Send the close once; reopen the session at a service that lost it or lacks batches.
 
         The last value states whether a service has the session now: only then can batches be sent.
         """
@@ -267,7 +267,7 @@ class Bridge:
         )
 
     def _wait_for_room(self) -> None:
-        """Hold the source up while a whole window is under way."""
+        """Block the source while a whole window of batches is unacknowledged."""
         if self.sent - self.acknowledged < self.settings.window_batches:
             return
         before, since = self.acknowledged, self._clock()
@@ -289,7 +289,7 @@ class Bridge:
         return ack is not None
 
     def _run_keeper(self) -> None:
-        """The keeper's loop; what goes wrong in it is raised to the caller by the next send."""
+        """Keep the session open; an error is stored and raised by the next send."""
         try:
             open_due, due = True, self._clock()
             while not self._over.is_set():
@@ -304,7 +304,7 @@ class Bridge:
             self._answered.set()
 
     def _open_and_announce(self) -> bool:
-        """Open the session; a service that knew nothing of it learns its last number at once."""
+        """Open the session and publish its last number; return whether a service answered."""
         if not self._ask_to_open():
             return False
         if not self._is_open:
@@ -315,7 +315,7 @@ class Bridge:
         return True
 
     def _take_over_numbers(self) -> None:
-        """Open this bridge's session: a new one, or one that a predecessor with a lower epoch has left."""
+        """Number batches from 0, or after those of a predecessor with a lower epoch."""
         if self._open.epoch > 0:
             self._sender.continue_from(self.acknowledged)
         elif self.acknowledged > self.sent:

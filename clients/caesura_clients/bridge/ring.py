@@ -86,7 +86,7 @@ class ReplayRing:
             return list(islice(self._entries, requested.first - oldest, max(end, requested.first) - oldest))
 
     def entries_from(self, first: int, count: int) -> list[Entry]:
-        """What it still has from batch `first` on, oldest first, at most `count`."""
+        """Return the stored batches from `first` on, oldest first, at most `count`."""
         with self._lock:
             skipped = max(0, first - self._entries[0].seq) if self._entries else 0
             return list(islice(self._entries, skipped, skipped + count))
@@ -95,7 +95,10 @@ class ReplayRing:
         return len(self._entries)
 
     def _evictable(self, now: float) -> bool:
-        """Is the oldest one of no more use? The bound on samples wins over the one on time."""
+        """Return whether the oldest batch may be evicted.
+
+        The bound on samples takes precedence over the span.
+        """
         if len(self._entries) <= 1:
             return False
         if self._samples > self.max_samples:

@@ -38,7 +38,7 @@ def check_services(probed: ProbeResult, version: str) -> Iterator[CheckResult]:
 
 
 def check_credentials(probed: ProbeResult) -> Iterator[CheckResult]:
-    """May I ask? Nothing at all comes back from a question that is forbidden."""
+    """Check the permission to query: a forbidden query returns nothing."""
     if not probed.alive:
         return
     known = sum(one.status.sessions_open + one.status.sessions_closed for one in probed.reported)

@@ -45,7 +45,7 @@ class ReceivedStatus:
 
 @dataclass
 class ProbeResult:
-    """Everything that was seen. listened_s: for how long; refusals: of questions that were not answered."""
+    """Everything that the probe received. listened_s: for how long; refusals: of queries."""
 
     alive: list[str] = field(default_factory=list)  # instances
     other_versions: list[str] = field(default_factory=list)  # keys of services that speak another protocol
@@ -61,7 +61,10 @@ class ProbeResult:
 
 
 def probe_network(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
-    """Ask, listen for so long, ask again. Raises Unreachable where the router goes away meanwhile."""
+    """Query, subscribe for some seconds, query again.
+
+    Raises Unreachable where the router goes away meanwhile.
+    """
     probed = ProbeResult(alive=services(transport), bridges=[])
     probed.other_versions = [
         key for key in transport.list_tokens(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")
@@ -129,7 +132,7 @@ def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
 
 
 def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
-    """In the order of epochs and numbers: a late one, or that of a replaced owner, is no news."""
+    """Append a status unless it is older than the last: late, or of a replaced owner."""
     known = probed.statuses.setdefault((received.status.station, received.status.session), [])
     if not known or _rank(known[-1].status) < _rank(received.status):
         known.append(received)

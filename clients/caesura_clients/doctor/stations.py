@@ -106,7 +106,7 @@ def _check_bridge(station: Station, status: SessionStatus) -> CheckResult:
 
 
 def _check_flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
-    """Do samples come, how many, and how evenly?"""
+    """Check that samples arrive: how many, and how evenly."""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
     batches = last.status.batches - first.status.batches
@@ -244,7 +244,7 @@ def _check_wrench(station: Station, status: SessionStatus) -> Iterator[CheckResu
 
 
 def _check_rival_bridges(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
-    """Do two bridges send one session?"""
+    """Check that only one bridge sends the session."""
     own = [one.bridge for one in station.batches if one.session == status.session]
     senders = Counter(name for name in own if name is not None)
     if len(senders) > 1:

@@ -32,7 +32,7 @@ MODULES = {"caesura-dashboard": str(WEB), "caesura-annotate": str(Path(__file__)
 
 
 class AnnotationSession(NamedTuple):
-    """What the page is made of. name: of the recording; path: of the annotation."""
+    """Annotation that the page edits. name: of the recording; path: of the annotation."""
 
     name: str
     path: Path

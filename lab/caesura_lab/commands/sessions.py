@@ -199,7 +199,7 @@ def _format_of(out: Path, asked: Format | None, names: list[str], dataset: Datas
 
 
 def _journal_paths(directory: Path | None, instance: str | None) -> list[Path]:
-    """Of one instance, or all of the directory. Raises Absent where there is none."""
+    """Of one instance, or all of the directory. Raises NotFound where there is none."""
     where = directory or journal_directory()
     wanted = where / "*.sqlite" if instance is None else journal_path(where, instance)
     matches = sorted(where.glob(wanted.name))
@@ -225,7 +225,7 @@ def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]
 def _find_session(journals: list[Path], session: str, station: str | None) -> Found:
     """The one session that is meant, and where it is, the copy that is furthest along first.
 
-    Raises Absent, which names what there is, or CaesuraError.
+    Raises NotFound, which names what there is, or CaesuraError.
     """
     known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [matches for matches in known if matches.copy.session == session]

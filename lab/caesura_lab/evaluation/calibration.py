@@ -235,7 +235,7 @@ def _summary(result: CalibrationReport, layout: str) -> Grid:
 
 
 def as_text(result: CalibrationReport) -> RenderableType:
-    """For a terminal."""
+    """Render the results for a terminal."""
     parts: list[RenderableType] = [Text(result.title, style="bold")]
     for grid in grids(result, "{} {}"):
         parts += rich_grid(grid)
@@ -243,7 +243,7 @@ def as_text(result: CalibrationReport) -> RenderableType:
 
 
 def as_markdown(result: CalibrationReport) -> str:
-    """For a page."""
+    """Render the results as Markdown for a page."""
     tables = [markdown_grid(grid) for grid in grids(result, "{} ({})")]
     return "\n\n".join([f"**{result.title}**", *tables, *result.notes]) + "\n"
 

@@ -151,12 +151,12 @@ def grid(evidences: Sequence[LibraryEvidence]) -> Grid:
 
 
 def as_text(evidences: Sequence[LibraryEvidence], heading: str) -> RenderableType:
-    """For a terminal."""
+    """Render the results for a terminal."""
     return Group(Text(heading, style="bold"), *rich_grid(grid(evidences)))
 
 
 def as_markdown(evidences: Sequence[LibraryEvidence], heading: str) -> str:
-    """For a page."""
+    """Render the results as Markdown for a page."""
     return f"**{heading}**\n\n{markdown_grid(grid(evidences))}\n"
 
 

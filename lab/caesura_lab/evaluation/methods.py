@@ -23,11 +23,11 @@ from caesura_service.segmentation.view import PipelineView
 
 
 class Method(Protocol):
-    """A way to divide a recording. It can be pickled, and the same recording gives the same result."""
+    """Method that segments a recording. It can be pickled; the same recording gives the same result."""
 
     @property
     def name(self) -> str:
-        """As it stands in the tables."""
+        """Return the name in the tables."""
 
     def segment(self, recording: Recording) -> FoundSegmentation:
         """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""

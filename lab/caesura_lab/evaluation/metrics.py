@@ -24,7 +24,7 @@ ROUNDING_S = 1e-9  # a point at its tolerance is within it
 
 @dataclass(frozen=True)
 class Matching:
-    """Who is whose: for each found changepoint the index of its true point, -1 for none.
+    """Pairing: for each found changepoint the index of its true point, -1 for none.
 
     partner: (m,); optional: (p,) of the true points.
     """
@@ -90,7 +90,7 @@ def f1(hits: float, false_alarms: float, misses: float) -> float:
 
 
 def covering(truth_s: ArrayLike, found_s: ArrayLike, window: tuple[float, float]) -> float:
-    """How well the found segments cover the true ones: mean best Jaccard index, weighted by length.
+    """Return how well found segments cover the true ones: mean best Jaccard index, weighted by length.
 
     truth_s, found_s: boundaries inside of the window [s]. Arbeláez et al. 2011; van den Burg & Williams
     2020, (7).
@@ -105,7 +105,7 @@ def covering(truth_s: ArrayLike, found_s: ArrayLike, window: tuple[float, float]
 def segments_with_events(
     boundaries_s: ArrayLike, events_s: ArrayLike, window: tuple[float, float]
 ) -> tuple[int, int]:
-    """In how many of the stretches between boundaries at least one event lies, and how many there are.
+    """Count the segments between boundaries in which at least one event lies, and all of them.
 
     With true boundaries and false alarms: what is over-segmented. With found ones and misses: what is
     under-segmented.
@@ -145,7 +145,7 @@ def overlap(one: Labelled, other: Labelled) -> float:
 
 
 class TimedEstimate(NamedTuple):
-    """What was known with samples up to t [s]: changepoints (m,) [s], and which of them were final."""
+    """Estimate from samples up to t [s]: changepoints (m,) [s], and which of them were final."""
 
     t: float
     changepoints: Sequence[float]
@@ -155,7 +155,7 @@ class TimedEstimate(NamedTuple):
 def present_since(
     timed_estimates: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
 ) -> float | None:
-    """Since when a changepoint within tolerance has been there without a break [s]; None if it is not.
+    """Return since when a changepoint within tolerance was present without a break [s]; None if it is not.
 
     accepted_s: times [s], near any of which it may be; final: only those that were final count.
     """

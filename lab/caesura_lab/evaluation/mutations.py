@@ -37,7 +37,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class MutationResult:
-    """What became of one mutated program.
+    """Outcome of one mutated program.
 
     operators: what was done to it; why: the first reason for which it was refused or stopped, or violation.
     """
@@ -71,7 +71,7 @@ def run_mutation(number: int) -> MutationResult:
 
 
 def violations(trace: Any, safety: Safety) -> list[str]:
-    """Limits that a run (a teacher's `SimulationTrace`) has passed."""
+    """Return the limits that a run (a teacher's `SimulationTrace`) exceeded."""
     robot = _robot()
     positions, _ = robot.flange_poses(trace.q[::5])
     low, high = robot.lower_limits, robot.upper_limits
@@ -92,7 +92,7 @@ def violations(trace: Any, safety: Safety) -> list[str]:
 
 
 def mutate(apps: Sequence[App], rng: Rng) -> tuple[tuple[str, ...], Apps]:
-    """A program with up to three things wrong with it, and their names."""
+    """Apply up to three operators to a program; return their names and the mutated apps."""
     names = tuple(str(n) for n in rng.choice(list(_OPERATORS), size=rng.integers(1, MOST_OPERATORS + 1)))
     mutated = list(apps)
     for name in names:
@@ -124,12 +124,12 @@ def _program_of(scenario: str, seed: int) -> tuple[tuple[App, ...], Any]:
 
 
 def _with_changes(apps: Apps, index: int, **changes: object) -> Apps:
-    """With one app changed, without validation."""
+    """Return the apps with one changed, without validation."""
     return [*apps[:index], apps[index].model_copy(update=changes), *apps[index + 1 :]]
 
 
 def _pick_app(apps: Apps, rng: Rng, field: str | None = None) -> int:
-    """An app, one that has a field where there is any."""
+    """Draw the index of an app, one that has the field where there is any."""
     having = [i for i, app in enumerate(apps) if field is None or getattr(app, field) is not None]
     return int(rng.choice(having or list(range(len(apps)))))
 
@@ -263,7 +263,7 @@ _OPERATORS: Mapping[str, Callable[[Apps, Rng], Apps]] = MappingProxyType(
 
 
 def title(count: int) -> str:
-    """What was measured."""
+    """Return the title: what was measured, and within which limits."""
     return f"{count} mutated programs: refused, or run within the limits"
 
 
@@ -285,7 +285,7 @@ def _counts(results: Sequence[MutationResult], outcomes: Sequence[Outcome]) -> t
 
 
 def as_text(results: Sequence[MutationResult]) -> RenderableType:
-    """For a terminal."""
+    """Render the results for a terminal."""
     parts: list[RenderableType] = [Text(title(len(results)), style="bold")]
     for grid in _grids(results):
         parts += rich_grid(grid)
@@ -293,10 +293,10 @@ def as_text(results: Sequence[MutationResult]) -> RenderableType:
 
 
 def as_markdown(results: Sequence[MutationResult]) -> str:
-    """For a page."""
+    """Render the results as Markdown for a page."""
     return "\n\n".join([f"**{title(len(results))}**", *map(markdown_grid, _grids(results))]) + "\n"
 
 
 def as_json(results: Sequence[MutationResult]) -> dict[str, Any]:
-    """Every fate."""
+    """Return every result as plain values."""
     return {"title": title(len(results)), "fates": [asdict(result) for result in results]}

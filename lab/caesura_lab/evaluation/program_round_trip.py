@@ -71,7 +71,7 @@ class RoundTripResult:
 
 
 def run_round_trip(case: RoundTripCase) -> RoundTripResult:
-    """Go round once."""
+    """Teach, segment, execute and segment again; compare the two programs and their paths."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
     from caesura_lab.execution.executor import SimulatedCell, execute  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
@@ -102,7 +102,7 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
 
 
 def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
-    """Largest distance [m] and angle [rad] from the poses of each way to the other."""
+    """Return the largest distance [m] and angle [rad] from the poses of each path to the other."""
     scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
     furthest_m = furthest_rad = 0.0
     for here, there in ((one.inside, other.around), (other.inside, one.around)):
@@ -142,7 +142,7 @@ def _path_error(path_m: Sequence[float], path_rad: Sequence[float]) -> str | Non
 
 
 def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
-    """What is different between the program that was run and the one that its recording gives."""
+    """Compare a program with the one that the recording of its run gives."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
         return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
@@ -203,7 +203,7 @@ def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripRes
 
 
 def title(seeds: Sequence[int]) -> str:
-    """What was measured."""
+    """Return the title: what was measured, and within which limits."""
     return (
         f"round trip: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
         f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
@@ -252,7 +252,7 @@ def _spread(errors: Sequence[float]) -> tuple[str, str]:
 
 
 def as_text(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> RenderableType:
-    """For a terminal."""
+    """Render the results for a terminal."""
     parts: list[RenderableType] = [Text(heading, style="bold")]
     for grid in _grids(summary):
         parts += rich_grid(grid)
@@ -260,10 +260,10 @@ def as_text(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> R
 
 
 def as_markdown(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> str:
-    """For a page."""
+    """Render the results as Markdown for a page."""
     return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
 
 
 def as_json(summary: Mapping[str, Sequence[RoundTripResult]]) -> dict[str, Any]:
-    """Every trip."""
+    """Return every round trip as plain values, by scenario."""
     return {name: [asdict(result) for result in results] for name, results in summary.items()}

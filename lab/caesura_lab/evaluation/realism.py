@@ -434,7 +434,7 @@ def as_markdown(result: RealismReport, heading: str) -> str:
 
 
 def as_json(result: RealismReport) -> dict[str, Any]:
-    """Every figure."""
+    """Return every figure as plain values."""
     return {
         "counts": dict(result.counts),
         "simulated": {

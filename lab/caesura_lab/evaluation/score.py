@@ -55,7 +55,7 @@ class FoundSegment:
 
 @dataclass(frozen=True)
 class FoundSegmentation:
-    """What a method makes of a recording.
+    """Segmentation of a recording by a method.
 
     changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: what was known when, None
     if the method needs the whole recording; intervals: changepoint → [s] between which it lies with
@@ -141,7 +141,7 @@ class Score:
 
 
 def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
-    """Judge what a method found."""
+    """Compare the segmentation of a method with the truth; return its counts and errors."""
     points = _judged_points(truth)
     times = sorted(found.changepoints)
     matching = _match(points, times)

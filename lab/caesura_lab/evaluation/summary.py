@@ -63,7 +63,7 @@ def margins(
     seed: int = 0,
     only: Collection[str] | None = None,
 ) -> dict[str, Estimate]:
-    """By how much Caesura exceeds the others in every measure, on the recordings that both were applied to.
+    """Return by how much one method exceeds another in every measure, on the recordings that both have.
 
     Both are resampled alike: a recording that is hard for both widens no interval. only: as for `summarise`.
     """

@@ -25,9 +25,12 @@ class Cell:
     start: Vector | None = None
 
     def surface_height(self, x: float, y: float) -> float | None:
-        """Height [m] of the fingertips at which they touch something at a place, if there is anything."""
+        """Return the height [m] of the fingertips at which they touch an obstacle at a place.
+
+        None without one.
+        """
         return max((one.height_at(x, y) for one in self.obstacles if one.covers(x, y)), default=None)
 
     def compliance_depth(self, x: float, y: float) -> float:
-        """Depth [m] by which what stands at a place can be pushed in."""
+        """Return the depth [m] by which the obstacle at a place can be pushed in."""
         return max((one.compliance_depth_m for one in self.obstacles if one.covers(x, y)), default=0.0)

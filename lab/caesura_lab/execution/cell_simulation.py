@@ -27,7 +27,7 @@ class GraspableObject:
 
 
 class CellSimulation:
-    """What stands around the robot, and what its fingers do. What they let go stays where it is."""
+    """Obstacles, the graspable object and the fingers. A released object stays where it is."""
 
     def __init__(self, scenario: Scenario, load_kg: float) -> None:
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
@@ -39,7 +39,7 @@ class CellSimulation:
 
     @property
     def fingers_still(self) -> bool:
-        """Whether the fingers are where they were sent, or hold something."""
+        """Return whether the fingers have reached their goal or hold an object."""
         return abs(self.width_m - self._goal_m) < SETTLED_M
 
     def send_fingers(self, width_m: float, speed_m_per_s: float) -> None:
@@ -47,7 +47,7 @@ class CellSimulation:
         self._goal_m, self._speed = width_m, speed_m_per_s
 
     def tick(self, flange: Array, dt: float) -> None:
-        """Move the fingers on."""
+        """Simulate the fingers for one tick of dt [s]. flange: (3,) [m]."""
         step = self._speed * dt
         self.width_m += float(np.clip(self._goal_m - self.width_m, -step, step))
         graspable = self._object
@@ -67,7 +67,7 @@ class CellSimulation:
 
 
 def _object_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
-    """What the scenario grips, where it grips it."""
+    """Return the object that the scenario grips, at its place; None without a grasp."""
     place: Vector = scenario.start
     for step in scenario.steps:
         place = step.to or place

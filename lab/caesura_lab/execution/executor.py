@@ -46,7 +46,7 @@ class SimulatedCell:
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run went.
+    """Trace, recording and outcome of a run.
 
     stopped: why it was stopped, None where it was not; at: the app during which, counted from 0; spans: when
     each app that was begun began and ended [s].
@@ -103,7 +103,7 @@ def run(
 
 
 def _start_position(apps: Sequence[App], home: Vector) -> Vector:
-    """Where a robot waits [m] that has gone to the start of the first path; home, where that is elsewhere."""
+    """Return the start of the first path [m] where it is near home, else home."""
     path = apps[0].path if apps else None
     near = path is not None and math.dist(path.start.position, home) <= ASTRAY_M
     return path.start.position if path is not None and near else home

@@ -18,11 +18,11 @@ BRAKING_S = 0.08
 
 
 class RobotStopped(Exception):  # noqa: N818  (a stop is no error of the program that is running)
-    """The robot was stopped; the message says why, with value and limit."""
+    """The safety monitor stopped the robot; the message has the reason, the value and the limit."""
 
 
 class SafetyMonitor:
-    """The limits of one run."""
+    """Compares every measurement of a run with the limits of speed, force, place and joints."""
 
     def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self._safety = safety
@@ -32,7 +32,7 @@ class SafetyMonitor:
         self._joint_speeds = STOP_SHARE * arm.joint_speeds
 
     def check_measurement(self, measured: ArmMeasurement) -> None:
-        """Raises Stopped where a limit is reached."""
+        """Check one measurement. Raises RobotStopped where a limit is reached."""
         self._check_norm(
             "speed", float(np.linalg.norm(measured.twist[:3])), self._safety.speed_m_per_s, "m/s"
         )

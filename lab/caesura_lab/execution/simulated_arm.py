@@ -83,7 +83,7 @@ class ArmMeasurement:
 
 
 class SimulatedArm:
-    """The arm in its world. `tick` goes one millisecond on; `trace` is everything that happened."""
+    """Simulated arm in its cell. `tick` advances one millisecond; `trace` returns all ticks."""
 
     def __init__(self, robot: Robot, world: CellSimulation, *, friction: float = 1.0) -> None:
         self.world = world
@@ -102,11 +102,11 @@ class SimulatedArm:
 
     @property
     def t(self) -> float:
-        """[s] since it began."""
+        """Return the simulated time [s]."""
         return DT * len(self._rows)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
-        """Go one tick on under a setpoint."""
+        """Simulate one tick under a setpoint; return the measurement."""
         arm = self._robot.hand_dynamics(self._q)
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
@@ -142,7 +142,7 @@ class SimulatedArm:
         return self.measured
 
     def joint_speed_share(self, path: Curve) -> float:
-        """Largest share of a joint's speed limit that a path from here asks for (q̇ = J⁺ twist)."""
+        """Return the largest share of a joint's speed limit that a path from here needs (q̇ = J⁺ twist)."""
         q, most = self._q, 0.0
         for t in np.arange(0.0, float(path.t[-1]), LOOK_S):
             value, velocity, _ = path.at(t)
@@ -156,7 +156,7 @@ class SimulatedArm:
         return most
 
     def trace(self) -> SimulationTrace:
-        """Everything so far; the controller's wrench stands where a hand's would."""
+        """Return the trace of all ticks; the controller's wrench is in place of a hand's."""
         rows = np.array(self._rows)
         parts = np.split(rows, [7, 14, 20, 26, 32, 35], axis=1)
         q, v, twist, environment, hand, contact, rest = parts
@@ -164,7 +164,7 @@ class SimulatedArm:
         return SimulationTrace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 
     def _wrench(self, want: Setpoint, arm: HandDynamics, twist: Array, lever: Array) -> Array:
-        """What the controller does to the flange (6,) [N, Nm]."""
+        """Return the controller's wrench on the flange (6,) [N, Nm]."""
         ahead = self._inertia(arm, lever) @ np.concatenate([want.acceleration, want.angular_acceleration])
         force = STIFFNESS_N_PER_M * (want.position - arm.position_base)
         force += DAMPING_NS_PER_M * (want.velocity - twist[:3]) + ahead[:3]

@@ -44,7 +44,7 @@ JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
 
 class SkillController:
-    """A robot under way through a program: where its setpoint is, and whether it stands on something."""
+    """Executes apps on a simulated arm: holds the setpoint and the direction of the contact, if any."""
 
     def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self.arm, self.safety = arm, safety
@@ -55,15 +55,15 @@ class SkillController:
 
     @property
     def measured(self) -> ArmMeasurement:
-        """The arm after the last tick."""
+        """Return the measurement after the last tick."""
         return self.arm.measured
 
     def run(self, app: App, following: App | None) -> None:
-        """Do an app. Raises Stopped."""
+        """Execute an app. Raises RobotStopped."""
         _SKILLS[app.kind](self, app, following)
 
     def hold_position(self, seconds: float, force_n: float | None = None) -> None:
-        """Hold the place for some seconds, or stand on a contact with a force [N], by default as it does."""
+        """Hold the place for some seconds; in contact, with a force [N], by default the present one."""
         if self.contact_direction is not None:
             force_n = self._pressed_n if force_n is None else force_n
             self.press(min(force_n, self.safety.most_force_n), seconds)
@@ -72,7 +72,7 @@ class SkillController:
             self.tick(self.setpoint.still)
 
     def pause(self, seconds: float, following: App | None) -> None:
-        """Stay between two apps; the time in which a contact is let go is part of it.
+        """Hold between two apps; the time in which a contact is released is part of it.
 
         Where a hand crept in a rest to the start of the next path, the setpoint does.
         """
@@ -93,7 +93,7 @@ class SkillController:
         self.hold_position(max(seconds - RELEASE_S, 0.0) if leaves else seconds)
 
     def send_fingers(self, width_m: float) -> None:
-        """Stand firmly, move the fingers to a width [m] or to what is between them, and let it settle."""
+        """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles."""
         world, safety = self.arm.world, self.safety
         self.hold_position(SETTLE_S, STANDING_N)
         world.send_fingers(width_m, safety.gripper_m_per_s)
@@ -104,21 +104,24 @@ class SkillController:
         self.hold_position(SETTLE_S, STANDING_N)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
-        """One tick. Raises Stopped where a limit is reached."""
+        """Simulate one tick and check its measurement. Raises RobotStopped where a limit is reached."""
         self.setpoint = setpoint
         measured = self.arm.tick(setpoint)
         self._monitor.check_measurement(measured)
         return measured
 
     def brake(self, seconds: float) -> None:
-        """Stop where it is: no force but that of its stiffness about the place; without a guard."""
+        """Stop at the current place, with no force beyond the stiffness; limits are not checked."""
         still = Setpoint(self.measured.position, self.measured.rotation)
         for _ in range(round(seconds / DT)):
             still.position = still.position + 0.1 * (self.measured.position - still.position)
             self.arm.tick(still)
 
     def follow_path(self, app: App, *, approach: Array | None = None) -> None:
-        """Follow an app's path; or until something is felt in a direction (3,), past its target if need."""
+        """Follow an app's path.
+
+        With `approach` (3,) until a contact in that direction, past the target if needed.
+        """
         self.release_contact()
         search = self._search_speed(app, approach)
         path = self.path_within_limits(app, _seconds(app), None if approach is None else search * approach)
@@ -189,7 +192,7 @@ class SkillController:
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
 
     def push_compliant(self, depth_m: float, force_n: float, seconds: float) -> None:
-        """Push in what gives way, by a depth [m] along the contact, or until it pushes back with a force."""
+        """Push a compliant surface in by a depth [m] along the contact, until it resists with a force [N]."""
         along = self.contact_direction
         if along is None:
             raise RobotStopped(NOTHING_TO_PRESS)
@@ -205,7 +208,7 @@ class SkillController:
         self._enter_contact(along)
 
     def release_contact(self) -> None:
-        """Take the force back, and hold the place that was reached."""
+        """Ramp the contact force down to zero, and hold the place that was reached."""
         if self.contact_direction is None:
             return
         along, began_n, correction = self.contact_direction, self._pressed_n, self._correction_n
@@ -218,7 +221,7 @@ class SkillController:
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
     def path_within_limits(self, app: App, seconds: float, arriving: Array | None = None) -> Curve:
-        """The path of an app from where the robot is, in its seconds, or slower where a limit asks for it."""
+        """Plan the path of an app from the current pose, in its duration, or slower by the limits."""
         here = self.setpoint
         path = app_path(app, here.position, here.rotation, seconds, arriving)
         slower = max(self.safety.slower(*path.peaks()), self.arm.joint_speed_share(path) / JOINT_SHARE)
@@ -227,7 +230,7 @@ class SkillController:
         return app_path(app, here.position, here.rotation, slower * seconds, arriving)
 
     def _setpoint_at(self, path: Curve, t: float) -> Setpoint:
-        """Where a path is at a time [s]; without orientation it keeps the one that it has."""
+        """Return the setpoint of a path at a time [s]; a path without orientation keeps the present one."""
         value, velocity, acceleration = path.at(t)
         setpoint = Setpoint(value[:3], self.setpoint.rotation, velocity[:3], acceleration[:3])
         if len(value) == 7:
@@ -238,13 +241,19 @@ class SkillController:
         return setpoint
 
     def _search_speed(self, app: App, approach: Array | None) -> float:
-        """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
+        """Return the speed [m/s] of the search for a contact.
+
+        Slow, and no faster than the taught approach.
+        """
         way = target_pose(self, app)[0] - self.setpoint.position
         fits = 0.0 if approach is None else ARRIVING_SHARE * float(approach @ way) / _seconds(app)
         return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
 
     def _check_load(self, measured: ArmMeasurement) -> None:
-        """Compare what hangs on the arm with what the program says; what is off would pass for a contact."""
+        """Check the carried weight against the load of the program.
+
+        Raises RobotStopped: an error looks like a contact.
+        """
         wrong = float(measured.force[2])
         if abs(wrong) > LOAD_ERROR_LIMIT_N:
             how = "lighter" if wrong > 0.0 else "heavier"
@@ -252,7 +261,7 @@ class SkillController:
             raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
 
     def _settle_on_contact(self, along: Array) -> None:
-        """Come to rest on what was met, so that it is one event and what follows another."""
+        """Come to rest on a new contact, so that it and the next app are separate events."""
         still = replace(self.setpoint, push=MEET_N * along)
         for _ in range(round(MEET_S / DT)):
             self.tick(still)
@@ -266,7 +275,7 @@ class SkillController:
 
 
 class TorqueStop:
-    """Whether what is turned resists more than it was taught to: then its app is done."""
+    """Ends a turn at a limit of the torque about its axis, from what was taught."""
 
     def __init__(self, screw: ScrewMotion | None) -> None:
         """screw: with the torque that the robot exerts; without one nothing is ever tight."""
@@ -275,7 +284,10 @@ class TorqueStop:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
 
     def reached(self, measured: ArmMeasurement) -> bool:
-        """Whether the torque about the axis, r × F of the flange's lever taken out, says so."""
+        """Return whether the torque about the axis exceeds the limit.
+
+        r × F of the flange's lever is taken out.
+        """
         if self._most_nm is None:
             return False
         about_point = measured.torque + cross(measured.position - self._point, measured.force)
@@ -283,7 +295,7 @@ class TorqueStop:
 
 
 def target_pose(controller: SkillController, app: App) -> tuple[Array, Array]:
-    """Place (3,) and rotation (3, 3) where an app leads; where it is, for what it does not say."""
+    """Return place (3,) and rotation (3, 3) of an app's target; the present ones where it states none."""
     position = controller.setpoint.position if app.target is None else np.array(app.target)
     rotation = controller.setpoint.rotation if app.orientation is None else matrix_of(app.orientation)
     return position, rotation

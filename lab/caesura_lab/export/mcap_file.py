@@ -30,7 +30,7 @@ def write_mcap(path: Path, session: SessionExport) -> int:
 
 
 def entries(session: SessionExport) -> list[McapMessage]:
-    """Every message in order of time."""
+    """Yield every message in order of time."""
     return list(entries_of(content_of(session)))
 
 

@@ -30,7 +30,7 @@ from caesura_service.sessions.limits import Limits
 
 @dataclass(frozen=True)
 class SessionExport:
-    """One demonstration and what came of it."""
+    """A session as it is exported: recording, results and time of day."""
 
     station: str
     opening: Open  # the last one, with its preset filled in
@@ -42,7 +42,7 @@ class SessionExport:
 
 
 def read_session_export(journal: Journal, station: str, session: str) -> SessionExport:
-    """A session of a journal. Raises RecordingError where it has no samples, JournalError."""
+    """Read a session from a journal. Raises RecordingError where it has no samples, JournalError."""
     records = [_with_preset(record) for record in journal.replay(station, session)]
     recording = recording_of(records)
     outcome = journal.outcome(station, session)
@@ -61,12 +61,12 @@ def _with_preset(record: Record) -> Record:
 
 
 def _result_of_outcome(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
-    """What was kept of a closed session."""
+    """Return view, notes and completeness from the stored outcome of a closed session."""
     return view_of(outcome.snapshot), outcome.snapshot.program.notes, True
 
 
 def _result_of_records(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
-    """What the service makes of the records, now as then."""
+    """Return view, notes and completeness by replaying the records through the service."""
     state = _replayed_state(records)
     return state.view, state.heading.notes, not state.is_open
 

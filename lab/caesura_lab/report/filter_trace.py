@@ -30,7 +30,7 @@ PRUNE_RATIO = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class PosteriorSnapshot:
-    """What one observation left: the posterior of the current segment's start."""
+    """Posterior of the current segment's start after one observation."""
 
     starts: Indices  # (h,) observations
     probabilities: Array  # (h,)
@@ -38,7 +38,7 @@ class PosteriorSnapshot:
 
 @dataclass(frozen=True, eq=False)
 class FilterTrace:
-    """Everything that was seen and believed on the way.
+    """Observations and posteriors of a whole run of the filter.
 
     smoothed: (n,) probability that a segment starts at each observation, as the online filter had it last;
     offline: the same from the whole recording at once; boundary_t: (n,) [s] where such a start lies in time.
@@ -52,7 +52,10 @@ class FilterTrace:
 
 
 def trace_filter(recording: Recording, preset: str) -> FilterTrace:
-    """Run a recording. Raises KeyError for an unknown preset, ValueError for what cannot be segmented."""
+    """Run the filter over a recording.
+
+    Raises KeyError for an unknown preset, ValueError for no segmentation.
+    """
     chosen, conditioned = PRESETS[preset], condition(recording)
     observations, online = conditioned.observations, conditioned.make_filter(chosen)
     snapshots = tuple(_snapshots(online, conditioned))

@@ -29,7 +29,7 @@ STEP_S = 0.1  # of the segmentation grid
 
 @dataclass(frozen=True, eq=False)
 class ReportSignals:
-    """What the segmentation saw. Base frame; n observations."""
+    """Signals on the segmentation grid. Base frame; n observations."""
 
     t: Array  # (n,) [s]
     position: Array  # (n, 3) [m] flange

@@ -65,7 +65,7 @@ class SimulationTrace:
 
 
 class GuidedArmSimulation:
-    """One demonstration under way: `run` takes it some ticks further."""
+    """Simulation of one demonstration; `run` advances it by some ticks."""
 
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
@@ -104,7 +104,7 @@ class GuidedArmSimulation:
         )
 
     def _step(self, tick: int, row: Array) -> None:
-        """Write the state and its wrenches into the row, then go one tick on."""
+        """Write the state and its wrenches into the row, then advance one tick."""
         arm = self._robot.hand_dynamics(self._q)
         twist = arm.jacobian @ self._v
         lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
@@ -132,7 +132,7 @@ class GuidedArmSimulation:
         self._q = self._q + DT * self._v
 
     def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
-        """What the hand does to the flange: hold its set place, and what it adds to that."""
+        """Return the hand's wrench on the flange (6,): stiffness about its set place, and added forces."""
         plan, person, hand_force = self._plan, self._plan.person, self._hand_force
         place = hand_force.position_share if hand_force else 1.0
         wrench = np.empty(6)
@@ -159,7 +159,7 @@ class GuidedArmSimulation:
         return wrench
 
     def _adapt_hand(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
-        """Let the hand adapt to what it feels: a load that hangs on it, a surface that pushes or turns back.
+        """Adapt the hand to the load, the normal force and the torque of this tick.
 
         A hand holds its own effort, so a load that it has gripped rests on the surface, not on the hand.
         """

@@ -21,7 +21,7 @@ SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fa
 
 @dataclass(frozen=True)
 class ForceSetpoint:
-    """What a hand means to press with from a time on.
+    """Force that a hand aims at from a time on.
 
     aside: (2,) share of the force that goes sideways; yields: it gives its place up to the surface that it
     meets; waits: it presses only once it has met one.
@@ -36,7 +36,7 @@ class ForceSetpoint:
 
 @dataclass(frozen=True)
 class ForceProfile:
-    """Aims tick by tick: force (n,) [N], aside (n, 2), waits and yields (n,)."""
+    """Force setpoints tick by tick: force (n,) [N], aside (n, 2), waits and yields (n,)."""
 
     force: Array
     aside: Array
@@ -45,7 +45,7 @@ class ForceProfile:
 
 
 def force_profile(setpoints: Sequence[ForceSetpoint], t: Array) -> ForceProfile:
-    """The aim that holds at each of the times t (n,) [s]; none before the first."""
+    """Sample the setpoints at times t (n,) [s]; force 0 before the first."""
     all_setpoints = (ForceSetpoint(0.0), *setpoints)
     at = np.searchsorted([setpoint.start_s for setpoint in setpoints], t, side="right")
     return ForceProfile(
@@ -57,7 +57,9 @@ def force_profile(setpoints: Sequence[ForceSetpoint], t: Array) -> ForceProfile:
 
 
 def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
-    """Force [N] to aim at so that a first order response goes from one force to another in a time; no pull.
+    """Return the force [N] to aim at so that a first order response reaches another force in a time.
+
+    Never a pull.
 
     The forces of the thesis' tables are those with which a segment ends (3.2.2).
     """
@@ -66,7 +68,7 @@ def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: f
 
 
 class HandForceController:
-    """The controller, tick by tick.
+    """Force and position control of a hand, tick by tick.
 
     force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.
     """
@@ -80,12 +82,12 @@ class HandForceController:
         self.position_share = 1.0
 
     def force_at(self, tick: int) -> Array:
-        """Force of the hand on the flange at a tick, (3,) [N]."""
+        """Return the force of the hand on the flange at a tick, (3,) [N]."""
         x, y = self._profile.aside[tick]
         return self.force_n * np.array([x, y, -1.0])
 
     def update(self, tick: int, normal_n: float) -> None:
-        """Go on by a tick in which a surface has pushed back with a force."""
+        """Advance by a tick in which a surface pushed back with a normal force [N]."""
         waits, yields = bool(self._profile.waits[tick]), bool(self._profile.yields[tick])
         self._met = normal_n > 0.0 or (yields and (self._met or not waits))
         position_share = float(not (yields and self._met))

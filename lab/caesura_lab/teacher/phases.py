@@ -15,7 +15,7 @@ FIRST_PHASE = "reach"
 
 
 class PhaseStart(NamedTuple):
-    """A skill by name, the event with which it begins, and when the hand means to begin it [s]."""
+    """Start of a phase: name of the skill, the event that begins it, and the intended time [s]."""
 
     name: str
     event: Event
@@ -25,7 +25,7 @@ class PhaseStart(NamedTuple):
 def phases_of(
     starts: Sequence[PhaseStart], changepoints: Sequence[dict[str, Any]], end_s: float
 ) -> list[dict[str, Any]]:
-    """Phases from 0 to end_s [s], each from its event on.
+    """Return the phases from 0 to end_s [s], each from its event on.
 
     An event is the nearest of its kind to when it was meant, after the phase before it has begun. Empty where
     no skill begins, and where an event did not happen, as of a hand that grasps above the table: which phase

@@ -61,7 +61,7 @@ FULL_SPEED_NOISE = 2.0  # times the noise at 0.1 m/s, reached in proportion to t
 
 @dataclass(frozen=True)
 class Plan:
-    """What a hand means to do, tick by tick (n ticks of `DT`).
+    """Intended motion and force of a hand, tick by tick (n ticks of `DT`).
 
     position: (n, 3) [m] set place of the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
     (n, 3) [Nm] that it adds to holding that place; feed_forward: (n, 3) [N], how much of that is for getting
@@ -144,7 +144,7 @@ def _smoothed(path: Array, person: Person) -> Array:
 
 
 class _Planner:
-    """Turns steps into strokes, one after the other; tracks where the hand will be and when."""
+    """Converts steps into strokes in order; tracks the place and time of the hand."""
 
     def __init__(self, scenario: Scenario, person: Person, rng: np.random.Generator) -> None:
         self.scenario, self.person, self.rng = scenario, person, rng

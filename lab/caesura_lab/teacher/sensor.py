@@ -38,7 +38,7 @@ JOINT_SLIP_RAD_PER_S = 0.02
 
 @dataclass(frozen=True)
 class _SensorNoise:
-    """Everything random about the sensors of one demonstration, one row a tick."""
+    """Random sensor errors of one demonstration, one row a tick."""
 
     joints: Array  # (n, 7) [rad]
     white: Array  # (n, 6) [N, Nm]

@@ -92,7 +92,10 @@ SHAPED = (Screw, Hole, HorizontalCylinder)
 
 
 class ContactWrench(NamedTuple):
-    """What a contact does to a tool: force (3,) [N] at its tip, torque [Nm] about its axis, normal [N]."""
+    """Wrench of a contact on a tool.
+
+    Force (3,) [N] at its tip, torque [Nm] about its axis, normal force [N].
+    """
 
     force: Array
     torque_nm: float
@@ -139,7 +142,7 @@ class ShapedContact:
     def wrench_at(
         self, position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
     ) -> ContactWrench:
-        """What the surfaces do to a tip at a position [m] with a velocity [m/s], in a step of dt [s].
+        """Return the contact wrench on a tip at a position [m] with a velocity [m/s], in a step of dt [s].
 
         spin: rate [rad/s] of the tool about its axis, which points to its tip.
         load_n: as of `FingertipContact`.
@@ -192,7 +195,7 @@ class ShapedContact:
         return np.asarray(force / over)
 
     def _push_in(self, hole: Hole, depth: float) -> None:
-        """Sink by as much as the force at rest exceeds the resistance."""
+        """Advance the insertion by as much as the force at rest exceeds the resistance."""
         resistance = hole.resistance_n + hole.resistance_n_per_m * self._insertion_m
         over = hole.static_force(depth) - resistance
         if over > 0.0:
@@ -205,7 +208,10 @@ class ShapedContact:
         return np.asarray(-share * (WALL_N_PER_M * aside + WALL_NS_PER_M * moving))
 
     def _screw_torque(self, screw: Screw, spin: float, dt: float) -> float:
-        """Torque [Nm] on the tool about its axis: the head follows where the thread gives way."""
+        """Return the torque [Nm] on the tool about its axis.
+
+        The screw turns where its resistance is exceeded.
+        """
         self._lead_rad += dt * spin
         most = (screw.torque_nm + screw.torque_nm_per_rad * self._driven_rad) / ENGAGEMENT_NM_PER_RAD
         least = -BACKLASH_NM / ENGAGEMENT_NM_PER_RAD

@@ -336,7 +336,7 @@ def _chord_length(velocity: Array, dt: float) -> float:
 
 
 def _largest_distance(velocity: Array, dt: float) -> float:
-    """How far [m] a movement gets from where it begins; unlike its way not 0 for one that returns."""
+    """Return the largest distance [m] of a movement from its start; not 0 for one that returns."""
     return float(np.linalg.norm(np.cumsum(velocity, axis=0) * dt, axis=1).max())
 
 
@@ -437,7 +437,7 @@ def _without_doubtful_rests(
 
 
 def _is_rest(speed: Array, span: TickSpan, dt: float) -> bool:
-    """Whether a rest is one by the lower threshold too; the recording's ends may cut it."""
+    """Return whether a rest also holds by the lower threshold; the recording's ends may cut it."""
     slow = runs(speed[span.first : span.last] < START_M_PER_S)
     longest = max((last - first for first, last in slow), default=0)
     return longest >= min(round(REST_S / dt), span.last - span.first)
@@ -477,7 +477,7 @@ def _smoothed(state: TrueState, span: TickSpan) -> Array:
 
 
 def _without_coincident(marks: list[dict[str, Any]], *, corners_too: bool) -> list[dict[str, Any]]:
-    """A turn or a stop within reading uncertainty of a contact that begins or ends is no event of its own.
+    """Make a corner, start or stop optional within reading uncertainty of a contact's beginning or end.
 
     corners_too: nor is a corner near a start or stop, which is the clearer of the two.
     """

@@ -24,7 +24,7 @@ class ColumnMapping:
 
     @property
     def options(self) -> dict[str, str]:
-        """What it says of the recording as a whole. Raises RecordingError for an unknown value."""
+        """Return the options of the whole recording. Raises RecordingError for an unknown value."""
         said = {key: self.table[key] for key in OPTIONS if key in self.table}
         for key, value in said.items():
             if value not in OPTIONS[key]:
@@ -32,7 +32,7 @@ class ColumnMapping:
         return said
 
     def section(self, key: str) -> Mapping[str, Any]:
-        """A table of the file, empty where it is not there."""
+        """Return a table of the file, empty where it is missing."""
         found = self.table.get(key, {})
         if not isinstance(found, Mapping):
             raise self.error(f"{key} is {found!r}, expected a table [{key}]")
@@ -47,7 +47,7 @@ class ColumnMapping:
             )
 
     def error(self, what: str) -> RecordingError:
-        """An error of this file."""
+        """Return an error that names this file."""
         return RecordingError(f"{self.name}: {what}")
 
 

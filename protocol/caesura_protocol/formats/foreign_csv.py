@@ -79,7 +79,7 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
 
 
 def rules_of(mapped: ColumnMapping) -> list[ColumnRule]:
-    """What the mapping says of each column. Raises RecordingError."""
+    """Return the rule of each mapped column. Raises RecordingError."""
     time = mapped.section("time")
     if not time:
         raise mapped.error('has no [time], expected for example [time] with column = "t"')

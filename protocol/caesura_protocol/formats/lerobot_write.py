@@ -107,7 +107,7 @@ def write_lerobot(path: Path, episodes: Sequence[Episode], *, language: bool = T
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """Where to write a directory: all of it is there in the end, or none."""
+    """Yield a temporary directory that takes its final name only when it is whole."""
     part = path.with_name(f".{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:

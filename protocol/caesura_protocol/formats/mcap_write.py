@@ -95,7 +95,7 @@ def write_mcap(path: Path, content: McapContent) -> int:
 
 
 def entries(content: McapContent) -> Iterator[McapMessage]:
-    """Every message in order of time."""
+    """Yield every message in order of time."""
     points = decimate(content.poses.t, PATH_S)
     path = [path_of(Poses(*(of[points] for of in content.poses)), content.began_s)] if points else []
     return heapq.merge(sample_entries(content), path, _results(content), key=itemgetter(0))
@@ -112,7 +112,10 @@ def sample_entries(content: McapContent) -> Iterator[McapMessage]:
 
 
 def poses_of(recording: Recording) -> Poses:
-    """Where the recording says the flange was, TRANSFORM_S apart or more; joints alone do not say it here."""
+    """Return the recorded poses of the flange, TRANSFORM_S apart or more.
+
+    None where only joints are recorded.
+    """
     position = recording.signals.get("pos")
     if position is None:
         return NO_POSES
@@ -123,7 +126,7 @@ def poses_of(recording: Recording) -> Poses:
 
 
 def decimate(times: Array, step_s: float) -> list[int]:
-    """Samples at least so far apart, in order of time, the first one among them."""
+    """Return the indices of samples at least step_s [s] apart, in order of time, the first included."""
     kept: list[int] = []
     due = -np.inf
     for index, t in enumerate(times.tolist()):

@@ -34,7 +34,7 @@ _BASE_FRAME = re.compile(r"(^|[_/])(base(_link)?|link0|world)$")
 
 @dataclass(frozen=True)
 class TopicRule:
-    """What a mapping says of one topic; nothing of it needs to be said."""
+    """Rule of a mapping for one topic; every field is optional."""
 
     topic: str = ""
     type: str | None = None
@@ -92,7 +92,7 @@ def stamp_of(message: Any, where: str) -> int:
 
 
 def values_of(message_type: str, message: Any, rule: TopicRule) -> Values:
-    """What a message says, by signal. Raises RecordingError where joints are missing."""
+    """Return the values of a message, by signal. Raises RecordingError where joints are missing."""
     told = _READERS[message_type](message, rule)
     return told if rule.signals is None else {s: told[s] for s in rule.signals if s in told}
 

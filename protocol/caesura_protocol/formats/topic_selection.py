@@ -21,7 +21,7 @@ _RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
 
 
 class Topic(NamedTuple):
-    """A topic of which messages are read."""
+    """Topic whose messages are read."""
 
     name: str
     type: str
@@ -30,18 +30,18 @@ class Topic(NamedTuple):
 
 @dataclass(frozen=True)
 class TopicSelection:
-    """What is taken from where."""
+    """Topic of each signal, and the options of the recording."""
 
     topic_of: Mapping[str, str]  # by signal
     options: Mapping[str, str]  # of the recording
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """What a row has."""
+        """Return the names of the signals in a row."""
         return tuple(self.topic_of)
 
     def select_values(self, topic: Topic, message: Any) -> Values:
-        """What of a message is taken."""
+        """Return the selected values of a message, by signal."""
         told = values_of(topic.type, message, topic.rule)
         return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
 
@@ -49,7 +49,7 @@ class TopicSelection:
 def select_topics(
     messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
 ) -> TopicSelection:
-    """From some first messages of every topic. Raises RecordingError."""
+    """Select the topics and signals by some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in messages}
     told: dict[str, set[str]] = {}
     for topic, message in messages:

@@ -14,7 +14,7 @@ from caesura_protocol.recording import Recording
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """Where to write it: all of it is there in the end, or none."""
+    """Yield a temporary path that replaces the file only when it is whole."""
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part

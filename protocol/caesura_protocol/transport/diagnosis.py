@@ -47,7 +47,7 @@ class _NoRoomError(Exception):
 
 
 def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
-    """The error to raise after a failed attempt. AccessDenied where waiting will not help.
+    """Return the error to raise after a failed attempt. AccessDenied where waiting will not help.
 
     read: the configuration that was tried; for_s: how long it was.
     """
@@ -71,7 +71,7 @@ def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None
 
 
 def _check_listener(protocol: str, host: str, port: int, read: Read) -> str:
-    """What stands between us and a router that listens. Raises OSError where nothing does."""
+    """Return why a listening router gives no session. Raises OSError where no process listens."""
     with socket.create_connection((host, port), TIMEOUT_S) as plain:
         if protocol == "tls":
             found = _tls_verdict(plain, host, read)
@@ -92,7 +92,7 @@ def _check_not_closed(link: socket.socket) -> None:
 
 
 def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
-    """What either side has against the other's certificate; None for nothing."""
+    """Return which certificate is refused, and why; None where both are accepted."""
     try:
         context = _context(read)
     except (OSError, ValueError) as error:
@@ -110,7 +110,7 @@ def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
 
 
 def _alert_after_handshake(link: ssl.SSLSocket) -> str | None:
-    """What it says of our certificate once the handshake is over; one that is content waits for us."""
+    """Return the router's alert after the handshake; None where it accepts the certificate."""
     link.settimeout(VERDICT_S)
     try:
         if not link.recv(1):
@@ -155,7 +155,7 @@ def _pem(read: Read, name: str) -> bytes:
 
 
 def _speaks_tls(plain: socket.socket) -> bool:
-    """Does a listener answer a TLS greeting? With whatever: who does not speak it closes, or says nothing."""
+    """Return whether a listener answers a TLS greeting with any bytes."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE

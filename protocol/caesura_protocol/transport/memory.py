@@ -19,7 +19,7 @@ from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryR
 
 
 def intersect(one: str, other: str) -> bool:
-    """Do two key expressions meet? A `*` stands for one part of a key.
+    """Return whether two key expressions intersect. A `*` stands for one part of a key.
 
     >>> intersect("caesura/v1/station/*/alive", "caesura/v1/station/cell-1/alive")
     True
@@ -93,7 +93,7 @@ class MemoryTransport:
         )
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
-        """Keys of the tokens that exist now, sorted."""
+        """Return the keys of the tokens that exist now, sorted."""
         with self._network.lock:
             return tuple(sorted({token for token in self._network.tokens if intersect(key, token)}))
 
@@ -111,7 +111,7 @@ class MemoryTransport:
 
     @contextmanager
     def declare_token(self, key: str) -> Iterator[None]:
-        """Be seen on the key."""
+        """Declare a liveliness token on the key."""
         with self._network.lock:
             self._network.tokens.append(key)
             self._offer(self._network.watchers, key, TokenChange(key, alive=True))

@@ -16,7 +16,7 @@ Priority = Literal["data_high", "data", "data_low"]
 
 
 class QueryReplies(NamedTuple):
-    """What came back from a query. An empty one means: no queryable is there, or the query is forbidden."""
+    """Replies and refusals of a query. Both empty: no queryable is there, or the query is forbidden."""
 
     replies: tuple[ReceivedSample, ...]
     refusals: tuple[ProtocolError, ...]
@@ -52,10 +52,10 @@ class Transport(Protocol):
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
     ) -> QueryReplies:
-        """Ask, and wait for every answer or the timeout, which is a refusal: see `unanswered`."""
+        """Query the key; wait for every answer or the timeout, which is a refusal: see `unanswered`."""
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
-        """Keys of the liveliness tokens that exist now, sorted."""
+        """Return the keys of the liveliness tokens that exist now, sorted."""
 
     def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue a Delivery for everything that is put on the key."""
@@ -64,7 +64,7 @@ class Transport(Protocol):
         """Enqueue a Question for every query on the key."""
 
     def declare_token(self, key: str) -> AbstractContextManager[None]:
-        """Be seen on the key."""
+        """Declare a liveliness token on the key."""
 
     def watch_liveliness(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""

@@ -115,7 +115,7 @@ class ZenohTransport:
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
     ) -> QueryReplies:
-        """Ask, and wait for every answer or the timeout. Consolidation is off: every answer counts."""
+        """Query the key; wait for every answer or the timeout. Consolidation is off: every answer counts."""
         payload, encoding = content or (None, None)
         with _map_zenoh_errors(self.endpoint):
             replies = self._session.get(
@@ -130,7 +130,9 @@ class ZenohTransport:
             return _split_replies(replies)
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
-        """Keys of the liveliness tokens that exist now, sorted. Raises Unreachable without a router.
+        """Return the keys of the liveliness tokens that exist now, sorted.
+
+        Raises Unreachable without a router.
 
         Asks through a session of its own. In one that watches tokens, a query ends before its answers have
         come in 3 % of all cases (zenoh 1.10.2, busy machine); in one that never does, in 0 of 41,700.
@@ -161,7 +163,7 @@ class ZenohTransport:
 
     @contextmanager
     def declare_token(self, key: str) -> Iterator[None]:
-        """Be seen on the key."""
+        """Declare a liveliness token on the key."""
         with _map_zenoh_errors(self.endpoint):
             declared = self._session.liveliness().declare_token(key)
         with _undeclared(declared.undeclare):
@@ -309,7 +311,7 @@ def _undeclared(undeclare: Callable[[], object]) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """What zenoh says, on one line, without the place in its own sources.
+    """Return zenoh's error text on one line, without the place in its own sources.
 
     >>> reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
     'no such thing'

@@ -97,17 +97,17 @@ class Ros2Source:
 
     @property
     def dropped(self) -> int:
-        """Messages that came faster than they were taken."""
+        """Return how many messages were dropped because the inbox was full."""
         return self._inbox.dropped
 
     def close_with(self, close: Callable[[], None]) -> None:
-        """Close this as well, last of all."""
+        """Call `close` after everything else is closed."""
         topics = self._stack.pop_all()
         self._stack.callback(close)
         self._stack.push(topics)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscriptions."""
         self._over.set()
         self._stack.close()
 
@@ -177,7 +177,7 @@ class Ros2Source:
         return ReceivedMessage(Topic(found.topic, kind, rule), message)
 
     def _discover(self, discover_s: float) -> list[ReceivedMessage]:
-        """Listen until every topic of the mapping has spoken, or for a moment where there is none."""
+        """Receive until every mapped topic has a message; for LISTEN_S without a mapping."""
         received: list[ReceivedMessage] = []
         missing_topics = {name for name, rule in self._rules.items() if not rule.mark}
         deadline = self._clock() + discover_s

@@ -52,7 +52,7 @@ class FoundDivision:
 
 @dataclass(frozen=True)
 class RowOutcome:
-    """One row on one demonstration.
+    """Measure one row of the thesis on one demonstration.
 
     faults: what differs from the thesis, in words; values: as the row's, where every boundary is right;
     delays_s: for each boundary of an online row, how long after its event it was there for good, None if
@@ -75,7 +75,7 @@ class RowOutcome:
 
 @dataclass(frozen=True, eq=False)
 class ConditionedDemonstration:
-    """A demonstration, and what the segment models see of it."""
+    """A demonstration with its conditioned signals."""
 
     recording: Recording
     truth: Truth
@@ -98,7 +98,7 @@ def measure(
     best: bool = False,
     any_length: bool = True,
 ) -> RowOutcome:
-    """One row on one demonstration.
+    """Measure one row of the thesis on one demonstration.
 
     preset: instead of the row's; best: the best segmentation decides, whatever the row's threshold;
     any_length: as for `divide`, whose rows alone it concerns.

@@ -41,7 +41,7 @@ class SuiteSetting:
     rows: tuple[str, ...] = ()
 
     def measures(self, row: Row) -> bool:
-        """Whether a row is measured."""
+        """Return whether this setting measures a row."""
         return (self.online or not row.online) and (not self.rows or row.name in self.rows)
 
     @property

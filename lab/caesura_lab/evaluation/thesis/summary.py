@@ -99,7 +99,7 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Everything as plain values."""
+    """Return the whole report as plain values."""
     return {
         setting: {name: _plain(one) for name, one in by_row.items()} for setting, by_row in report.items()
     }

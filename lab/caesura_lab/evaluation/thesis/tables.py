@@ -40,12 +40,12 @@ def as_text(report: Report, title: str) -> RenderableType:
 
 
 def as_markdown(report: Report, title: str) -> str:
-    """For a page."""
+    """Render the results as Markdown for a page."""
     return "\n\n".join([f"**{title}**", *map(markdown_grid, _grids(report)), "\n".join(NOTES)]) + "\n"
 
 
 def title(seeds: range) -> str:
-    """What was measured."""
+    """Return the title: what was measured, and within which limits."""
     return (
         f"suite thesis: seeds {seeds[0]} to {seeds[-1]}; boundaries within {TOLERANCE_S:g} s; "
         f"a row passes with {PASSES:.0%} of them"

@@ -27,7 +27,7 @@ def check(
     quality: DemonstrationQuality | None = None,
     robot: Robot | None = None,
 ) -> CheckReport:
-    """Everything that is wrong with a program, app by app; deterministic.
+    """Return everything that is wrong with a program, app by app; deterministic.
 
     cell: limits, what stands there and where the robot begins; taught: what is known of the demonstration.
     """

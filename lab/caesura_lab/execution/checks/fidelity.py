@@ -26,7 +26,7 @@ STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by les
 
 @dataclass(frozen=True)
 class DemonstrationQuality:
-    """What is known of a demonstration beside its apps: what was not observed, what the wrench is worth."""
+    """Gaps of a demonstration, and what its wrench source can show."""
 
     gaps: Sequence[Gap] = ()
     wrench: WrenchReport | None = None
@@ -75,7 +75,7 @@ def _path_deviation(app: App) -> Iterator[Reason]:
 
 
 def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: Safety) -> Iterator[Reason]:
-    """What was done since the app before it, and is in no app."""
+    """Find motion between two apps that no app reproduces."""
     if before is None:
         return
     pause = app.t0 - before.tn
@@ -149,7 +149,7 @@ def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
 
 
 def _pose_after(app: App, pose: ViaPoint | None) -> ViaPoint | None:
-    """Where the robot is after an app, and when that was taught."""
+    """Return the pose after an app, and when it was taught."""
     if app.target is None:
         return pose
     orientation = app.orientation if pose is None else app.orientation or pose.orientation

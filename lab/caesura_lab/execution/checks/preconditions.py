@@ -10,7 +10,7 @@ from caesura_protocol.programs.app_kinds import APP_KINDS
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:
-    """Apps that what went before them does not allow, and what is never undone."""
+    """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
     touching, holding = False, None
     for index, app in enumerate(apps):

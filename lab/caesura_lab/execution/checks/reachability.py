@@ -40,7 +40,10 @@ SEEDS = (
 
 @dataclass(frozen=True)
 class _ArmState:
-    """The arm before an app, as far as it is known: place (3,), rotation (3, 3), joints (7,), contact."""
+    """State of the arm before an app, None where unknown.
+
+    Place (3,), rotation (3, 3), joints (7,), contact.
+    """
 
     place: Array | None
     rotation: Array | None
@@ -49,7 +52,7 @@ class _ArmState:
 
 
 def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
-    """What the arm cannot do, and where it would go too fast, too far, or into something."""
+    """Find what the arm cannot do, and where it would go too fast, too far, or into something."""
     checker = _ReachabilityChecker(cell, robot)
     state = _ArmState(None if cell.start is None else np.array(cell.start), None, None, touching=False)
     found: list[Finding] = []
@@ -71,7 +74,7 @@ class _ReachabilityChecker:
     def check_app(
         self, index: int, app: App, following: App | None, state: _ArmState
     ) -> tuple[list[Finding], _ArmState]:
-        """What is wrong with an app, and where the arm is after it."""
+        """Check one app; return its findings and the state of the arm after it."""
         ends = app.kind == "move_to_contact" or (
             APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
         )
@@ -124,7 +127,7 @@ class _ReachabilityChecker:
     def _joints_at_target(
         self, app: App, target: Vector, state: _ArmState
     ) -> tuple[Array | None, str | None]:
-        """Joints (7,) at the target, or why there are none."""
+        """Solve for joints (7,) at the target; return them, or why there are none."""
         seeds = [*([] if app.joints is None else [np.array(app.joints)])]
         seeds += [] if state.joints is None else [state.joints]
         seeds += [np.array(seed) for seed in SEEDS]
@@ -142,7 +145,7 @@ class _ReachabilityChecker:
         )
 
     def _slowdown(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
-        """A movement that was taught faster than the limits is done slower."""
+        """Warn of a movement that was taught faster than the limits and is slowed down."""
         speed, turn = path.peaks()
         slower, seconds = self._safety.slower(speed, turn), float(path.t[-1])
         if slower == 1.0:
@@ -160,7 +163,7 @@ class _ReachabilityChecker:
     def _check_path(
         self, path: Curve, state: _ArmState, joints: Array | None, *, ends: bool
     ) -> Iterator[str]:
-        """Along the path to the target: is it within reach, and free?"""
+        """Check that the path to the target is within reach and free of obstacles."""
         longest = float(np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1).max())
         points = path.sampled(max(1, int(np.ceil(longest / STEP_M))))
         start, q = points[0, :3], joints
@@ -182,7 +185,7 @@ class _ReachabilityChecker:
     def _collision(
         self, point: Array, turned: Array, start: Array, state: _ArmState, *, ends: bool
     ) -> str | None:
-        """Why a pose of the flange is not free: its fingertips are in something."""
+        """Return why a pose of the flange collides: its fingertips are inside an obstacle."""
         x, y, z = (point + FINGERS_BELOW_FLANGE_M * matrix_of(turned)[:, 2]).tolist()
         top = self._cell.surface_height(x, y)
         if top is None or z >= top - DEPTH_M - (self._cell.compliance_depth(x, y) if ends else 0.0):
@@ -219,7 +222,7 @@ def _state_after(app: App, state: _ArmState, *, touching: bool) -> _ArmState:
 
 
 def _planned_path(app: App, state: _ArmState) -> Curve:
-    """The reproduced path from where the arm is; without a known rotation, from where it was taught."""
+    """Plan the reproduced path from the current pose; without a known rotation, from the taught one."""
     assert state.place is not None, "is asked for where the place is known"
     rotation = state.rotation
     if rotation is None:
@@ -229,7 +232,7 @@ def _planned_path(app: App, state: _ArmState) -> Curve:
 
 
 def _press_depth(path: Curve, force: Array, rotation: Array | None) -> float:
-    """How deep [m] a path presses: its way along the direction of the press, which turns with the tool."""
+    """Return how deep [m] a path presses along the direction of the press, which turns with the tool."""
     if rotation is None:
         along = force / np.linalg.norm(force)
         return float(np.max((path.values[:, :3] - path.values[0, :3]) @ along))

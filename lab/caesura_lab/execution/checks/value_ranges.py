@@ -37,7 +37,7 @@ FORCE_TOLERANCE_N = 1e-6
 
 
 def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
-    """What is wrong with the numbers of each app."""
+    """Find numbers of each app that are missing, not finite or out of range."""
     found: list[Finding] = []
     for index, app in enumerate(apps):
         wrong = list(_non_finite(index, app))

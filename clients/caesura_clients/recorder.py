@@ -180,18 +180,18 @@ def record(
     """
     ending = over or threading.Event()
     inbox = Inbox()
-    announce_seq = _LiveRecording(
+    live = _LiveRecording(
         transport, station, session, on_message=on_message, clock=clock, time_of_day=time_of_day
     )
     with ExitStack() as stack:
         for key in (station_key(station, "samples"), session_key(station, session or "*", "status")):
             stack.enter_context(transport.subscribe(key, inbox))
-        while not ending.is_set() and not announce_seq.closed:
-            announce_seq.add_batch(inbox.get(TICK_S))
-            announce_seq.request_missing()
+        while not ending.is_set() and not live.closed:
+            live.receive(inbox.get(TICK_S))
+            live.request_missing()
         while (rest := inbox.get(0.0)) is not None:
-            announce_seq.add_batch(rest)
-        recorder = announce_seq.recorder
+            live.receive(rest)
+        recorder = live.recorder
         if recorder is None:
             raise CaesuraError(f"{station}: no session{f' {session}' if session else ''} was received")
         until = clock() + LAST_S
@@ -199,7 +199,7 @@ def record(
             pass
     found = _snapshot(transport, station, recorder.session)
     recording = recorder.recording(None if found is None else found.status)
-    return RecordedSession(recording, found, recorder, announce_seq.closed)
+    return RecordedSession(recording, found, recorder, live.closed)
 
 
 class _LiveRecording:
@@ -225,7 +225,7 @@ class _LiveRecording:
         self._time_of_day = time_of_day
         self._heard_s = self._asked_s = clock()
 
-    def add_batch(self, item: Item | None) -> None:
+    def receive(self, item: Item | None) -> None:
         """Store a received message, where it belongs to the session."""
         message = _decoded(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):

@@ -155,7 +155,7 @@ def test_a_recorded_session_states_what_the_session_stated(endpoint):
         name = f"s-recorded-{hand}"
         found = taught(endpoint, stating(source, hand), name)
         recorder = Recorder(name)
-        recorder.take(batch_of(stating(source, hand), name))
+        recorder.add_batch(batch_of(stating(source, hand), name))
         kept = recorder.recording(found.status)
         assert (kept.wrench_source, kept.hand_on_robot) == (source, hand)
 

@@ -11,7 +11,7 @@ import pytest
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import BridgeSettings
-from caesura_clients.query import ASKED, decoded, snapshots
+from caesura_clients.query import QUERY_ATTEMPTS, decoded, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -128,7 +128,7 @@ class Lossy:
         return self.spoilt if self.asked <= self.losses else QueryReplies(tuple(self.parts), ())
 
 
-@pytest.mark.parametrize("losses", [0, 1, ASKED - 1])
+@pytest.mark.parametrize("losses", [0, 1, QUERY_ATTEMPTS - 1])
 @pytest.mark.parametrize("is_late", [False, True])
 def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses: int, is_late: bool):
     parts = pieces_of(long := long_snapshot())
@@ -140,7 +140,7 @@ def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses
 
 def test_what_the_service_refuses_as_overloaded_is_not_asked_again_at_once():
     refusal = ProtocolError("overloaded", "station cell-1 has used its questions of this second", limit=20)
-    lossy = Lossy(pieces_of(long_snapshot()), QueryReplies((), (refusal,)), ASKED)
+    lossy = Lossy(pieces_of(long_snapshot()), QueryReplies((), (refusal,)), QUERY_ATTEMPTS)
     with pytest.raises(ProtocolError, match="has used its questions"):
         snapshots(lossy, "cell-1", "s1")
     assert lossy.asked == 1
@@ -148,7 +148,7 @@ def test_what_the_service_refuses_as_overloaded_is_not_asked_again_at_once():
 
 def test_an_answer_that_always_loses_a_piece_is_an_error():
     parts = pieces_of(long_snapshot())
-    lossy = Lossy(parts, QueryReplies(tuple(parts[1:]), ()), ASKED)
+    lossy = Lossy(parts, QueryReplies(tuple(parts[1:]), ()), QUERY_ATTEMPTS)
     with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
         snapshots(lossy, "cell-1", "s1")
-    assert lossy.asked == ASKED
+    assert lossy.asked == QUERY_ATTEMPTS

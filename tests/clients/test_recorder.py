@@ -143,7 +143,7 @@ def test_the_zero_of_the_session_is_told_by_the_batch_that_was_quickest():
 
 def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=lambda batch: False):
     """A bridge that sends `before` batches before anybody records, and `after` ones then."""
-    over, pool, announce_seq = threading.Event(), ThreadPoolExecutor(1), []
+    over, pool, received = threading.Event(), ThreadPoolExecutor(1), []
     recording_transport = network.transport()
     with (
         pool,
@@ -154,13 +154,13 @@ def recorded(network, bridge_settings=QUICK, *, before: int, after: int, lose=la
         bridge.send(samples(20 * before))
         eventually(lambda: bridge._sender._next_put == before)
         network.lose = lose
-        future = pool.submit(record, recording_transport, "cell-1", over=over, on_message=announce_seq.append)
+        future = pool.submit(record, recording_transport, "cell-1", over=over, on_message=received.append)
         try:
             eventually(lambda: any(key == station_key("cell-1", "samples") for key, _ in network.subscribers))
             eventually(lambda: len(network.subscribers) >= 3)
             bridge.send(samples(20 * after, t0=before * 0.02))
-            eventually(lambda: announce_seq and announce_seq[-1].known == before + after - 1)
-            eventually(lambda: announce_seq[-1].missing() is None)
+            eventually(lambda: received and received[-1].known == before + after - 1)
+            eventually(lambda: received[-1].missing() is None)
         finally:
             over.set()
         return future.result(10.0)

@@ -135,7 +135,7 @@ def test_send_goes_on_while_batches_are_sent_again_and_while_the_session_is_open
         service.hold = True
         bridge.send(samples(200))
         stuck.free.clear()
-        for call in (lambda: bridge._sender.resend(0, 64), bridge._tell):
+        for call in (lambda: bridge._sender.resend(0, 64), bridge._open_and_announce):
             thread = threading.Thread(target=call, daemon=True)
             thread.start()
             assert stuck.standing.acquire(timeout=DEADLINE_S)

@@ -186,9 +186,9 @@ def test_the_diagram_shows_each_bin_at_its_share():
         "changepoints, 0.2 s of slack",
         "classes of segments",
     ]
-    format_estimate = [line for line in upper[0].lines if line.get_label() == "mine"]
-    assert format_estimate[0].get_xdata() == pytest.approx([0.6, 0.8])
-    assert format_estimate[0].get_ydata() == pytest.approx([1.0, 0.0])
+    shown = [line for line in upper[0].lines if line.get_label() == "mine"]
+    assert shown[0].get_xdata() == pytest.approx([0.6, 0.8])
+    assert shown[0].get_ydata() == pytest.approx([1.0, 0.0])
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])

@@ -20,7 +20,7 @@ from caesura_lab.evaluation.metrics import (
 
 WINDOW = (0.0, 10.0)
 # Points at least 1 s apart, so that a tolerance of 0.2 s never reaches two of them.
-path_distance = st.lists(st.integers(1, 30), min_size=1, max_size=12, unique=True).map(
+apart = st.lists(st.integers(1, 30), min_size=1, max_size=12, unique=True).map(
     lambda seconds: np.sort(np.array(seconds, dtype=float))
 )
 
@@ -76,19 +76,19 @@ def test_f1_of_nothing_at_all_is_perfect():
     assert f1(3, 1, 0) == pytest.approx(6 / 7)
 
 
-@given(path_distance)
+@given(apart)
 def test_perfect_is_one(points):
     hits, alarms, misses = counts(points, points)
     assert f1(hits, alarms, misses) == 1.0
     assert covering(points, points, (0.0, 31.0)) == pytest.approx(1.0)
 
 
-@given(path_distance, st.floats(-0.199, 0.199))
+@given(apart, st.floats(-0.199, 0.199))
 def test_a_shift_within_tolerance_changes_no_count(points, shift):
     assert counts(points, points + shift) == counts(points, points)
 
 
-@given(path_distance, st.data())
+@given(apart, st.data())
 def test_a_false_alarm_costs_precision_only(points, data):
     found = np.array(data.draw(st.lists(st.sampled_from(points), unique=True)))
     hits, alarms, misses = counts(points, found)

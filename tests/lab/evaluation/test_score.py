@@ -92,9 +92,9 @@ def test_a_screw_is_read_from_the_part_that_shares_most_of_its_stroke():
     )
     assert one.axis_errors_deg == pytest.approx((math.degrees(math.acos(0.8)),))
     assert one.pitch_errors == pytest.approx((0.2,))
-    format_estimate = summarise([one])
-    assert format_estimate["screws_found"].value == 0.5, "the second one is in no part"
-    assert format_estimate["pitch_error"].value == pytest.approx(0.2)
+    shown = summarise([one])
+    assert shown["screws_found"].value == 0.5, "the second one is in no part"
+    assert shown["pitch_error"].value == pytest.approx(0.2)
     assert summarise([score("mine", TRUTH, found)])["screws_found"].n == 0, (
         "without a screw nothing is judged"
     )

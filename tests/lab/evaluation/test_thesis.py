@@ -164,10 +164,10 @@ def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pyte
         {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))},
         wrench_source="flange_sensor",
     )
-    format_estimate = measure.condition_demonstration(still, Truth("x", (0.0, 3.0), ()))
+    demonstration = measure.condition_demonstration(still, Truth("x", (0.0, 3.0), ()))
     for any_length in (True, False):
-        measure.divide(format_estimate, PRESETS["integrated"], 0.2, any_length=any_length)
-    assert asked == [Uniform(len(format_estimate.conditioned.observations)), Geometric(20.0)]
+        measure.divide(demonstration, PRESETS["integrated"], 0.2, any_length=any_length)
+    assert asked == [Uniform(len(demonstration.conditioned.observations)), Geometric(20.0)]
 
 
 def test_what_the_thesis_says_has_no_faults():
@@ -295,7 +295,7 @@ def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():
 def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     small = tuple(replace(setting, rows=("R4",)) for setting in MAIN)
     monkeypatch.setattr(suite, "tasks", lambda seeds: tasks(seeds, small))
-    monkeypatch.setattr(suite, "perform", cache(run_task))
+    monkeypatch.setattr(suite, "run_task", cache(run_task))
     app, out = typer.Typer(), tmp_path / "out.json"
     register(app)
 

@@ -38,9 +38,9 @@ def followed(touch_s: float) -> tuple[list[float], list[float]]:
     effort = HandForceController(force_profile(AIMS, TICKS), RATE_PER_S, DT)
     forces, places = [], []
     for tick, t in enumerate(TICKS):
-        effort.feel(tick, float(touch_s <= t < 3.2))
+        effort.update(tick, float(touch_s <= t < 3.2))
         forces.append(effort.force_n)
-        places.append(effort.place)
+        places.append(effort.position_share)
     return forces, places
 
 

@@ -233,7 +233,7 @@ def open_ros2(
     return source
 
 
-class Key(NamedTuple):
+class TopicKey(NamedTuple):
     """The parts of a key."""
 
     topic: str
@@ -241,19 +241,19 @@ class Key(NamedTuple):
     hash: str | None
 
 
-def parse_key(key: str) -> Key:
+def parse_key(key: str) -> TopicKey:
     """The topic of a key, in either layout.
 
     >>> parse_key("0/ft/wrench/geometry_msgs::msg::dds_::WrenchStamped_/RIHS01_8d")
-    Key(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')
+    TopicKey(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')
     >>> parse_key("ft/wrench")
-    Key(topic='/ft/wrench', type=None, hash=None)
+    TopicKey(topic='/ft/wrench', type=None, hash=None)
     """
     parts = key.split("/")
     dds = _DDS_TYPE.fullmatch(parts[-2]) if len(parts) >= 4 else None
     if dds is None:
-        return Key(f"/{key}", None, None)
-    return Key("/" + "/".join(parts[1:-2]), f"{dds['package']}/msg/{dds['name']}", parts[-1])
+        return TopicKey(f"/{key}", None, None)
+    return TopicKey("/" + "/".join(parts[1:-2]), f"{dds['package']}/msg/{dds['name']}", parts[-1])
 
 
 def _dds(name: str) -> str:

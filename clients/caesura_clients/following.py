@@ -65,9 +65,9 @@ def follow(
     them after which the iteration ends, None for never. Raises ProtocolError `unsupported_version` where the
     service is newer.
     """
-    happened = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
-    with closing(happened):
-        for event in happened:
+    stream = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
+    with closing(stream):
+        for event in stream:
             if isinstance(event, Update):
                 yield event
 

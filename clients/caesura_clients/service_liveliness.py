@@ -1,7 +1,7 @@
 """Whether a service is live, from liveliness tokens as they appear and disappear.
 
->>> attendance = LiveServices()
->>> [attendance.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
+>>> services = LiveServices()
+>>> [services.receive(TokenChange("service/a/alive", alive)) for alive in (True, True, False, True)]
 ['there', None, 'gone', 'there']
 """
 
@@ -48,15 +48,15 @@ def watch_services(transport: Transport, on_change: Callable[[Change], None]) ->
     inbox, over = Inbox(), threading.Event()
 
     def listen() -> None:
-        attendance = LiveServices()
+        services = LiveServices()
         while not over.is_set():
             item = inbox.get(TICK_S)
-            change = attendance.receive(item) if isinstance(item, TokenChange) else None
+            change = services.receive(item) if isinstance(item, TokenChange) else None
             if change is not None:
                 on_change(change)
 
     with transport.watch_liveliness(service_key("*", "alive"), inbox):
-        thread = threading.Thread(target=listen, name="attending", daemon=True)
+        thread = threading.Thread(target=listen, name="service liveliness", daemon=True)
         thread.start()
         try:
             yield

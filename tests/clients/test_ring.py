@@ -1,6 +1,6 @@
 import pytest
 
-from caesura_clients.bridge.ring import Entry, ReplayRing
+from caesura_clients.bridge.ring import ReplayRing, StoredBatch
 from caesura_protocol.codec import Encoded
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange
@@ -9,7 +9,7 @@ from caesura_protocol.keys import ReplayRange
 def filled(count, *, period_s=0.02, samples=20, **bounds):
     ring = ReplayRing(**bounds)
     for seq in range(count):
-        ring.append(Entry(seq, seq * period_s, samples, Encoded(b"%d" % seq, "x")))
+        ring.append(StoredBatch(seq, seq * period_s, samples, Encoded(b"%d" % seq, "x")))
     return ring
 
 
@@ -62,7 +62,7 @@ def test_what_is_gone_is_refused_and_the_oldest_is_named():
 def test_numbers_have_no_holes():
     ring = filled(3)
     with pytest.raises(ValueError, match="batch 4 after 2"):
-        ring.append(Entry(4, 1.0, 1, Encoded(b"", "x")))
+        ring.append(StoredBatch(4, 1.0, 1, Encoded(b"", "x")))
     assert numbers(kept(ring)) == [0, 1, 2]
 
 
@@ -70,7 +70,7 @@ def test_numbers_have_no_holes():
 def test_a_clock_that_jumps_evicts_nothing(jump_s):
     ring = ReplayRing(span_s=30.0, min_batches=1)
     for seq in range(1000):
-        ring.append(Entry(seq, 0.02 * seq + jump_s * (seq > 500), 20, Encoded(b"", "x")))
+        ring.append(StoredBatch(seq, 0.02 * seq + jump_s * (seq > 500), 20, Encoded(b"", "x")))
     assert numbers(kept(ring)) == list(range(1000))
 
 
@@ -84,7 +84,7 @@ def test_what_comes_after_a_number_is_what_is_still_there():
 
 def test_a_batch_becomes_bytes_when_they_are_needed_and_once():
     made = []
-    entry = Entry(0, 0.0, 1, lambda: made.append(1) or Encoded(b"7", "x"))
+    entry = StoredBatch(0, 0.0, 1, lambda: made.append(1) or Encoded(b"7", "x"))
     assert made == []
     assert (entry.content, entry.content) == (Encoded(b"7", "x"),) * 2
     assert made == [1]

@@ -2,7 +2,7 @@
 
 Four threads:
   the caller's  takes chunks from the source and leaves them in the ring, numbered; it calls no network;
-  pump          puts what is in the ring, late batches and heartbeats;
+  send          puts what is in the ring, late batches and heartbeats;
   replay        answers the service's questions for batches that it missed;
   keeper        opens the session, again whenever a service comes or goes.
 
@@ -119,7 +119,7 @@ class Bridge:
         self._services = Inbox()
         self._send_thread = SendThread(
             self._sender,
-            f"pump {station}",
+            f"send {station}",
             tick_s=self.settings.tick_s,
             max_latency_s=self.settings.max_latency_s,
             heartbeat_s=self.settings.heartbeat_s,

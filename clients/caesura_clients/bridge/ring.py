@@ -23,7 +23,7 @@ from caesura_protocol.keys import ReplayRange
 STEP_S = 1.0
 
 
-class Entry:
+class StoredBatch:
     """A batch with its number."""
 
     __slots__ = ("_content", "passed", "samples", "seq", "t")
@@ -52,11 +52,11 @@ class ReplayRing:
         self.span_s = span_s
         self.max_samples = max_samples
         self.min_batches = min_batches
-        self._entries: deque[Entry] = deque()
+        self._entries: deque[StoredBatch] = deque()
         self._samples = 0
         self._lock = threading.Lock()
 
-    def append(self, entry: Entry) -> None:
+    def append(self, entry: StoredBatch) -> None:
         """Keep a batch, whose number follows that of the last; evicts what is too old or too much."""
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
@@ -69,7 +69,7 @@ class ReplayRing:
             while self._evictable(entry.passed):
                 self._samples -= self._entries.popleft().samples
 
-    def sent_range(self, requested: ReplayRange) -> list[Entry]:
+    def sent_range(self, requested: ReplayRange) -> list[StoredBatch]:
         """The batches of a range that have been sent, oldest first, at most `requested.limit`.
 
         Raises ProtocolError `evicted`, which names the oldest, where the range begins before it.
@@ -85,7 +85,7 @@ class ReplayRing:
             end = min(requested.last + 1, requested.first + requested.limit, self._entries[-1].seq + 1)
             return list(islice(self._entries, requested.first - oldest, max(end, requested.first) - oldest))
 
-    def entries_from(self, first: int, count: int) -> list[Entry]:
+    def entries_from(self, first: int, count: int) -> list[StoredBatch]:
         """Return the stored batches from `first` on, oldest first, at most `count`."""
         with self._lock:
             skipped = max(0, first - self._entries[0].seq) if self._entries else 0

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from caesura_clients.bridge.ring import Entry, ReplayRing
+from caesura_clients.bridge.ring import ReplayRing, StoredBatch
 from caesura_protocol.batching import Batcher, Matrix
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.keys import station_key
@@ -113,7 +113,7 @@ class BatchSender:
 
     def _number(self, batch: Matrix) -> None:
         seq = self.last_seq + 1
-        self.ring.append(Entry(seq, float(batch[-1, 0]), len(batch), lambda: self._encoded(batch, seq)))
+        self.ring.append(StoredBatch(seq, float(batch[-1, 0]), len(batch), lambda: self._encoded(batch, seq)))
         self.last_seq = seq
 
     def _encoded(self, batch: Matrix, seq: int) -> Encoded:

@@ -17,7 +17,7 @@ class BridgeSettings:
     ring_span_s: float = 30.0  # [s] session clock
     ring_samples: int = 200_000
     window_batches: int = 64  # under way at most, where the source can wait
-    tick_s: float = 0.02  # how often the keeper and the pump look
+    tick_s: float = 0.02  # between two polls of the keeper and the send thread
     retry_s: float = 0.2  # between attempts to open or to close
     reopen_s: float = 15.0  # between openings that nothing asks for, should a service's coming go unnoticed
     stall_s: float = 0.5  # without progress, missing batches are sent again

@@ -27,7 +27,7 @@ STILL_S = 1.0  # how long no sample may come while a session is open
 
 
 @dataclass(frozen=True)
-class Station:
+class StationProbe:
     """One station, from the facts. statuses: of its current session, in order; may be empty."""
 
     name: str
@@ -42,18 +42,18 @@ class Station:
         return self.statuses[-1].status if self.statuses else None
 
 
-def stations_of(probed: ProbeResult) -> list[Station]:
+def stations_of(probed: ProbeResult) -> list[StationProbe]:
     """Every station that has a bridge or a session, by name."""
     names = {*probed.bridges, *(station for station, _ in (*probed.statuses, *probed.batches))}
     return [_station(probed, name) for name in sorted(names)]
 
 
-def check_station(station: Station) -> Iterator[CheckResult]:
+def check_station(station: StationProbe) -> Iterator[CheckResult]:
     """Yield every check of one station, with its name."""
     return (replace(result, station=station.name) for result in _checks_of(station))
 
 
-def _checks_of(station: Station) -> Iterator[CheckResult]:
+def _checks_of(station: StationProbe) -> Iterator[CheckResult]:
     status = station.status
     if status is None or status.state == "closed":
         yield from _check_closed(station)
@@ -70,11 +70,11 @@ def _checks_of(station: Station) -> Iterator[CheckResult]:
             yield warn("bridge", found, remedy)
 
 
-def _station(probed: ProbeResult, name: str) -> Station:
+def _station(probed: ProbeResult, name: str) -> StationProbe:
     own = [statuses for (station, _), statuses in probed.statuses.items() if station == name and statuses]
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
     batches = [one for (station, _), some in probed.batches.items() if station == name for one in some]
-    return Station(name, name in probed.bridges, current, batches, probed.listened_s)
+    return StationProbe(name, name in probed.bridges, current, batches, probed.listened_s)
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
@@ -82,7 +82,7 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
     return status.state == "open", status.session
 
 
-def _check_closed(station: Station) -> Iterator[CheckResult]:
+def _check_closed(station: StationProbe) -> Iterator[CheckResult]:
     status = station.status
     last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
     if _other_sessions(station):
@@ -95,7 +95,7 @@ def _check_closed(station: Station) -> Iterator[CheckResult]:
         yield ok("bridge", f"not connected, and {last}")
 
 
-def _check_bridge(station: Station, status: SessionStatus) -> CheckResult:
+def _check_bridge(station: StationProbe, status: SessionStatus) -> CheckResult:
     if station.connected:
         return ok("bridge", f"connected, session {status.session} on {status.instance}")
     remedy = (
@@ -105,7 +105,7 @@ def _check_bridge(station: Station, status: SessionStatus) -> CheckResult:
     return bad("bridge", f"session {status.session} is open and no bridge is connected", remedy)
 
 
-def _check_flow(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     """Check that samples arrive: how many, and how evenly."""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
@@ -139,7 +139,7 @@ def _check_flow(station: Station, status: SessionStatus) -> Iterator[CheckResult
         yield from check(samples)
 
 
-def _counted_rate(station: Station) -> CheckResult:
+def _counted_rate(station: StationProbe) -> CheckResult:
     """From the service's counts, where the samples themselves are not for these credentials."""
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
@@ -159,7 +159,7 @@ _NO_SAMPLES = (
 )
 
 
-def _samples(station: Station, status: SessionStatus) -> CheckedSamples | None:
+def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | None:
     """Return the received batches, in order and once; None where they are too few to judge."""
     own = {one.seq: one for one in station.batches if one.session == status.session}
     columns = {one.columns for one in own.values()}
@@ -186,7 +186,7 @@ def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
     return [int(number) for number in max(runs, key=len)]
 
 
-def _check_losses(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
@@ -206,7 +206,7 @@ def _check_losses(station: Station, status: SessionStatus) -> Iterator[CheckResu
         yield ok("duplicates", f"{found} and were ignored")
 
 
-def _check_refusals(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     if status.refused:
         found = ", ".join(f"{count} {code}" for code, count in status.refused.items())
         last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
@@ -221,7 +221,7 @@ def wrench_remedy(source: str) -> str:
     return "with a sensor below the hand, state --wrench-source flange_sensor; else there are only moves"
 
 
-def _check_wrench(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_wrench(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     wrench = status.wrench
     can = [
         name
@@ -243,7 +243,7 @@ def _check_wrench(station: Station, status: SessionStatus) -> Iterator[CheckResu
     yield from check_bias(None if wrench.tare is None else np.array(wrench.tare))
 
 
-def _check_rival_bridges(station: Station, status: SessionStatus) -> Iterator[CheckResult]:
+def _check_rival_bridges(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     """Check that only one bridge sends the session."""
     own = [one.bridge for one in station.batches if one.session == status.session]
     senders = Counter(name for name in own if name is not None)
@@ -256,14 +256,14 @@ def _check_rival_bridges(station: Station, status: SessionStatus) -> Iterator[Ch
         yield bad("bridge", found, remedy)
 
 
-def _other_sessions(station: Station) -> dict[str, int]:
+def _other_sessions(station: StationProbe) -> dict[str, int]:
     """Batches of sessions other than the current one, by session."""
     own = station.status.session if station.status is not None else None
     others = [one.session for one in station.batches if one.session != own]
     return {session: others.count(session) for session in sorted(set(others))}
 
 
-CHECKS: tuple[Callable[[Station, SessionStatus], Iterator[CheckResult]], ...] = (
+CHECKS: tuple[Callable[[StationProbe, SessionStatus], Iterator[CheckResult]], ...] = (
     _check_rival_bridges,
     _check_losses,
     _check_refusals,

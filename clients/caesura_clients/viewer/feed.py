@@ -60,14 +60,16 @@ class StationFeed:
         self._time_of_day = time_of_day
         self._messages = LiveStation()
         self._shown: tuple[str, int] | None = None
-        self._folding = threading.Lock()
+        self._messages_lock = threading.Lock()
         self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._over = threading.Event()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         for work in (self._follow_samples, self._follow_results):
-            thread = threading.Thread(target=self._keep, args=(work,), name=work.__name__, daemon=True)
+            thread = threading.Thread(
+                target=self._repeat_until_over, args=(work,), name=work.__name__, daemon=True
+            )
             thread.start()
             self._stack.callback(thread.join)
         self._stack.callback(self._over.set)
@@ -82,7 +84,7 @@ class StationFeed:
         """Publish what a topic has so far once more: a viewer has just subscribed to it. Returns at once."""
         self._subscribed.put(topic)
 
-    def _keep(self, work: Callable[[], None]) -> None:
+    def _repeat_until_over(self, work: Callable[[], None]) -> None:
         """Do the work until it is over, again after an error."""
         while not self._over.is_set():
             try:
@@ -107,17 +109,17 @@ class StationFeed:
         except ProtocolError:
             return
         if isinstance(batch, SampleBatch):
-            with self._folding:
+            with self._messages_lock:
                 self._publish(self._messages.sampled(batch, self._time_of_day()))
 
     def _follow_results(self) -> None:
         if (session := current_sessions(self._transport).get(self._station)) is not None:
-            with self._folding:
+            with self._messages_lock:
                 self._messages.show(session)
         found = events(self._transport, self._station, refresh_s=self._refresh_s, over=self._over)
         with closing(found):
             for event in found:
-                with self._folding:
+                with self._messages_lock:
                     if isinstance(event, Update):
                         self._publish(self._messages.updated(event, self._time_of_day()))
                     elif isinstance(event, SessionRemoved):
@@ -128,7 +130,7 @@ class StationFeed:
         while not self._subscribed.empty():
             topics.add(self._subscribed.get())
         if topics:
-            with self._folding:
+            with self._messages_lock:
                 live, self._shown = self._messages.live, None
                 self._publish([] if live is None else live.current(sorted(topics)))
 

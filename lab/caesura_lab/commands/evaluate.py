@@ -43,7 +43,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Page:
+class ResultPage:
     """Results, as they can be written."""
 
     text: Callable[[], RenderableType]
@@ -187,7 +187,7 @@ def evaluate(
 # The suites below import a second's worth of scipy, which every command would wait for.
 
 
-def _thesis_page(seeds: range, workers: int) -> Page:
+def _thesis_page(seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation.thesis import suite as thesis  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import summary as thesis_summary  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import tables as thesis_tables  # noqa: PLC0415
@@ -195,14 +195,14 @@ def _thesis_page(seeds: range, workers: int) -> Page:
     tasks = thesis.tasks(seeds)
     result = thesis_summary.summarise(_with_progress(each(thesis.run_task, tasks, workers=workers), tasks))
     title = thesis_tables.title(seeds)
-    return Page(
+    return ResultPage(
         text=lambda: thesis_tables.as_text(result, title),
         markdown=lambda: thesis_tables.as_markdown(result, title),
         plain=lambda: {"title": title, "settings": thesis_summary.as_json(result)},
     )
 
 
-def _round_trip_page(seeds: range, workers: int) -> Page:
+def _round_trip_page(seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
     cases = program_round_trip.cases(seeds)
@@ -210,64 +210,64 @@ def _round_trip_page(seeds: range, workers: int) -> Page:
         _with_progress(each(program_round_trip.run_round_trip, cases, workers=workers), cases)
     )
     title = program_round_trip.title(seeds)
-    return Page(
+    return ResultPage(
         text=lambda: program_round_trip.as_text(summary, title),
         markdown=lambda: program_round_trip.as_markdown(summary, title),
         plain=lambda: {"title": title, "trips": program_round_trip.as_json(summary)},
     )
 
 
-def _realism_page(data: Path, seeds: range, workers: int) -> Page:
+def _realism_page(data: Path, seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation import realism  # noqa: PLC0415
 
     cases = realism.cases(data, seeds)
     result = realism.summarise(_with_progress(each(realism.load, cases, workers=workers), cases))
     title = realism.title(seeds)
-    return Page(
+    return ResultPage(
         text=lambda: realism.as_text(result, title),
         markdown=lambda: realism.as_markdown(result, title),
         plain=lambda: {"title": title, **realism.as_json(result)},
     )
 
 
-def _mutation_page(count: int, workers: int) -> Page:
+def _mutation_page(count: int, workers: int) -> ResultPage:
     from caesura_lab.evaluation import mutations  # noqa: PLC0415
 
     numbers = range(count)
     fates = list(_with_progress(each(mutations.run_mutation, numbers, workers=workers), numbers))
-    return Page(
+    return ResultPage(
         text=lambda: mutations.as_text(fates),
         markdown=lambda: mutations.as_markdown(fates),
         plain=lambda: mutations.as_json(fates),
     )
 
 
-def _evidence_page(suite_name: str | None, cases: Sequence[Case], workers: int) -> Page:
+def _evidence_page(suite_name: str | None, cases: Sequence[Case], workers: int) -> ResultPage:
     evidences = libraries.sorted_by_recording(
         _with_progress(each(libraries.library_evidence, cases, workers=workers), cases)
     )
     title = libraries.title(f"suite {suite_name}" if suite_name else "files", evidences)
-    return Page(
+    return ResultPage(
         text=lambda: libraries.as_text(evidences, title),
         markdown=lambda: libraries.as_markdown(evidences, title),
         plain=lambda: libraries.as_json(evidences, title),
     )
 
 
-def _page(judged: SuiteVerdicts, detailed: Sequence[str]) -> Page:
+def _page(judged: SuiteVerdicts, detailed: Sequence[str]) -> ResultPage:
     result = report(judged.title, judged.methods, judged.verdicts, judged.missing)
-    return Page(
+    return ResultPage(
         text=lambda: as_text(result, detailed=detailed),
         markdown=lambda: as_markdown(result, detailed=detailed),
         plain=lambda: as_json(result),
     )
 
 
-def _calibration(judged: SuiteVerdicts, diagram_file: Path | None) -> Page:
+def _calibration(judged: SuiteVerdicts, diagram_file: Path | None) -> ResultPage:
     result = calibrate(judged.title, judged.methods, judged.verdicts, judged.missing)
     if diagram_file is not None:
         _draw(result, diagram_file)
-    return Page(
+    return ResultPage(
         text=lambda: calibration.as_text(result),
         markdown=lambda: calibration.as_markdown(result),
         plain=lambda: calibration.as_json(result),
@@ -353,14 +353,14 @@ def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str
     return f"{what}: {len(cases)} recordings, each point's own tolerance{least}; 95 % intervals"
 
 
-def _write(page: Page, output_format: Format, out: Path | None) -> None:
+def _write(page: ResultPage, output_format: Format, out: Path | None) -> None:
     try:
         _print(page, output_format, out)
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {out}: {error.strerror}") from error
 
 
-def _print(page: Page, output_format: Format, out: Path | None) -> None:
+def _print(page: ResultPage, output_format: Format, out: Path | None) -> None:
     if output_format is Format.TEXT:
         if out is None:
             Console().print(page.text())

@@ -99,13 +99,13 @@ class MemoryTransport:
 
     @contextmanager
     def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Delivery for everything that is put on the key."""
+        """Enqueue a ReceivedSample for everything that is put on the key."""
         with self._declared(self._network.subscribers, key, inbox):
             yield
 
     @contextmanager
     def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Question for every query on the key."""
+        """Enqueue an IncomingQuery for every query on the key."""
         with self._declared(self._network.queryables, key, inbox):
             yield
 

@@ -58,10 +58,10 @@ class Transport(Protocol):
         """Return the keys of the liveliness tokens that exist now, sorted."""
 
     def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Delivery for everything that is put on the key."""
+        """Enqueue a ReceivedSample for everything that is put on the key."""
 
     def declare_queryable(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a Question for every query on the key."""
+        """Enqueue an IncomingQuery for every query on the key."""
 
     def declare_token(self, key: str) -> AbstractContextManager[None]:
         """Declare a liveliness token on the key."""

@@ -145,7 +145,7 @@ class ZenohTransport:
 
     @contextmanager
     def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Delivery for everything that is put on the key."""
+        """Enqueue a ReceivedSample for everything that is put on the key."""
         with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda sample: inbox.offer(_delivery(sample)))
             declared = self._session.declare_subscriber(key, handler)
@@ -154,7 +154,7 @@ class ZenohTransport:
 
     @contextmanager
     def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a Question for every query on the key."""
+        """Enqueue an IncomingQuery for every query on the key."""
         with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda query: inbox.offer(ZenohQuestion(query)))
             declared = self._session.declare_queryable(key, handler)

@@ -36,7 +36,7 @@ from caesura_lab.evaluation.thesis.measure import (
     present_since,
     references,
 )
-from caesura_lab.evaluation.thesis.rows import ROWS, Boundary, Row
+from caesura_lab.evaluation.thesis.rows import ROWS, ThesisBoundary, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
 from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
@@ -48,7 +48,9 @@ from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import views
 
-ROW = Row("R", "Fig.", "s", "force", (Boundary(2.0), Boundary(4.0), Boundary(4.5)), states="12?1")
+ROW = ThesisRow(
+    "R", "Fig.", "s", "force", (ThesisBoundary(2.0), ThesisBoundary(4.0), ThesisBoundary(4.5)), states="12?1"
+)
 RIGHT = [(2.0,), (4.0, 4.2), (4.5,)]
 # How fast the forces of Fig. 4.13 and 4.14 fall: before [N], after [N], time [s].
 DECAYS = ((21.086, 2.411, 0.5), (20.331, 4.083, 0.4), (14.986, 3.283, 0.6), (9.881, 2.524, 0.4))
@@ -197,17 +199,17 @@ def test_one_changepoint_stands_for_one_boundary():
 
 
 def test_an_event_counts_beside_the_thesis_time_unless_it_is_another_one():
-    row = Row("R", "Fig.", "s", "force", (Boundary(2.0, "contact_on"),))
+    row = ThesisRow("R", "Fig.", "s", "force", (ThesisBoundary(2.0, "contact_on"),))
     near, far = (TrueChangepoint(2.0 + by, 0.15, kind="contact_on") for by in (0.4, SAME_EVENT_S + 0.1))
     assert references(row, seen(near, far)) == [(2.0, 2.4)]
     assert references(row, seen(far)) == [(2.0,)]
     assert references(row, seen(replace(near, kind="decay"))) == [(2.0,)]
-    twice = replace(row, inner=(Boundary(2.0, also=1.5),))
+    twice = replace(row, inner=(ThesisBoundary(2.0, also=1.5),))
     assert references(twice, seen(near)) == [(2.0, 1.5)]
 
 
 def test_a_place_is_where_the_hand_comes_nearest():
-    row = Row("R", "Fig.", "s", "force", (Boundary(2.0, (0.25, 0.0, 0.0)),))
+    row = ThesisRow("R", "Fig.", "s", "force", (ThesisBoundary(2.0, (0.25, 0.0, 0.0)),))
     path = np.column_stack([0.1 * np.arange(0.0, 6.0, 0.01), *np.zeros((2, 600))])
     assert references(row, seen(path=path)) == [(2.0, pytest.approx(2.5))]
 

@@ -88,8 +88,8 @@ class Ros2Source:
         except BaseException:
             self._stack.close()
             raise
-        self._joiner = SignalAligner(self._plan.signals, patience_s=PATIENCE_S)
-        self.columns = self._joiner.columns
+        self._aligner = SignalAligner(self._plan.signals, patience_s=PATIENCE_S)
+        self.columns = self._aligner.columns
         self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
         stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")
         self.hand_on_robot = cast(HandOnRobot, stated)
@@ -117,13 +117,13 @@ class Ros2Source:
             rows: list[Row] = []
             for received in self._received_messages():
                 if received is not None and received.topic.rule.mark:
-                    yield Mark(self._joiner.latest_s)
+                    yield Mark(self._aligner.latest_s)
                 elif received is not None:
                     rows += self._aligned_rows(received)
                 if rows and (received is None or len(rows) >= CHUNK_SAMPLES):
                     yield np.array(rows)
                     rows = []
-            rows += self._joiner.flush()
+            rows += self._aligner.flush()
             if rows:
                 yield np.array(rows)
         finally:
@@ -132,7 +132,7 @@ class Ros2Source:
     def _aligned_rows(self, received: ReceivedMessage) -> list[Row]:
         with _as_source():
             stamp = stamp_of(received.message, received.topic.name)
-            return self._joiner.push(stamp, self._plan.select_values(received.topic, received.message))
+            return self._aligner.push(stamp, self._plan.select_values(received.topic, received.message))
 
     def _received_messages(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""
@@ -233,7 +233,7 @@ def open_ros2(
     return source
 
 
-class Key(NamedTuple):
+class TopicKey(NamedTuple):
     """The parts of a key."""
 
     topic: str
@@ -241,19 +241,19 @@ class Key(NamedTuple):
     hash: str | None
 
 
-def parse_key(key: str) -> Key:
+def parse_key(key: str) -> TopicKey:
     """The topic of a key, in either layout.
 
     >>> parse_key("0/ft/wrench/geometry_msgs::msg::dds_::WrenchStamped_/RIHS01_8d")
-    Key(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')
+    TopicKey(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')
     >>> parse_key("ft/wrench")
-    Key(topic='/ft/wrench', type=None, hash=None)
+    TopicKey(topic='/ft/wrench', type=None, hash=None)
     """
     parts = key.split("/")
     dds = _DDS_TYPE.fullmatch(parts[-2]) if len(parts) >= 4 else None
     if dds is None:
-        return Key(f"/{key}", None, None)
-    return Key("/" + "/".join(parts[1:-2]), f"{dds['package']}/msg/{dds['name']}", parts[-1])
+        return TopicKey(f"/{key}", None, None)
+    return TopicKey("/" + "/".join(parts[1:-2]), f"{dds['package']}/msg/{dds['name']}", parts[-1])
 
 
 def _dds(name: str) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from caesura_lab.annotations import Truth
 from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
 from caesura_lab.evaluation.pairing import best_pairs
-from caesura_lab.evaluation.thesis.rows import Boundary, Row
+from caesura_lab.evaluation.thesis.rows import ThesisBoundary, ThesisRow
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.hazard import Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline
@@ -90,7 +90,7 @@ def condition_demonstration(
 
 
 def measure(
-    row: Row,
+    row: ThesisRow,
     demonstration: ConditionedDemonstration,
     seed: int,
     preset: Preset | None = None,
@@ -116,12 +116,12 @@ def measure(
     return RowOutcome(row.name, seed, len(found.states), faults, values)
 
 
-def references(row: Row, demonstration: ConditionedDemonstration) -> list[tuple[float, ...]]:
+def references(row: ThesisRow, demonstration: ConditionedDemonstration) -> list[tuple[float, ...]]:
     """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
     return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, demonstration)) for b in row.inner]
 
 
-def _event(boundary: Boundary, demonstration: ConditionedDemonstration) -> tuple[float, ...]:
+def _event(boundary: ThesisBoundary, demonstration: ConditionedDemonstration) -> tuple[float, ...]:
     if boundary.event is None:
         return ()
     if isinstance(boundary.event, str):
@@ -139,7 +139,7 @@ def is_right(t: float, right: Sequence[float]) -> bool:
     return any(abs(t - one) <= TOLERANCE_S + ROUNDING_S for one in right)
 
 
-def differences(row: Row, found: FoundDivision, right: Sequence[Sequence[float]]) -> Iterator[str]:
+def differences(row: ThesisRow, found: FoundDivision, right: Sequence[Sequence[float]]) -> Iterator[str]:
     """What a division has that the row has not, or the other way round."""
     if len(found.inner) == len(row.inner):
         for boundary, t, times in zip(row.inner, found.inner, right, strict=True):
@@ -152,7 +152,9 @@ def differences(row: Row, found: FoundDivision, right: Sequence[Sequence[float]]
         yield from _lost_and_extra(row, found.inner, right)
 
 
-def _lost_and_extra(row: Row, inner: Sequence[float], right: Sequence[Sequence[float]]) -> Iterator[str]:
+def _lost_and_extra(
+    row: ThesisRow, inner: Sequence[float], right: Sequence[Sequence[float]]
+) -> Iterator[str]:
     partners = pair_boundaries(inner, right)
     for boundary, partner in zip(row.inner, partners, strict=True):
         if partner is None:
@@ -207,7 +209,7 @@ def divide(
     )
 
 
-def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> RowOutcome:
+def _online(row: ThesisRow, recording: Recording, seed: int, right: Sequence[Sequence[float]]) -> RowOutcome:
     began = perf_counter()
     observations, timed_estimates = _timed_estimates(recording, row)
     cycle_ms = 1e3 * (perf_counter() - began) / observations
@@ -218,7 +220,7 @@ def _online(row: Row, recording: Recording, seed: int, right: Sequence[Sequence[
     return RowOutcome(row.name, seed, segments, faults, delays_s=delays, cycle_ms=cycle_ms)
 
 
-def _timed_estimates(recording: Recording, row: Row) -> tuple[int, list[TimedEstimate]]:
+def _timed_estimates(recording: Recording, row: ThesisRow) -> tuple[int, list[TimedEstimate]]:
     """How many observations there were, and what a session would have shown after every batch."""
     latest = np.maximum.accumulate(recording.t)
     timed_estimates: list[TimedEstimate] = []

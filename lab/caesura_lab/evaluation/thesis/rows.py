@@ -20,7 +20,7 @@ Mark = Literal["contact_on", "contact_off", "decay", "start", "stop", "corner"]
 
 
 @dataclass(frozen=True)
-class Boundary:
+class ThesisBoundary:
     """Where a segment ends in the thesis.
 
     event: what the hand does there, None where nothing particular. also: the time that the thesis' text gives
@@ -37,7 +37,7 @@ class Boundary:
 
 
 @dataclass(frozen=True)
-class Value:
+class ExpectedValue:
     """A figure of one segment: the vertical force that it ends with [N], or the load carried in it [kg]."""
 
     segment: int
@@ -46,7 +46,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Row:
+class ThesisRow:
     """One result of the thesis.
 
     inner: all boundaries but the recording's end; states: the thesis' u of every segment (1 free, 2 contact,
@@ -60,9 +60,9 @@ class Row:
     source: str
     scenario: str
     preset: str
-    inner: tuple[Boundary, ...]
+    inner: tuple[ThesisBoundary, ...]
     states: str = ""
-    values: tuple[Value, ...] = ()
+    values: tuple[ExpectedValue, ...] = ()
     threshold: float | None = THRESHOLD
     online: bool = False
     contact_within_s: float = np.inf
@@ -79,8 +79,8 @@ class Row:
         return len(self.inner) + 1
 
 
-def _plain(times: Sequence[float]) -> tuple[Boundary, ...]:
-    return tuple(Boundary(t) for t in times)
+def _plain(times: Sequence[float]) -> tuple[ThesisBoundary, ...]:
+    return tuple(ThesisBoundary(t) for t in times)
 
 
 # Places of passed points, from the tables.
@@ -97,173 +97,181 @@ _TRANSPORT = (-0.018, -0.624, 0.156)  # Fig. 4.8, 4.17
 _TRANSPORT_LATER = (-0.019, -0.596, 0.154)  # Fig. 4.12
 _RETREAT = (-0.021, -0.479, 0.166)  # Fig. 4.17
 
-ROWS: tuple[Row, ...] = (
-    Row(
+ROWS: tuple[ThesisRow, ...] = (
+    ThesisRow(
         "R1",
         "Fig. 4.6",
         "three_point",
         "constant_velocity",
         _plain((1.6, 3.0, 4.4, 5.7, 7.2, 8.5, 9.8, 10.9, 11.6, 13.2)),
     ),
-    Row(
+    ThesisRow(
         "R2",
         "Fig. 4.7",
         "parkour",
         "constant_velocity",
         _plain((1.3, 2.3, 3.4, 4.2, 5.0, 5.9, 6.9, 7.7)),
     ),
-    Row(
+    ThesisRow(
         "R3",
         "Fig. 4.8",
         "pick_and_place",
         "constant_velocity",
         _plain((0.8, 1.8, 4.4, 5.7, 7.5, 10.3, 11.3)),
     ),
-    Row(
+    ThesisRow(
         "R4",
         "Fig. 4.9",
         "three_point",
         "second_order_1",
         (
-            Boundary(3.0, "start"),
-            Boundary(5.9, "start"),
-            Boundary(8.4, "start"),
-            Boundary(10.0, (0.034, -0.342, 0.031)),
-            Boundary(11.9, "start"),
+            ThesisBoundary(3.0, "start"),
+            ThesisBoundary(5.9, "start"),
+            ThesisBoundary(8.4, "start"),
+            ThesisBoundary(10.0, (0.034, -0.342, 0.031)),
+            ThesisBoundary(11.9, "start"),
         ),
     ),
-    Row(
+    ThesisRow(
         "R5.1",
         "Fig. 4.10",
         "parkour",
         "second_order_1",
         (
-            Boundary(1.8, (-0.151, -0.414, 0.053)),
-            Boundary(3.5, (-0.046, -0.521, 0.064)),
-            Boundary(5.8, (-0.037, -0.414, 0.060)),
-            Boundary(7.1, (-0.100, -0.569, 0.083)),
+            ThesisBoundary(1.8, (-0.151, -0.414, 0.053)),
+            ThesisBoundary(3.5, (-0.046, -0.521, 0.064)),
+            ThesisBoundary(5.8, (-0.037, -0.414, 0.060)),
+            ThesisBoundary(7.1, (-0.100, -0.569, 0.083)),
         ),
     ),
-    Row(
+    ThesisRow(
         "R5.2",
         "Fig. 4.11",
         "parkour",
         "second_order_2",
-        (Boundary(1.4, "start"), *(Boundary(t, place) for t, place in _PARKOUR.items())),
+        (ThesisBoundary(1.4, "start"), *(ThesisBoundary(t, place) for t, place in _PARKOUR.items())),
     ),
-    Row(
+    ThesisRow(
         "R6",
         "Fig. 4.12",
         "pick_and_place",
         "second_order_1",
-        (Boundary(4.4, "contact_off"), Boundary(6.0, _TRANSPORT_LATER), Boundary(10.4, "contact_off")),
+        (
+            ThesisBoundary(4.4, "contact_off"),
+            ThesisBoundary(6.0, _TRANSPORT_LATER),
+            ThesisBoundary(10.4, "contact_off"),
+        ),
     ),
-    Row(
+    ThesisRow(
         "R7",
         "Fig. 4.13",
         "dispenser",
         "force",
         (
-            Boundary(2.6, "contact_on"),
-            Boundary(4.2, "decay"),
-            Boundary(4.7, "contact_off"),
-            Boundary(7.6, "contact_on"),
-            Boundary(9.3, "decay"),
-            Boundary(9.7, "contact_off"),
+            ThesisBoundary(2.6, "contact_on"),
+            ThesisBoundary(4.2, "decay"),
+            ThesisBoundary(4.7, "contact_off"),
+            ThesisBoundary(7.6, "contact_on"),
+            ThesisBoundary(9.3, "decay"),
+            ThesisBoundary(9.7, "contact_off"),
         ),
-        values=(Value(1, "force_n", 21.1), Value(4, "force_n", 20.3)),
+        values=(ExpectedValue(1, "force_n", 21.1), ExpectedValue(4, "force_n", 20.3)),
     ),
-    Row(
+    ThesisRow(
         "R8",
         "Fig. 4.14",
         "pick_and_place",
         "force",
         (
-            Boundary(1.8, "contact_on"),
-            Boundary(3.5, "decay"),
-            Boundary(4.1, "contact_off"),
-            Boundary(7.5, "contact_on"),
-            Boundary(9.8, "decay"),
-            Boundary(10.2, "contact_off"),
+            ThesisBoundary(1.8, "contact_on"),
+            ThesisBoundary(3.5, "decay"),
+            ThesisBoundary(4.1, "contact_off"),
+            ThesisBoundary(7.5, "contact_on"),
+            ThesisBoundary(9.8, "decay"),
+            ThesisBoundary(10.2, "contact_off"),
         ),
-        values=(Value(1, "force_n", 15.0), Value(3, "force_n", -2.9), Value(4, "force_n", 9.9)),
+        values=(
+            ExpectedValue(1, "force_n", 15.0),
+            ExpectedValue(3, "force_n", -2.9),
+            ExpectedValue(4, "force_n", 9.9),
+        ),
     ),
-    Row(
+    ThesisRow(
         "R9",
         "Fig. 4.15",
         "pick_and_place",
         "contact",
         (
-            Boundary(1.9, "contact_on"),
-            Boundary(4.2, "contact_off"),
-            Boundary(7.5, "contact_on"),
-            Boundary(10.1, "contact_off"),
+            ThesisBoundary(1.9, "contact_on"),
+            ThesisBoundary(4.2, "contact_off"),
+            ThesisBoundary(7.5, "contact_on"),
+            ThesisBoundary(10.1, "contact_off"),
         ),
         states="12321",
-        values=(Value(2, "load_kg", 0.276),),
+        values=(ExpectedValue(2, "load_kg", 0.276),),
     ),
-    Row(
+    ThesisRow(
         "R10",
         "Fig. 4.16",
         "dispenser",
         "integrated",
         (  # its table is not printed: the times are those of the same recording in Fig. 4.13
-            Boundary(2.6, "contact_on"),
-            Boundary(4.2, "decay"),
-            Boundary(4.7, "contact_off"),
-            Boundary(6.4, "start", stated=False),
-            Boundary(7.6, "contact_on"),
-            Boundary(9.3, "decay"),
-            Boundary(9.7, "contact_off"),
+            ThesisBoundary(2.6, "contact_on"),
+            ThesisBoundary(4.2, "decay"),
+            ThesisBoundary(4.7, "contact_off"),
+            ThesisBoundary(6.4, "start", stated=False),
+            ThesisBoundary(7.6, "contact_on"),
+            ThesisBoundary(9.3, "decay"),
+            ThesisBoundary(9.7, "contact_off"),
         ),
         states="12?112?1",
-        values=(Value(1, "force_n", 20.0), Value(5, "force_n", 20.0)),
+        values=(ExpectedValue(1, "force_n", 20.0), ExpectedValue(5, "force_n", 20.0)),
     ),
-    Row(
+    ThesisRow(
         "R11",
         "Fig. 4.17",
         "pick_and_place",
         "integrated",
         (
-            Boundary(1.8, "contact_on"),
-            Boundary(3.5, "decay"),
-            Boundary(4.2, "contact_off"),
-            Boundary(5.7, _TRANSPORT),
-            Boundary(7.5, "contact_on"),
-            Boundary(9.8, "decay"),
-            Boundary(10.8, _RETREAT, also=10.2),  # 10.2 s in section 4.2.6
+            ThesisBoundary(1.8, "contact_on"),
+            ThesisBoundary(3.5, "decay"),
+            ThesisBoundary(4.2, "contact_off"),
+            ThesisBoundary(5.7, _TRANSPORT),
+            ThesisBoundary(7.5, "contact_on"),
+            ThesisBoundary(9.8, "decay"),
+            ThesisBoundary(10.8, _RETREAT, also=10.2),  # 10.2 s in section 4.2.6
         ),
         states="12133211",
-        values=(Value(3, "load_kg", 0.257), Value(4, "load_kg", 0.293)),
+        values=(ExpectedValue(3, "load_kg", 0.257), ExpectedValue(4, "load_kg", 0.293)),
     ),
-    Row(
+    ThesisRow(
         "R12",
         "Fig. 4.18",
         "pick_and_place",
         "contact",
         (
-            Boundary(1.9, "contact_on", seen_after_s=0.6),
-            Boundary(4.2, "contact_off", seen_after_s=0.6),
-            Boundary(7.5, "contact_on", seen_after_s=0.6),
-            Boundary(10.1, "contact_off", seen_after_s=0.6),
+            ThesisBoundary(1.9, "contact_on", seen_after_s=0.6),
+            ThesisBoundary(4.2, "contact_off", seen_after_s=0.6),
+            ThesisBoundary(7.5, "contact_on", seen_after_s=0.6),
+            ThesisBoundary(10.1, "contact_off", seen_after_s=0.6),
         ),
         online=True,
         contact_within_s=0.6,
         cycle_ms=18.0,
     ),
-    Row(
+    ThesisRow(
         "R13",
         "Fig. 4.19",
         "pick_and_place",
         "integrated",
         (
-            Boundary(1.8, "contact_on", seen_after_s=0.6),
-            Boundary(3.5, "decay"),
-            Boundary(4.2, "contact_off", seen_after_s=0.6),
-            Boundary(6.0, _TRANSPORT, seen_after_s=1.2),
-            Boundary(7.4, "contact_on", seen_after_s=0.6),
-            Boundary(9.8, "decay"),
-            Boundary(10.2, "contact_off", seen_after_s=0.6),
+            ThesisBoundary(1.8, "contact_on", seen_after_s=0.6),
+            ThesisBoundary(3.5, "decay"),
+            ThesisBoundary(4.2, "contact_off", seen_after_s=0.6),
+            ThesisBoundary(6.0, _TRANSPORT, seen_after_s=1.2),
+            ThesisBoundary(7.4, "contact_on", seen_after_s=0.6),
+            ThesisBoundary(9.8, "decay"),
+            ThesisBoundary(10.2, "contact_off", seen_after_s=0.6),
         ),
         online=True,
         contact_within_s=0.2,

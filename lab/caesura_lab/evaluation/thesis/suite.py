@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from caesura_lab.evaluation.thesis.demonstrations import SuiteDemonstration
 from caesura_lab.evaluation.thesis.measure import RowOutcome, condition_demonstration, measure
-from caesura_lab.evaluation.thesis.rows import ROWS, Row
+from caesura_lab.evaluation.thesis.rows import ROWS, ThesisRow
 from caesura_lab.teacher.motion_profiles import Profile
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.models import ChannelModel
@@ -40,7 +40,7 @@ class SuiteSetting:
     online: bool = False
     rows: tuple[str, ...] = ()
 
-    def measures(self, row: Row) -> bool:
+    def measures(self, row: ThesisRow) -> bool:
         """Return whether this setting measures a row."""
         return (self.online or not row.online) and (not self.rows or row.name in self.rows)
 
@@ -50,7 +50,7 @@ class SuiteSetting:
         standard = ConditioningParameters()
         return standard if self.window is None else replace(standard, savgol_window=self.window)
 
-    def judged(self, row: Row) -> Row:
+    def judged(self, row: ThesisRow) -> ThesisRow:
         """Return the row with the preset that this setting judges it by."""
         return replace(row, preset=self.integrated) if row.preset == "integrated" else row
 

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from caesura_lab.evaluation.thesis.measure import RowOutcome
-from caesura_lab.evaluation.thesis.rows import ROWS, Row
+from caesura_lab.evaluation.thesis.rows import ROWS, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, Result
 
 PASSES = 0.9  # of the seeds
@@ -32,7 +32,7 @@ class Summary:
     delays of changes of contact and of all other boundaries.
     """
 
-    row: Row
+    row: ThesisRow
     seeds: int
     share: float
     segments: float
@@ -69,7 +69,7 @@ def summarise(results: Iterable[Result]) -> Report:
     }
 
 
-def _summary(row: Row, outcomes: Sequence[RowOutcome]) -> Summary:
+def _summary(row: ThesisRow, outcomes: Sequence[RowOutcome]) -> Summary:
     faults = Counter(fault for outcome in outcomes for fault in outcome.faults)
     values = [outcome.values for outcome in outcomes if outcome.values]
     cycles = [outcome.cycle_ms for outcome in outcomes if outcome.cycle_ms is not None]

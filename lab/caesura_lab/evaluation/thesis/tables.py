@@ -9,7 +9,7 @@ from rich.text import Text
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.evaluation.thesis.measure import TOLERANCE_S
-from caesura_lab.evaluation.thesis.rows import ROWS, Row, Value
+from caesura_lab.evaluation.thesis.rows import ROWS, ExpectedValue, ThesisRow
 from caesura_lab.evaluation.thesis.suite import OPEN
 from caesura_lab.evaluation.thesis.summary import PASSES, Report, Summary, main_settings
 
@@ -67,7 +67,7 @@ def _grids(report: Report) -> Iterator[Grid]:
     yield from _open(report)
 
 
-def _row(row: Row, summaries: list[Summary]) -> tuple[str, ...]:
+def _row(row: ThesisRow, summaries: list[Summary]) -> tuple[str, ...]:
     results = (f"{'pass' if one.passes else 'miss'} {_share(one)}" for one in summaries)
     return (row.name, row.scenario, row.preset, str(row.segments), *results)
 
@@ -85,7 +85,7 @@ def _differences(column: str, report: Report) -> Grid:
     return Grid(f"{column}: what differs, in how many seeds", ("row", "boundary [s] or state"), rows)
 
 
-def _values(columns: list[str], report: Report, of: list[Row]) -> Grid:
+def _values(columns: list[str], report: Report, of: list[ThesisRow]) -> Grid:
     rows = tuple(
         (row.name, str(value.segment + 1), *_value(value, i, [report[c][row.name] for c in columns]))
         for row in of
@@ -98,13 +98,13 @@ def _values(columns: list[str], report: Report, of: list[Row]) -> Grid:
     )
 
 
-def _value(value: Value, index: int, summaries: list[Summary]) -> list[str]:
+def _value(value: ExpectedValue, index: int, summaries: list[Summary]) -> list[str]:
     digits, unit = (3 if value.what == "load_kg" else 1), UNITS[value.what]
     medians = [f"{one.values[index]:.{digits}f}" if one.values else "–" for one in summaries]
     return [f"{value.thesis:.{digits}f} {unit}", *medians]
 
 
-def _online(columns: list[str], report: Report, of: list[Row]) -> Grid:
+def _online(columns: list[str], report: Report, of: list[ThesisRow]) -> Grid:
     rows: list[tuple[str, ...]] = []
     for row in of:
         if row.online:

@@ -97,8 +97,8 @@ class Demonstration:
         """What it comes to."""
         (session,) = self._registry.board.sessions[self._station]
         standing = session.standing
-        assert standing.is_open, standing.tally.last_refusal
-        assert not standing.tally.refused, standing.tally.last_refusal
+        assert standing.is_open, standing.counters.last_refusal
+        assert not standing.counters.refused, standing.counters.last_refusal
         p99 = float(np.quantile(spent, 0.99))
         return Minute(resident_mb(), float(np.mean(spent)), p99, len(standing.view.segments))
 

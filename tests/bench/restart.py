@@ -94,7 +94,7 @@ def moments(seconds: float, edits: int) -> Iterator[float]:
 def shown(registry: Registry) -> tuple[object, ...]:
     """All that a client can ask of the session, except the epoch of whoever answers."""
     (standing,) = registry.board.standings()
-    return (*fields(standing), standing.revision, standing.undoable, standing.state)
+    return (*fields(standing), standing.revision, standing.undoable, standing.lifecycle)
 
 
 def fields(standing: SessionState) -> tuple[object, ...]:

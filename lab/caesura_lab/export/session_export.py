@@ -67,8 +67,8 @@ def _concluded(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
 
 def _replayed(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
     """What the service makes of the records, now as then."""
-    standing = _folded(records)
-    return standing.view, standing.heading.notes, not standing.is_open
+    state = _folded(records)
+    return state.view, state.program_header.notes, not state.is_open
 
 
 def _folded(records: Sequence[Record]) -> SessionState:
@@ -84,8 +84,8 @@ def _folded(records: Sequence[Record]) -> SessionState:
     )
     for failed in registry.restore():
         raise RecordingError(f"{failed.station}/{failed.session} cannot be replayed: {failed.error}")
-    (standing,) = registry.board.standings()
-    return standing
+    (state,) = registry.board.standings()
+    return state
 
 
 def _began(records: Sequence[Record]) -> float:

@@ -41,16 +41,21 @@ class InstrumentedRegistry(Registry):
         session = self._find(station, message.session)
         if session is None:
             return self._watched(station, message, partial(super().samples, station, message, now))
-        before, tally, began = self._seen_of(session), self.tally, self._watch()
-        said = super().samples(station, message, now)
-        if session.looked is before and self.tally is tally and not said and isinstance(message, SampleBatch):
+        before, counters, began = self._seen_of(session), self.tally, self._watch()
+        outputs = super().samples(station, message, now)
+        if (
+            session.looked is before
+            and self.tally is counters
+            and not outputs
+            and isinstance(message, SampleBatch)
+        ):
             ended = self._watch()
             self.counting.hear(station, self.board.sessions, ended - began, ended)
-            return said  # as nearly always: it changes nothing but how many there are
+            return outputs  # as nearly always: it changes nothing but how many there are
         after = self._noted(session)
         changes = (Change(before, after),) if after is not before else ()
-        self._tell(station, message, changes, said, tally, began)
-        return said
+        self._tell(station, message, changes, outputs, counters, began)
+        return outputs
 
     def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Charge a message that could not be read."""
@@ -72,26 +77,26 @@ class InstrumentedRegistry(Registry):
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
         before = {session.name: self._seen_of(session) for session in self._sessions(station)}
-        tally, began = self.tally, self._watch()
-        said = act()
+        counters, began = self.tally, self._watch()
+        outputs = act()
         after = {session.name: self._noted(session) for session in self._sessions(station)}
-        self._tell(station, message, changes_between(before, after), said, tally, began)
-        return said
+        self._tell(station, message, changes_between(before, after), outputs, counters, began)
+        return outputs
 
     def _tell(
         self,
         station: str | None,
         message: Incoming | None,
         changes: Sequence[Change],
-        said: list[Output],
-        tally: SessionCounters,
+        outputs: list[Output],
+        counters: SessionCounters,
         began: float,
     ) -> None:
         """Count and log what was done. tally: as it was when that began [s]."""
-        now, same = self._watch(), self.tally is tally
-        refused = 0 if same else _refusals(self.tally) - _refusals(tally)
+        now, same = self._watch(), self.tally is counters
+        refused = 0 if same else _refusals(self.tally) - _refusals(counters)
         refusal = None if same else self.tally.last_refusal
-        step = RegistryCall(station, message, changes, said, refused, refusal, now - began)
+        step = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
         self.counting.take(step, self.board.sessions, now)
         self._chronicle.take(step, now)
 
@@ -106,5 +111,5 @@ class InstrumentedRegistry(Registry):
         return looked
 
 
-def _refusals(tally: SessionCounters) -> int:
-    return sum(tally.refused.values())
+def _refusals(counters: SessionCounters) -> int:
+    return sum(counters.refused.values())

@@ -141,14 +141,14 @@ class ServiceCollector(Collector):
                 station: of_station(counted.get(station, StationCounters())) for station in board.sessions
             }
             yield _labelled(CounterMetricFamily(name, says, labels=["station"]), values)
-        current = {standing.station: standing for standing in board.current()}
+        current = {state.station: state for state in board.current()}
         for name, says, of_session in OF_SESSION:
-            values = {station: of_session(standing) for station, standing in current.items()}
+            values = {station: of_session(state) for station, state in current.items()}
             yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
         ages = {
             station: now - (counted.get(station, StationCounters()).received_s or counting.began)
-            for station, standing in current.items()
-            if standing.is_open
+            for station, state in current.items()
+            if state.is_open
         }
         says = "Since a batch of the open session last came, or since the start; none without one."
         yield _labelled(GaugeMetricFamily("caesura_last_batch_age_seconds", says, labels=["station"]), ages)

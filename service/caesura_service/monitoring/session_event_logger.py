@@ -83,8 +83,8 @@ def _tell_change(change: Change) -> None:
     for gap in after.view.gaps[len(before.view.gaps) :] if after.view.gaps is not before.view.gaps else ():
         _say_of(after, logging.WARNING, _gap(gap))
     if after.revision > before.revision:
-        _say_of(after, logging.INFO, f"corrected by {after.heading.author}: revision {after.revision}")
-    if before.is_open and after.state == "closed":
+        _say_of(after, logging.INFO, f"corrected by {after.program_header.author}: revision {after.revision}")
+    if before.is_open and after.lifecycle == "closed":
         _say_of(after, logging.INFO, _closed(after))
 
 
@@ -93,24 +93,24 @@ def _gap(gap: Gap) -> str:
     return f"gap from {gap.t0:.2f} to {gap.tn:.2f} s ({gap.reason}): {why}"
 
 
-def _closed(standing: SessionState) -> str:
-    view, tally = standing.view, standing.tally
+def _closed(state: SessionState) -> str:
+    view, counters = state.view, state.counters
     lost = (
         f", {len(view.gaps)} gaps of {sum(gap.tn - gap.t0 for gap in view.gaps):.2f} s" if view.gaps else ""
     )
     return (
-        f"closed: {len(view.segments)} segments in {_duration(standing):.1f} s, "
-        f"{view.samples} samples in {tally.batches} batches{lost}"
+        f"closed: {len(view.segments)} segments in {_duration(state):.1f} s, "
+        f"{view.samples} samples in {counters.batches} batches{lost}"
     )
 
 
-def _duration(standing: SessionState) -> float:
-    segments = standing.view.segments
+def _duration(state: SessionState) -> float:
+    segments = state.view.segments
     return segments[-1].tn - segments[0].t0 if segments else 0.0
 
 
-def _say_of(standing: SessionState, level: int, what: str) -> None:
-    _say(level, standing.station, standing.session, what)
+def _say_of(state: SessionState, level: int, what: str) -> None:
+    _say(level, state.station, state.session, what)
 
 
 def _say(level: int, station: str | None, session: str | None, what: str) -> None:

@@ -43,8 +43,8 @@ class StationCounters:
         before, after = change.before, change.after
         if before is None or after is None:
             return
-        if after.tally is not before.tally:
-            self._add_tally(before.tally, after.tally)
+        if after.counters is not before.counters:
+            self._add_tally(before.counters, after.counters)
         if after.view is not before.view:
             self._add_view(before.view, after.view)
 

@@ -80,8 +80,8 @@ class Registry:
     def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
         """Take these stations, or every one that is known; returns the sessions that were left out."""
         wanted = self.known() if stations is None else stations
-        taken = (said for station in sorted(wanted) for said in self.take(station, now))
-        return [output for said in taken for output in said if isinstance(output, TakeoverFailed)]
+        taken = (outputs for station in sorted(wanted) for outputs in self.take(station, now))
+        return [output for outputs in taken for output in outputs if isinstance(output, TakeoverFailed)]
 
     def known(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""
@@ -121,13 +121,13 @@ class Registry:
         if taken:
             self._stations[station] = taken
             self._show()
-        said: list[Output] = []
+        outputs: list[Output] = []
         for name, session in taken.items():
             session.hand_to(owner)
             if session.is_open or name in held:  # its readers learn the new owner
-                said.append(Publish(status_of(session.standing)))
+                outputs.append(Publish(status_of(session.standing)))
         opened = sum(session.is_open for session in taken.values())
-        yield [StationTakenOver(station, owner.epoch, len(taken), opened), *said]
+        yield [StationTakenOver(station, owner.epoch, len(taken), opened), *outputs]
 
     def leave(self, station: str) -> None:
         """The station is another's: let go of its sessions, which stay in the journal."""
@@ -182,15 +182,15 @@ class Registry:
         try:
             session = self._session(station, message.session)
             with _RECORDING:
-                said = self._minded(session, session.receive(message, now))
+                outputs = self._minded(session, session.receive(message, now))
         except ProtocolError as error:
             return self._charge(station, message.session, error)
-        for output in said:
+        for output in outputs:
             if isinstance(output, BatchRejected):
                 self.tally = self.tally.with_refusal(output.error)
         if session.looked.view.observations >= self._limits.observations and session.is_open:
-            said = [*said, *self._end(station, session, now)]
-        return said
+            outputs = [*outputs, *self._end(station, session, now)]
+        return outputs
 
     def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
         """A message that could not be read, from a station where the key names one."""
@@ -210,17 +210,17 @@ class Registry:
             for session in sessions.values()
             if session.is_open
         ]
-        return [said for session in concerned for said in self._minded(session, session.drop(0))]
+        return [outputs for session in concerned for outputs in self._minded(session, session.drop(0))]
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
-        said = [said for session in self._awake() if session.is_open for said in session.tick(now)]
-        said += [said for session in self._hushed for said in session.unhush(now)]
+        outputs = [outputs for session in self._awake() if session.is_open for outputs in session.tick(now)]
+        outputs += [outputs for session in self._hushed for outputs in session.unhush(now)]
         self._hushed = {session for session in self._hushed if session.is_hushed}
         if now >= self._tidy_at:
             self._tidy_at = now + self._limits.tidy_interval_s
-            said += self._tidy(now)
-        return said
+            outputs += self._tidy(now)
+        return outputs
 
     def spent(self, station: str, seconds: float) -> None:
         """So long did a slice of the work on what a station sent take. For those who count."""
@@ -250,11 +250,11 @@ class Registry:
         with _BEGINNING:
             if known is not None:
                 return self._open_once_more(station, command, known, now)
-            said = session.begin(now)
+            outputs = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
-        said = [*self._make_room(station, now), *said]
+        outputs = [*self._make_room(station, now), *outputs]
         self._show()
-        return said
+        return outputs
 
     def _open_once_more(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
         """One that a journal has, and that is not held: if it is open, it was not to be had so far.
@@ -263,10 +263,10 @@ class Registry:
         """
         name, why = command.session, "which is over"
         if not known.best.closed:
-            said = [output for each in self.take(station, now) for output in each]
+            outputs = [output for each in self.take(station, now) for output in each]
             if self._find(station, name) is not None:
-                return [*said, *self.command(station, command, now)]
-            failed = [out.error for out in said if isinstance(out, TakeoverFailed) and out.session == name]
+                return [*outputs, *self.command(station, command, now)]
+            failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
                 raise ProtocolError("overloaded", str(failed[0]), value=name)
             why = "which cannot be read"
@@ -280,11 +280,11 @@ class Registry:
         What the journal cannot take of that waits until the next one is opened.
         """
         sessions = self._stations[station]
-        said: list[Output] = []
+        outputs: list[Output] = []
         opened = [session for session in sessions.values() if session.is_open]
         for session in opened[: max(0, len(opened) - self._limits.open_sessions)]:
             with suppress(JournalError):
-                said += _unanswered(self._closed(session, now))
+                outputs += _unanswered(self._closed(session, now))
         closed = [session for session in sessions.values() if not session.is_open]
         held = sum(session.looked.view.observations for session in sessions.values())
         for number, session in enumerate(closed):
@@ -294,16 +294,16 @@ class Registry:
             held -= session.looked.view.observations
             del sessions[session.name]
             self._journal.release(station, session.name)
-        return said
+        return outputs
 
     def _end(self, station: str, session: Session, now: float) -> list[Output]:
         """Close a session that is as long as one may be: what it keeps grows with its observations."""
         count, most = session.looked.view.observations, self._limits.observations
         why = f"the session is as long as one may be and is closed: {most} observations; open another"
         with suppress(JournalError):  # tried again at the next batch
-            said = _unanswered(self._closed(session, now))
+            outputs = _unanswered(self._closed(session, now))
             error = ProtocolError("too_large", why, value=count, limit=most)
-            return [*said, *self._charge(station, session.name, error)]
+            return [*outputs, *self._charge(station, session.name, error)]
         return []
 
     def _closed(self, session: Session, now: float) -> list[Output]:
@@ -332,11 +332,11 @@ class Registry:
         session = self._find(station, name) or self._current(station, error)
         return self._minded(session, session.refuse(error)) if session else []
 
-    def _minded(self, session: Session, said: list[Output]) -> list[Output]:
+    def _minded(self, session: Session, outputs: list[Output]) -> list[Output]:
         """What a session says; where it keeps something back, it is asked for that later."""
         if session.is_hushed:
             self._hushed.add(session)
-        return said
+        return outputs
 
     def _current(self, station: str | None, error: ProtocolError) -> Session | None:
         """The station's newest session, unless the refusal speaks of one that is unknown here."""
@@ -394,5 +394,5 @@ class _Recording:
 _RECORDING, _BEGINNING = _Recording("overloaded"), _Recording("conflict")
 
 
-def _unanswered(said: list[Output]) -> list[Output]:
-    return [output for output in said if not isinstance(output, Reply)]
+def _unanswered(outputs: list[Output]) -> list[Output]:
+    return [output for output in outputs if not isinstance(output, Reply)]

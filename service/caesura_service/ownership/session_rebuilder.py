@@ -73,19 +73,19 @@ class SessionRebuilder:
         work = self._takeover.rebuilt(copies, owner)
         while True:
             try:
-                said = next(work)
+                outputs = next(work)
             except StopIteration as done:
                 rebuilt: Session | None = done.value
                 break
-            for one in said:
+            for one in outputs:
                 if isinstance(one, TakeoverFailed):
                     self._failed[key] = str(one.error)
-            yield said
+            yield outputs
         if rebuilt is None:
             return
         if rebuilt.is_open or rebuilt.revision != session.revision:
             raise JournalError(
-                f"its records end at revision {rebuilt.revision}, {rebuilt.standing.state}; "
+                f"its records end at revision {rebuilt.revision}, {rebuilt.standing.lifecycle}; "
                 f"expected revision {session.revision}, closed"
             )
         session.revive(rebuilt)

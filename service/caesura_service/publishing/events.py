@@ -93,7 +93,7 @@ class SessionDeleted:
 
     station: str
     session: str
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True)

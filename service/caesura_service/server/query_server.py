@@ -156,22 +156,22 @@ class QueryServer(BackgroundThread):
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for standing in self._registry.board.standings():
-                key = session_key(standing.station, standing.session, "snapshot")
+            for state in self._registry.board.standings():
+                key = session_key(state.station, state.session, "snapshot")
                 if asked.intersects(key):
-                    answer(query, key, self._snapshot(standing))
+                    answer(query, key, self._snapshot(state))
 
-    def _snapshot(self, standing: SessionState) -> Snapshot:
-        snapshot = snapshot_of(standing)
+    def _snapshot(self, state: SessionState) -> Snapshot:
+        snapshot = snapshot_of(state)
         return snapshot.model_copy(update={"status": with_load(snapshot.status, self._work, self._budgets)})
 
     def _answer_program(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for standing in self._registry.board.current():
-                key = station_key(standing.station, "program")
+            for state in self._registry.board.current():
+                key = station_key(state.station, "program")
                 if asked.intersects(key):
-                    answer(query, key, program_of(standing))
+                    answer(query, key, program_of(state))
 
     def _answer_status(self, query: zenoh.Query) -> None:
         with query:

@@ -69,9 +69,9 @@ class StationManager:
         return missing
 
     def _log_start(self, took_s: float) -> None:
-        if standings := self._registry.board.standings():
-            opened = sum(standing.is_open for standing in standings)
-            logger.info("%d open and %d closed sessions in %.2f s", opened, len(standings) - opened, took_s)
+        if states := self._registry.board.standings():
+            opened = sum(state.is_open for state in states)
+            logger.info("%d open and %d closed sessions in %.2f s", opened, len(states) - opened, took_s)
         if len(self._members) > 1:
             names = ", ".join(sorted(self._members))
             logger.info(

@@ -109,18 +109,18 @@ class ZenohServer:
 
     def status(self) -> ServiceStatus:
         """How this instance is doing; may be asked from any thread."""
-        standings = self._registry.board.standings()
-        tally = self._registry.tally
-        opened = sum(standing.is_open for standing in standings)
+        states = self._registry.board.standings()
+        counters = self._registry.tally
+        opened = sum(state.is_open for state in states)
         return ServiceStatus(
             instance=self._owner.instance,
             epoch=self._owner.epoch,
             version=self._version,
             sessions_open=opened,
-            sessions_closed=len(standings) - opened,
+            sessions_closed=len(states) - opened,
             messages=self._worker.messages if self._worker else 0,
-            refused=self._answers.with_refusals(tally.refused),
-            last_refusal=tally.last_refusal,
+            refused=self._answers.with_refusals(counters.refused),
+            last_refusal=counters.last_refusal,
             queue=len(self._inbox),
             queue_capacity=self._inbox.capacity,
             dropped=self._inbox.dropped,

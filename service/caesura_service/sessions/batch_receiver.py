@@ -99,10 +99,10 @@ class BatchReceiver:
 
     def give_up_holes(self, now: float) -> list[Output]:
         """Go on with what is here. Raises JournalError."""
-        said: list[Output] = []
+        outputs: list[Output] = []
         while self._ordering.hole() is not None:
-            said += self._lose(self._ordering.nearest(None), now)
-        return said
+            outputs += self._lose(self._ordering.nearest(None), now)
+        return outputs
 
     def _lose(self, target: int, now: float) -> list[Output]:
         """Give up everything before a batch, and record that. Raises JournalError."""
@@ -130,9 +130,9 @@ class BatchReceiver:
     def _take_in_turn(self, batch: SampleBatch, now: float) -> list[Output]:
         """As nearly always: it need not be held, and there is nothing to ask for."""
         self._records.append(batch, now)
-        samples, said = self._content(batch)
+        samples, outputs = self._content(batch)
         self._ordering.pass_by()
-        return said + self._process(samples)
+        return outputs + self._process(samples)
 
     def _content(self, batch: SampleBatch) -> tuple[Samples | None, list[Output]]:
         """Its samples; where they are refused only its place."""
@@ -147,19 +147,19 @@ class BatchReceiver:
 
     def _hold(self, batch: SampleBatch) -> list[Output]:
         """Keep the samples until their turn."""
-        samples, said = self._content(batch)
+        samples, outputs = self._content(batch)
         self._ordering.hold(batch.seq, samples, 0 if samples is _LOST else _size(batch))
-        return said
+        return outputs
 
     def _drain(self) -> list[Output]:
         """Process what has its turn."""
-        said: list[Output] = []
+        outputs: list[Output] = []
         self._note_hole()
         while self._ordering.ready() and self._is_open:
             samples = self._ordering.take()
             self._note_hole()
-            said += self._process(samples)
-        return said
+            outputs += self._process(samples)
+        return outputs
 
     def _expect(self, seq: int) -> None:
         self._ordering.expect(seq)

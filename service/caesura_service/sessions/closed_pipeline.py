@@ -84,19 +84,19 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> SessionState:
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
     }
-    said = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
+    header = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
     view = view_of(snapshot)
     return SessionState(
         station=status.station,
         session=status.session,
         owner=owner,
         preset=status.preset,
-        state="closed",
+        lifecycle="closed",
         view=view,
-        tally=SessionCounters(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
+        counters=SessionCounters(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
         waiting_for=None,
         last_seq=last_seq,
-        heading=snapshot.program.model_copy(update=said),
+        program_header=snapshot.program.model_copy(update=header),
         apps=view.apps,
         revision=status.revision,
         undoable=status.undoable,

@@ -17,8 +17,13 @@ from caesura_protocol.messages import Action, Open, Redo, Undo
 from caesura_service.journal import Edit
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
-from caesura_service.publishing.lifecycle import Move, State, after
-from caesura_service.publishing.session_state import SessionCounters, SessionState, program_of, time_of
+from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
+from caesura_service.publishing.session_state import (
+    SessionCounters,
+    SessionState,
+    observed_until_s,
+    program_of,
+)
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
@@ -46,18 +51,18 @@ class PipelineHost:
         self._hushed_until: float | None = None  # [s] real time, once it is known
         self._unsaid = False  # has something been left unsaid meanwhile?
         preset = opening.preset or ""
-        first = messages.beginning(station, opening.session, owner, preset, pipeline.view)
+        first = messages.initial_state(station, opening.session, owner, preset, pipeline.view)
         self._latest: tuple[SessionState, int, int] = (first, 0, 0)  # and the batches and samples since
 
     @property
     def standing(self) -> SessionState:
         """Where it stands; any thread may ask."""
         looked, batches, samples = self._latest
-        return looked.after(batches, samples) if batches else looked
+        return looked.with_counts(batches, samples) if batches else looked
 
     @standing.setter
-    def standing(self, standing: SessionState) -> None:
-        self._latest = (standing, 0, 0)
+    def standing(self, state: SessionState) -> None:
+        self._latest = (state, 0, 0)
 
     @property
     def looked(self) -> SessionState:
@@ -65,14 +70,14 @@ class PipelineHost:
         return self._latest[0]
 
     @property
-    def state(self) -> State:
+    def state(self) -> Lifecycle:
         """Where it is in the table of moves."""
-        return self.looked.state
+        return self.looked.lifecycle
 
     def begin(self) -> list[Publish]:
         """The first words."""
-        self.standing, said = messages.first_words(self.standing)
-        return said
+        self.standing, outputs = messages.initial_messages(self.standing)
+        return outputs
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
@@ -86,16 +91,16 @@ class PipelineHost:
         if not news:
             self._latest = (looked, batches + 1, before + len(samples))
             return []
-        tally = looked.tally._replace(batches=looked.tally.batches + batches + 1)
-        return self._guarded(lambda: self._look(tally))
+        counters = looked.counters._replace(batches=looked.counters.batches + batches + 1)
+        return self._guarded(lambda: self._look(counters))
 
     def gap(self, batches: int) -> list[Output]:
         """So many batches will never come; what is between the last sample and the next is not known."""
 
         def step() -> list[Output]:
             self._pipeline.declare_gap()
-            tally = self.standing.tally
-            return [*self._look(tally._replace(lost=tally.lost + batches)), *self._occasion()]
+            counters = self.standing.counters
+            return [*self._look(counters._replace(lost=counters.lost + batches)), *self._occasion()]
 
         return self._guarded(step)
 
@@ -121,10 +126,10 @@ class PipelineHost:
         """Go on as corrected, and say so at once."""
         self.corrections, self._pipeline = edited.corrections, pipeline
         self._filtered = edited.corrections.active
-        self.standing, said = messages.with_edit(self.standing, pipeline.view, edited)
+        self.standing, outputs = messages.apply_edit(self.standing, pipeline.view, edited)
         self._status_t = max(self._status_t, self.standing.view.t)
-        self._program_t, self._program_unsaid = time_of(self.standing.view), False
-        return [*said]
+        self._program_t, self._program_unsaid = observed_until_s(self.standing.view), False
+        return [*outputs]
 
     # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
     # once. They mean the same from the first sample on as after the last one. So the pipeline may heed all of
@@ -170,13 +175,13 @@ class PipelineHost:
         self.corrections = corrections
         self._pipeline.refresh()
         edited = messages.EditOutcome(corrections, edit.author, at)
-        self.standing = messages.with_repeated_edit(self.standing, self._pipeline.view, edited, edit.version)
+        self.standing = messages.replay_edit(self.standing, self._pipeline.view, edited, edit.version)
         return []
 
     def settle(self) -> None:
         """Filter anew, where the pipeline does not heed exactly the corrections that have been counted."""
         if self._filter(self.corrections.active):
-            self.standing = messages.settled(self.standing, self._pipeline.view)
+            self.standing = messages.apply_corrected_view(self.standing, self._pipeline.view)
 
     def _filter(self, corrections: tuple[ResolvedEdit, ...]) -> bool:
         """Does that change anything?"""
@@ -192,13 +197,15 @@ class PipelineHost:
 
     def refuse(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and show it."""
-        self.standing = self.standing._replace(tally=self.standing.tally.with_refusal(error))
+        self.standing = self.standing._replace(counters=self.standing.counters.with_refusal(error))
         return self._occasion()
 
     def drop(self, messages: int) -> list[Output]:
         """Count what came and found no room, and show it."""
-        tally = self.standing.tally
-        self.standing = self.standing._replace(tally=tally._replace(dropped=tally.dropped + messages))
+        counters = self.standing.counters
+        self.standing = self.standing._replace(
+            counters=counters._replace(dropped=counters.dropped + messages)
+        )
         return self._occasion()
 
     def tick(self, now: float) -> list[Output]:
@@ -211,13 +218,15 @@ class PipelineHost:
 
     def duplicate(self) -> None:
         """Count a batch that came again."""
-        tally = self.standing.tally
-        self.standing = self.standing._replace(tally=tally._replace(duplicates=tally.duplicates + 1))
+        counters = self.standing.counters
+        self.standing = self.standing._replace(counters=counters._replace(duplicates=counters.duplicates + 1))
 
     def hand_to(self, owner: Owner) -> None:
         """Speak as this owner from here on."""
-        heading = self.standing.heading.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
-        self.standing = self.standing._replace(owner=owner, heading=heading)
+        header = self.standing.program_header.model_copy(
+            update={"instance": owner.instance, "epoch": owner.epoch}
+        )
+        self.standing = self.standing._replace(owner=owner, program_header=header)
 
     def wait_for(self, seq: int | None) -> None:
         """Remember which batch is missing."""
@@ -228,8 +237,8 @@ class PipelineHost:
         """How it is doing."""
         self._status_t = max(self._status_t, self.standing.view.t)
         self._unsaid = False
-        self.standing, said = messages.with_status(self.standing)
-        return said
+        self.standing, outputs = messages.publish_status(self.standing)
+        return outputs
 
     def _occasion(self) -> list[Output]:
         """Publish a status now, or coalesce: at most one per `hush_s`."""
@@ -239,20 +248,20 @@ class PipelineHost:
         self.is_hushed = True
         return [self.status()]
 
-    def _look(self, tally: SessionCounters | None = None) -> list[Output]:
+    def _look(self, counters: SessionCounters | None = None) -> list[Output]:
         """What the pipeline makes of it now, and a status where one is due."""
         before = self.looked  # what has been counted since, the view and the tally have
-        tally = tally or self.standing.tally
-        self.standing, changes = messages.with_view(before, self._pipeline.view, tally)
-        self.standing = messages.with_program(self.standing)
-        self._program_unsaid |= self.standing.heading.version > before.heading.version
+        counters = counters or self.standing.counters
+        self.standing, changes = messages.apply_view(before, self._pipeline.view, counters)
+        self.standing = messages.update_program(self.standing)
+        self._program_unsaid |= self.standing.program_header.version > before.program_header.version
         view = self.standing.view
         due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
         return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]
 
     def _program_in_turn(self) -> list[Output]:
         """The program as it is, not oftener than its length allows; once closed at once."""
-        t = time_of(self.standing.view)
+        t = observed_until_s(self.standing.view)
         waits_s = len(self.standing.view.apps) / self._limits.apps_per_s
         if not self._program_unsaid or (self.standing.is_open and t < self._program_t + waits_s):
             return []
@@ -273,12 +282,12 @@ class PipelineHost:
     def _fail(self, error: Exception) -> list[Output]:
         self._move("fail")
         reason = f"closed by an error in processing: {type(error).__name__}: {error}"
-        self.standing = messages.with_program(self.standing, note=reason)
+        self.standing = messages.update_program(self.standing, note=reason)
         failed = SessionFailed(self.standing.station, self.standing.session, error)
         return [failed, Publish(program_of(self.standing)), *self.refuse(ProtocolError("conflict", reason))]
 
-    def _move(self, move: Move) -> None:
-        self.standing = self.standing._replace(state=after(self.state, move))
+    def _move(self, event: LifecycleEvent) -> None:
+        self.standing = self.standing._replace(lifecycle=next_state(self.state, event))
 
 
 def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:

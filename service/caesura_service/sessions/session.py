@@ -23,7 +23,7 @@ from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, 
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
-from caesura_service.publishing.lifecycle import after
+from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.messages import EditOutcome
 from caesura_service.publishing.session_state import SessionState, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
@@ -147,9 +147,9 @@ class Session:
         """Speak as this owner from here on."""
         self._demonstration.hand_to(owner)
 
-    def take_up(self, outcome: Outcome, standing: SessionState) -> None:
+    def take_up(self, outcome: Outcome, state: SessionState) -> None:
         """Be the closed session of an outcome: as `restore`, without folding anything."""
-        self._demonstration.standing = standing
+        self._demonstration.standing = state
         self._intake.skip_to(outcome.last_seq + 1)
         self._folded = False
 
@@ -170,7 +170,7 @@ class Session:
             case Heartbeat():
                 return self._receive_heartbeat(message, now)
             case ReplayEnded():
-                after(self.standing.state, "replayed")
+                next_state(self.standing.lifecycle, "replayed")
                 return self._intake.end_replay(message, now)
             case Open():
                 return self._receive_opening(message, now)
@@ -215,12 +215,12 @@ class Session:
         if state == "closed" and batch.seq < self.next_seq:
             self._demonstration.duplicate()  # sent again, it trails behind the close
             return []
-        after(state, "samples")
+        next_state(state, "samples")
         self._check_epoch(batch.epoch)
         return self._intake.take(batch, now)
 
     def _receive_heartbeat(self, heartbeat: Heartbeat, now: float) -> list[Output]:
-        after(self.standing.state, "heartbeat")
+        next_state(self.standing.lifecycle, "heartbeat")
         if not self.is_open:
             return []
         self._check_bridge(heartbeat)
@@ -231,10 +231,10 @@ class Session:
         if again.preset is None:
             again = again.model_copy(update={"preset": self._opening.preset})
         try:
-            after(self.standing.state, "open")
+            next_state(self.standing.lifecycle, "open")
         except ProtocolError as refusal:
             if again != self._opening:
-                why = f"the session is {self.standing.state}: give the new one another name"
+                why = f"the session is {self.standing.lifecycle}: give the new one another name"
                 raise ProtocolError("conflict", why, value=again.session) from refusal
             return [Reply(refusal)]  # a repeated opening behind the close: no error
         if again.epoch == self._opening.epoch:
@@ -254,7 +254,7 @@ class Session:
 
     def _receive_close(self, close: Close, now: float) -> list[Output]:
         self._check_bridge(close)
-        after(self.standing.state, "close")
+        next_state(self.standing.lifecycle, "close")
         reached = self.next_seq - 1
         if close.last_seq < reached or (not self.is_open and close.last_seq > reached):
             closed = "" if self.is_open else "is closed and "
@@ -268,15 +268,15 @@ class Session:
         return self._finish()
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
-        after(self.standing.state, "edit")
+        next_state(self.standing.lifecycle, "edit")
         self.check_revision(edit)
         self._check_kept()
         corrections, pipeline = self._demonstration.corrected(edit.action)
         self._check_kept()  # once more: that may have taken long
         self._records.append(self._applied(edit, corrections), now)
-        said = self._demonstration.correct(EditOutcome(corrections, edit.author, now), pipeline)
+        outputs = self._demonstration.correct(EditOutcome(corrections, edit.author, now), pipeline)
         self._conclude()
-        return [*said, self._ack()]
+        return [*outputs, self._ack()]
 
     def _check_kept(self) -> None:
         """Of a closed session an edit alone would be no record."""
@@ -290,7 +290,7 @@ class Session:
         return AppliedEdit(
             **vars(edit),
             resolution=corrections.active[-1].recorded() if is_news else None,
-            version=self.looked.heading.version + 1,
+            version=self.looked.program_header.version + 1,
         )
 
     def _follow(self, record: Record) -> None:
@@ -335,10 +335,10 @@ class Session:
 
     def _resume(self, again: Open, now: float) -> list[Output]:
         """Declare holes lost: a restarted bridge cannot send what its predecessor kept."""
-        said = self._intake.give_up_holes(now)  # recorded first: the opening says nothing of them
+        outputs = self._intake.give_up_holes(now)  # recorded first: the opening says nothing of them
         self._records.append(again, now)
         self._opening = again
-        return [*said, *self._demonstration.gap(0), self._demonstration.status()]
+        return [*outputs, *self._demonstration.gap(0), self._demonstration.status()]
 
     def _not_yet(self, close: Close, now: float) -> list[Output]:
         """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""
@@ -348,23 +348,23 @@ class Session:
         return [*asked, Reply(refusal)]
 
     def _finish(self) -> list[Output]:
-        said = self._demonstration.finish()
+        outputs = self._demonstration.finish()
         self._conclude()
-        if self.standing.state == "closed":
-            return [*said, self._ack()]
-        refusal = self.standing.tally.last_refusal
+        if self.standing.lifecycle == "closed":
+            return [*outputs, self._ack()]
+        refusal = self.standing.counters.last_refusal
         why = refusal.message if refusal else "closed by an error in processing"
-        return [*said, Reply(ProtocolError("conflict", why))]
+        return [*outputs, Reply(ProtocolError("conflict", why))]
 
     def _conclude(self) -> None:
         """Let the journal keep how it ended; without that it is replayed."""
-        if self.standing.state == "closed" and not self._collects:
+        if self.standing.lifecycle == "closed" and not self._collects:
             self._records.conclude(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing)))
 
     def _ack(self) -> Reply:
         """What is acknowledged is safe. Raises JournalError."""
         self._records.commit()
-        state = self.standing.state
+        state = self.standing.lifecycle
         return Reply(
             Ack(
                 session=self._opening.session,

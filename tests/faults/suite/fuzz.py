@@ -40,7 +40,7 @@ def fuzz(directory: Path) -> Row:
         for _ in range(SEQUENCE):
             target.attack(hostile)
         standings = target.registry.board.standings()
-        done["batches taken"] += sum(standing.tally.batches for standing in standings)
+        done["batches taken"] += sum(standing.counters.batches for standing in standings)
         done["refused"] += sum(target.registry.tally.refused.values())
 
     ways: dict[str, Callable[[Hostile], None]] = {

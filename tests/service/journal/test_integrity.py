@@ -50,7 +50,7 @@ def shown(registry: Registry) -> dict[tuple[str, str], object]:
     """What can be asked of every session."""
     known = [unowned(standing) for standing in registry.board.standings()]
     return {
-        (one.station, one.session): (one.view, program_of(one), one.state, one.revision, one.undoable)
+        (one.station, one.session): (one.view, program_of(one), one.lifecycle, one.revision, one.undoable)
         for one in known
     }
 

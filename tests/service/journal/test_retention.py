@@ -44,7 +44,7 @@ def names(registry: Registry) -> list[str]:
 def forgotten(registry: Registry, now: float) -> list[tuple[str, str]]:
     with registry._journal._writing:  # tidying is put off while the journal's thread writes
         said = registry.tick(now)
-    return [(output.session, output.why) for output in said if isinstance(output, SessionDeleted)]
+    return [(output.session, output.reason) for output in said if isinstance(output, SessionDeleted)]
 
 
 def restarted(journal: SqliteJournal, **how: object) -> Registry:
@@ -95,7 +95,7 @@ def test_a_closed_session_takes_what_trails_behind_and_nothing_else(path):
         reopened = answer(registry.command(STATION, opening("s1"), 0.0))
         assert isinstance(reopened, ProtocolError)
         (standing,) = registry.board.standings()
-        assert standing.tally.refused == {"conflict": 1}  # for the batch
+        assert standing.counters.refused == {"conflict": 1}  # for the batch
         assert standing.view.samples == COUNT * 20
 
 

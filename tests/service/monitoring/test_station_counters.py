@@ -98,7 +98,7 @@ def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count)
     for number, one in enumerate(batches(count), start=1):
         registry.samples(STATION, one, 0.0)
         (standing,) = registry.board.current()
-        assert (standing.tally.batches, standing.view.samples) == (number, 20 * number)
+        assert (standing.counters.batches, standing.view.samples) == (number, 20 * number)
         for ask in (registry.restate, lambda station: registry.dropped(station, 0)):
             (told,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
             assert (told.batches, told.samples) == (number, 20 * number)

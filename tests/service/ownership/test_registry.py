@@ -87,7 +87,7 @@ def test_samples_for_an_unknown_session_are_counted_by_the_service(message):
     registry = opened(new_registry(), STATION, "s2")
     assert registry.samples(STATION, message, 0.0) == []
     assert registry.tally.refused == {"unknown_session": 1}
-    assert registry.board.standings()[0].tally.refused == {}
+    assert registry.board.standings()[0].counters.refused == {}
 
 
 def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_came_from():
@@ -97,9 +97,9 @@ def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_ca
     assert (status.station, status.session, status.refused) == (STATION, "mine", {"forbidden": 1})
     mine, theirs = registry.board.standings()
     assert theirs.view.samples == 0
-    assert theirs.tally.refused == {}
-    assert registry.tally.refused == {"forbidden": 1}
-    assert mine.tally.last_refusal is not None
+    assert theirs.counters.refused == {}
+    assert registry.counters.refused == {"forbidden": 1}
+    assert mine.counters.last_refusal is not None
 
 
 def test_closing_another_stations_session_is_forbidden():
@@ -223,7 +223,7 @@ def test_what_a_restarted_bridge_gave_up_stays_given_up(closed):
     assert rebuilt.restore() == []
     (after,) = rebuilt.board.standings()
     assert status_of(after).lost == 3
-    assert (after.state, after.view, after.tally) == (before.state, before.view, before.tally)
+    assert (after.lifecycle, after.view, after.counters) == (before.lifecycle, before.view, before.counters)
 
 
 def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
@@ -320,13 +320,13 @@ def test_a_session_that_is_as_long_as_one_may_be_is_closed_and_others_go_on():
             said += registry.samples(STATION, each, 0.0)
     assert (long.is_open, short.is_open) == (False, True)
     assert 10 <= long.standing.view.observations < 15
-    refusal = long.standing.tally.last_refusal
+    refusal = long.standing.counters.last_refusal
     assert refusal is not None
     assert refusal.code == "too_large"
     assert "as long as one may be and is closed: 10 observations; open another" in refusal.message
     assert published(said, SessionStatus)[-1].state == "closed"
     registry.samples(STATION, batches(1, "s2")[0], 0.0)
-    assert short.standing.tally.batches == 1
+    assert short.standing.counters.batches == 1
 
 
 def test_of_long_closed_sessions_fewer_can_be_asked_for():

@@ -214,7 +214,7 @@ def test_a_refused_edit_is_told_to_its_author_and_not_held_against_the_bridge():
     assert refused(answer(said)).code == "conflict"
     assert len(said) == 1
     assert registry.tally.refused == {"conflict": 1}
-    assert registry.board.standings()[0].tally.refused == {}
+    assert registry.board.standings()[0].counters.refused == {}
 
 
 # --- folded again ---------------------------------------------------------------------------------------
@@ -255,7 +255,7 @@ class Real:
 
 def compared(standing: SessionState) -> tuple[object, ...]:
     program = program_of(unowned(standing))
-    return standing.view, program, standing.state, standing.revision, standing.undoable, standing.redoable
+    return standing.view, program, standing.lifecycle, standing.revision, standing.undoable, standing.redoable
 
 
 @settings(max_examples=6, deadline=None, derandomize=True)
@@ -297,7 +297,7 @@ def test_an_edit_that_makes_no_sense_any_more_costs_neither_the_samples_nor_the_
     assert blind.registry.restore() == []
     assert blind.standing.revision == 2
     assert [one.corrected for one in blind.standing.view.changepoints].count(True) == 1
-    assert "no such kind" in blind.standing.tally.last_refusal.message
+    assert "no such kind" in blind.standing.counters.last_refusal.message
     assert isinstance(blind.edit(LimitForce(t=1.0, newton=1.0)), ProtocolError)
     assert blind.edit(Undo()).revision == 3
 
@@ -365,13 +365,13 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and
             records[place] = record._replace(message=old)
     again = Real(journal)
     assert again.registry.restore() == []
-    *before, note = again.standing.heading.notes
-    assert tuple(before) == real.standing.heading.notes
+    *before, note = again.standing.program_header.notes
+    assert tuple(before) == real.standing.program_header.notes
     assert "corrections were resolved anew at a restart, from a journal of an older version" in note
     assert f"{STATION}/{NAME}: the journal has no result of the edit of revision 0" in caplog.messages[0]
     quiet = again.standing._replace(
         view=again.standing.view._replace(notes=tuple(before)),
-        heading=again.standing.heading.model_copy(update={"notes": tuple(before)}),
+        program_header=again.standing.program_header.model_copy(update={"notes": tuple(before)}),
     )
     assert compared(quiet) == compared(real.standing)
 
@@ -427,7 +427,7 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     (standing, _) = registry.board.standings()
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]
-    assert [one.version for one in published(said, Program)] == [before.heading.version + 1]
+    assert [one.version for one in published(said, Program)] == [before.program_header.version + 1]
 
 
 def test_where_the_records_are_gone_a_correction_says_so():
@@ -486,7 +486,7 @@ def test_whoever_takes_a_station_over_has_its_corrections(pair):
     assert corrected(a).revision == 1
     a.kill()
     b.take()
-    assert (b.standing.revision, b.standing.heading.author) == (1, "Ann")
+    assert (b.standing.revision, b.standing.program_header.author) == (1, "Ann")
     b.feed(*range(9, COUNT))
     b.close()
     assert corrected(b, 1, Insert(t=0.5)).revision == 2
@@ -507,7 +507,7 @@ def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_a
     a.path.unlink()
     b.kill()
     b.take()
-    assert (b.standing.revision, b.standing.state) == (1, "closed")
+    assert (b.standing.revision, b.standing.lifecycle) == (1, "closed")
     assert T in [one.t for one in b.standing.view.changepoints]
 
 

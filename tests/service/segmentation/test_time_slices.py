@@ -221,8 +221,8 @@ def test_what_is_said_of_a_session_between_two_slices_is_not_taken_back():
     made.command(STATION, opening, 0.0)
     said, _ = in_slices(made, lambda: made.samples(STATION, sent[0], 1.0), lambda: made.dropped(STATION, 1))
     assert said
-    assert standing(made).tally.dropped > 100
-    assert standing(made).tally.batches == 1
+    assert standing(made).counters.dropped > 100
+    assert standing(made).counters.batches == 1
 
 
 def test_before_a_station_changes_hands_its_work_is_done():
@@ -234,5 +234,5 @@ def test_before_a_station_changes_hands_its_work_is_done():
     for _ in made.take(STATION, 2.0):
         pass
     assert messages(said)
-    assert standing(made).tally.batches == 1
+    assert standing(made).counters.batches == 1
     assert made.slices.go_on(STATION)

@@ -98,9 +98,9 @@ def test_a_session_rebuilt_from_its_journal_equals_the_original(fate, oldest):
 
 def uncounted(standing: SessionState) -> SessionState:
     """Without what counts for the process: what came twice or was asked for, and how often it was said."""
-    tally = SessionCounters(batches=standing.tally.batches)
+    tally = SessionCounters(batches=standing.counters.batches)
     numbered = {**standing.last_seq, "status": 0}
-    return unowned(standing)._replace(tally=tally, waiting_for=None, last_seq=numbered)
+    return unowned(standing)._replace(counters=tally, waiting_for=None, last_seq=numbered)
 
 
 def test_a_rebuilt_session_goes_on_like_the_original():

@@ -121,7 +121,7 @@ def test_a_batch_that_comes_twice_is_counted_and_ignored():
     before = session.standing.view
     assert session.receive(batch(0), 0.0) == []
     assert session.standing.view == before
-    assert session.standing.tally.duplicates == 1
+    assert session.standing.counters.duplicates == 1
 
 
 def test_a_hole_is_asked_for_once_and_filled_in_order():
@@ -174,7 +174,7 @@ def test_batches_beyond_what_can_be_held_are_asked_for_again():
     ring = Ring(batches(10))
     for seq in (3, 4, 5, 6):
         session.receive(batch(seq), 0.0)
-    assert session.standing.tally.batches == 0
+    assert session.standing.counters.batches == 0
     session.receive(ReplayEnded("s1", 0, answered=False), 0.0)
     said = ring.feed(session, heartbeat(6), 10.0)
     assert asked(said)[-1] == (5, 6)
@@ -320,7 +320,7 @@ def test_another_bridge_takes_a_session_over_by_a_higher_epoch_and_one_without_a
     session.receive(batch(1, epoch=1, bridge=SECOND), 0.0)
     with pytest.raises(ProtocolError, match=r"conflict.*newer epoch"):
         session.receive(batch(2, bridge=FIRST), 0.0)
-    assert session.standing.tally.batches == 2
+    assert session.standing.counters.batches == 2
 
 
 @pytest.mark.parametrize("message", [batch(1, epoch=1), heartbeat(1, epoch=1), opening(epoch=1)])
@@ -494,7 +494,7 @@ def test_a_batch_that_was_sent_again_may_trail_behind_the_close():
     run(session, 2)
     session.receive(closing(1), 0.0)
     assert session.receive(batch(1), 0.0) == []
-    assert (session.standing.tally.duplicates, session.standing.tally.refused) == (1, {})
+    assert (session.standing.counters.duplicates, session.standing.counters.refused) == (1, {})
 
 
 def test_the_same_opening_behind_the_close_is_refused_and_not_counted():

@@ -30,54 +30,54 @@ class InstrumentedRegistry(Registry):
         # Each session at its last count: reading it in between does not change the count.
         self._seen: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
-    def command(self, station: str, command: Command, now: float) -> list[Output]:
+    def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; opening may close or forget other sessions of the station."""
-        return self._watched(station, command, partial(super().command, station, command, now))
+        return self._watched(station, command, partial(super().handle_command, station, command, now))
 
-    def samples(
+    def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """Take what a bridge sent; no other session changes by that."""
-        session = self._find(station, message.session)
+        session = self._find_session(station, message.session)
         if session is None:
-            return self._watched(station, message, partial(super().samples, station, message, now))
-        before, counters, began = self._seen_of(session), self.tally, self._watch()
-        outputs = super().samples(station, message, now)
+            return self._watched(station, message, partial(super().handle_samples, station, message, now))
+        before, counters, began = self._seen_of(session), self.counters, self._watch()
+        outputs = super().handle_samples(station, message, now)
         if (
-            session.looked is before
-            and self.tally is counters
+            session.last_published_state is before
+            and self.counters is counters
             and not outputs
             and isinstance(message, SampleBatch)
         ):
             ended = self._watch()
-            self.counting.hear(station, self.board.sessions, ended - began, ended)
+            self.counting.hear(station, self.index.sessions, ended - began, ended)
             return outputs  # as nearly always: it changes nothing but how many there are
         after = self._noted(session)
         changes = (Change(before, after),) if after is not before else ()
         self._tell(station, message, changes, outputs, counters, began)
         return outputs
 
-    def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
+    def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Charge a message that could not be read."""
-        return self._watched(station, None, partial(super().refuse, station, error))
+        return self._watched(station, None, partial(super().reject, station, error))
 
-    def dropped(self, station: str, messages: int) -> list[Output]:
+    def report_dropped(self, station: str, messages: int) -> list[Output]:
         """There was no room for so many messages of a station."""
-        return self._watched(station, None, partial(super().dropped, station, messages))
+        return self._watched(station, None, partial(super().report_dropped, station, messages))
 
     def tick(self, now: float) -> list[Output]:
         """Time has passed."""
         return self._watched(None, None, partial(super().tick, now))
 
-    def spent(self, station: str, seconds: float) -> None:
+    def record_work(self, station: str, seconds: float) -> None:
         """Count it for the station, if it is known."""
-        self.counting.spend(station, self.board.sessions, seconds)
+        self.counting.spend(station, self.index.sessions, seconds)
 
     def _watched(
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
         before = {session.name: self._seen_of(session) for session in self._sessions(station)}
-        counters, began = self.tally, self._watch()
+        counters, began = self.counters, self._watch()
         outputs = act()
         after = {session.name: self._noted(session) for session in self._sessions(station)}
         self._tell(station, message, changes_between(before, after), outputs, counters, began)
@@ -93,21 +93,21 @@ class InstrumentedRegistry(Registry):
         began: float,
     ) -> None:
         """Count and log what was done. tally: as it was when that began [s]."""
-        now, same = self._watch(), self.tally is counters
-        refused = 0 if same else _refusals(self.tally) - _refusals(counters)
-        refusal = None if same else self.tally.last_refusal
+        now, same = self._watch(), self.counters is counters
+        refused = 0 if same else _refusals(self.counters) - _refusals(counters)
+        refusal = None if same else self.counters.last_refusal
         step = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
-        self.counting.take(step, self.board.sessions, now)
+        self.counting.take(step, self.index.sessions, now)
         self._chronicle.take(step, now)
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
-        return self.board.sessions.get(station or "", ())
+        return self.index.sessions.get(station or "", ())
 
     def _seen_of(self, session: Session) -> SessionState:
         return self._seen.get(session) or self._noted(session)
 
     def _noted(self, session: Session) -> SessionState:
-        looked = self._seen[session] = session.looked
+        looked = self._seen[session] = session.last_published_state
         return looked
 
 

@@ -117,7 +117,7 @@ class ServiceCollector(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """Every family, once for each scrape."""
-        status, board = self._observed.status(), self._observed.registry.board
+        status, index = self._observed.status(), self._observed.registry.index
         yield _info(status)
         yield GaugeMetricFamily(
             "caesura_ready", "1 once it has joined the network and can be found.", self._observed.is_ready()
@@ -128,20 +128,20 @@ class ServiceCollector(Collector):
             for name, says, of_journal in OF_JOURNAL:
                 yield GaugeMetricFamily(name, says, of_journal(status.journal))
         yield _refused(status)
-        yield from _sessions(status, board)
-        yield from self._stations(board)
-        yield from self._budgets(board)
+        yield from _sessions(status, index)
+        yield from self._stations(index)
+        yield from self._budgets(index)
         yield self._durations()
 
-    def _stations(self, board: SessionIndex) -> Iterator[Metric]:
+    def _stations(self, index: SessionIndex) -> Iterator[Metric]:
         counting, now = self._observed.registry.counting, self._clock()
         counted = counting.of_station
         for name, says, of_station in OF_STATION:
             values = {
-                station: of_station(counted.get(station, StationCounters())) for station in board.sessions
+                station: of_station(counted.get(station, StationCounters())) for station in index.sessions
             }
             yield _labelled(CounterMetricFamily(name, says, labels=["station"]), values)
-        current = {state.station: state for state in board.current()}
+        current = {state.station: state for state in index.newest_states()}
         for name, says, of_session in OF_SESSION:
             values = {station: of_session(state) for station, state in current.items()}
             yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
@@ -158,7 +158,7 @@ class ServiceCollector(Collector):
             now - counting.turned,
         )
 
-    def _budgets(self, board: SessionIndex) -> Iterator[Metric]:
+    def _budgets(self, index: SessionIndex) -> Iterator[Metric]:
         labels = ["station", "budget"]
         used = GaugeMetricFamily(
             "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
@@ -166,7 +166,7 @@ class ServiceCollector(Collector):
         refused = CounterMetricFamily(
             "caesura_budget_refused", "Messages held back because a budget was used up.", labels=labels
         )
-        for station in sorted(board.sessions):
+        for station in sorted(index.sessions):
             for use, budget in self._observed.budgets(station):
                 if isinstance(budget, Budget):
                     used.add_metric([station, use], budget.used / budget.at_once)
@@ -205,10 +205,10 @@ def _refused(status: ServiceStatus) -> Metric:
     return _labelled(family, dict(status.refused.items()))
 
 
-def _sessions(status: ServiceStatus, board: SessionIndex) -> Iterator[Metric]:
+def _sessions(status: ServiceStatus, index: SessionIndex) -> Iterator[Metric]:
     family = GaugeMetricFamily("caesura_sessions", "Sessions that can be asked for.", labels=["state"])
     yield _labelled(family, {"open": status.sessions_open, "closed": status.sessions_closed})
-    yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(board.sessions))
+    yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(index.sessions))
 
 
 def _labelled(family: Family, values: Mapping[str, float]) -> Metric:

@@ -1,4 +1,4 @@
-"""The lifecycle of a session as a table of moves. An illegal move raises and changes nothing.
+"""The lifecycle of a session as a table of transitions. An illegal event raises and changes nothing.
 
 A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
 has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
@@ -34,7 +34,7 @@ TRANSITIONS: Mapping[tuple[Lifecycle, LifecycleEvent], Lifecycle] = {
 
 
 def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
-    """The state that a move leads to. Raises ProtocolError `conflict` where the table has none."""
+    """Return the state after an event. Raises ProtocolError `conflict` where the table has no transition."""
     try:
         return TRANSITIONS[state, event]
     except KeyError:

@@ -34,7 +34,7 @@ class EditOutcome:
 
 
 def initial_state(station: str, session: str, owner: Owner, preset: str, view: PipelineView) -> SessionState:
-    """A session that has taken nothing yet."""
+    """Return the state of a session before its first batch."""
     header = Program(
         station=station,
         session=session,
@@ -64,7 +64,7 @@ def initial_state(station: str, session: str, owner: Owner, preset: str, view: P
 
 
 def initial_messages(state: SessionState) -> tuple[SessionState, list[Publish]]:
-    """Every stream but the posterior begins with what is there, so that a snapshot can number it."""
+    """Publish the first message of every stream except the posterior, so that a snapshot can number them."""
     state = _advance_seq(_advance_seq(state, "changepoints"), "segments")
     outputs = [Publish(changepoints_of(state)), Publish(segments_of(state)), Publish(program_of(state))]
     state, status = publish_status(state)
@@ -72,7 +72,7 @@ def initial_messages(state: SessionState) -> tuple[SessionState, list[Publish]]:
 
 
 def publish_status(state: SessionState) -> tuple[SessionState, Publish]:
-    """A status, as of now."""
+    """Publish the status of now under its next sequence number."""
     state = _advance_seq(state, "status")
     return state, Publish(status_of(state))
 
@@ -80,7 +80,7 @@ def publish_status(state: SessionState) -> tuple[SessionState, Publish]:
 def apply_view(
     state: SessionState, view: PipelineView, counters: SessionCounters
 ) -> tuple[SessionState, list[Publish]]:
-    """Take a new view and say what differs from the old one."""
+    """Replace the view; publish what differs from the old one."""
     old, state = state.view, state._replace(view=view, counters=counters)
     outputs: list[Publish] = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
@@ -100,7 +100,7 @@ def apply_view(
 
 
 def update_program(state: SessionState, *, note: str | None = None) -> SessionState:
-    """With the next version of the task program, where it differs from the last one."""
+    """Return the state with the next version of the task program, where the program has changed."""
     header, view = state.program_header, state.view
     notes = (*view.notes, note) if note else view.notes
     complete = not state.is_open
@@ -112,7 +112,7 @@ def update_program(state: SessionState, *, note: str | None = None) -> SessionSt
 def apply_edit(
     state: SessionState, view: PipelineView, edited: EditOutcome
 ) -> tuple[SessionState, list[Publish]]:
-    """What an edit makes of it: what differs, a version of the program with its author, and a status."""
+    """Apply an edit: publish the differences, a version of the program with its author, and a status."""
     state, changes = apply_view(state, view, state.counters)
     corrections = edited.corrections
     state = state._replace(
@@ -131,13 +131,13 @@ def apply_edit(
 
 
 def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, version: int) -> SessionState:
-    """What an edit of the journal made of it: as `with_edit`, with the version that its program had."""
+    """Apply an edit of the journal: as `apply_edit`, with the version that its program had."""
     state, _ = apply_edit(state, view, edited)
     return state._replace(program_header=state.program_header.model_copy(update={"version": version}))
 
 
 def apply_corrected_view(state: SessionState, view: PipelineView) -> SessionState:
-    """With the view that the corrections come to which have been counted already."""
+    """Replace the view by that of the corrections that have been counted already."""
     state, _ = apply_view(state, view, state.counters)
     header = state.program_header.model_copy(update={"t": observed_until_s(view), "notes": view.notes})
     return state._replace(program_header=header, apps=view.apps)
@@ -150,7 +150,7 @@ def _next_program(state: SessionState, **changes: Any) -> SessionState:
 
 
 def _program_context(view: PipelineView) -> dict[str, Any]:
-    """What a check compares the program with, beside its apps."""
+    """Return the fields of a program, beside its apps, that a check compares it with."""
     return {"gaps": view.gaps[-MAX_GAPS:], "wrench": view.wrench, "force_limit_n": view.force_limit_n}
 
 
@@ -159,7 +159,7 @@ def _posterior_key(view: PipelineView) -> tuple[object, ...]:
 
 
 def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
-    """The first index at which two sequences differ; None where they are alike."""
+    """Return the first index at which two sequences differ; None where they are equal."""
     if old is new:
         return None
     known = alike(old, new)

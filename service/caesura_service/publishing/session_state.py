@@ -31,18 +31,18 @@ Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 
 class SessionCounters(NamedTuple):
-    """What has been counted. The first three count for the session, the rest for this process."""
+    """The counters of a session. The first three count for the session, the rest for this process."""
 
     batches: int = 0
     lost: int = 0
-    gaps_before: int = 0  # what is known of a closed session's gaps beside those of its view
+    gaps_before: int = 0  # gaps of a closed session beyond those in its view
     dropped: int = 0
     duplicates: int = 0
     refused: Mapping[ErrorCode, int] = MappingProxyType({})
     last_refusal: Refusal | None = None
 
     def with_refusal(self, error: ProtocolError) -> SessionCounters:
-        """One refusal more."""
+        """Return the counters with one refusal more."""
         counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
         return self._replace(refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
 
@@ -67,18 +67,18 @@ class SessionState(NamedTuple):
 
     @property
     def is_open(self) -> bool:
-        """Does it take samples?"""
+        """Whether the session accepts samples."""
         return self.lifecycle == "open"
 
     def with_counts(self, batches: int, samples: int) -> SessionState:
-        """So many more, of which there is nothing else to say."""
+        """Return the state with more batches and samples that change nothing else."""
         return self._replace(
             view=self.view._replace(samples=self.view.samples + samples),
             counters=self.counters._replace(batches=self.counters.batches + batches),
         )
 
     def header(self, stream: Stream) -> dict[str, Any]:
-        """What a result of this stream begins with, as the last one that was published."""
+        """Return the common fields of a stream's last published result."""
         return {
             "station": self.station,
             "session": self.session,
@@ -90,12 +90,12 @@ class SessionState(NamedTuple):
 
 
 def observed_until_s(view: PipelineView) -> float:
-    """[s] The last observation; 0 before the first."""
+    """Return the time of the last observation [s]; 0 before the first."""
     return view.t if math.isfinite(view.t) else 0.0
 
 
 def status_of(state: SessionState) -> SessionStatus:
-    """How the session is doing."""
+    """Make the status message of a session."""
     view, counters = state.view, state.counters
     return SessionStatus(
         **state.header("status"),
@@ -149,7 +149,7 @@ def posterior_of(state: SessionState) -> Posterior:
 
 
 def program_of(state: SessionState) -> Program:
-    """The task program. Its apps are as they are kept, and go over the wire like that."""
+    """Make the task program message; its apps stay encoded as they are stored."""
     return state.program_header.model_copy(update={"apps": state.apps})
 
 

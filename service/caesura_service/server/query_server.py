@@ -136,7 +136,7 @@ class QueryServer(BackgroundThread):
             command = decode(content.payload, content.encoding, Control).command
         except ProtocolError:
             return False
-        known = {session.name for session in self._registry.board.sessions.get(station, ())}
+        known = {session.name for session in self._registry.index.sessions.get(station, ())}
         return isinstance(command, Open) and command.session not in known
 
     def _pass_on(self, command: CommandReceived) -> None:
@@ -156,7 +156,7 @@ class QueryServer(BackgroundThread):
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for state in self._registry.board.standings():
+            for state in self._registry.index.all_states():
                 key = session_key(state.station, state.session, "snapshot")
                 if asked.intersects(key):
                     answer(query, key, self._snapshot(state))
@@ -168,7 +168,7 @@ class QueryServer(BackgroundThread):
     def _answer_program(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for state in self._registry.board.current():
+            for state in self._registry.index.newest_states():
                 key = station_key(state.station, "program")
                 if asked.intersects(key):
                     answer(query, key, program_of(state))

@@ -17,7 +17,7 @@ from contextlib import suppress
 
 from caesura_service.journal import JournalError
 from caesura_service.ownership.registry import Registry
-from caesura_service.ownership.station_assignment import share_of
+from caesura_service.ownership.station_assignment import stations_of
 from caesura_service.publishing.events import Output, TakeoverFailed
 from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
 from caesura_service.server.live_tokens import LiveTokens
@@ -63,13 +63,13 @@ class StationManager:
         served = self._share()
         self._ours = self._known() if served is None else served
         missing = self._registry.restore(now, self._ours)
-        self._registry.custody.served = served
+        self._registry.ownership.served = served
         self._declare(served)
         self._log_start(time.monotonic() - began)
         return missing
 
     def _log_start(self, took_s: float) -> None:
-        if states := self._registry.board.standings():
+        if states := self._registry.index.all_states():
             opened = sum(state.is_open for state in states)
             logger.info("%d open and %d closed sessions in %.2f s", opened, len(states) - opened, took_s)
         if len(self._members) > 1:
@@ -122,7 +122,7 @@ class StationManager:
                 self._queue.setdefault(station, False)
         if self._taking is None and self._queue:
             station = next(iter(self._queue))
-            self._taking = station, self._registry.take(station, now, renew=self._queue.pop(station))
+            self._taking = station, self._registry.take_over(station, now, renew=self._queue.pop(station))
         return self._go_on()
 
     def _go_on(self) -> list[Output]:
@@ -149,13 +149,13 @@ class StationManager:
         served = self._share()
         ours = self._known() if served is None else served
         fresh = ours if renew else ours - self._ours
-        for station in self._registry.held() & fresh:  # are there at once
+        for station in self._registry.held_stations() & fresh:  # are there at once
             self._take_later(station)
-        for station in sorted(fresh - self._registry.held()):
+        for station in sorted(fresh - self._registry.held_stations()):
             self._take_later(station)
-        self._registry.custody.served = served
+        self._registry.ownership.served = served
         self._declare(served)
-        for station in (self._ours | self._registry.held()) - ours:
+        for station in (self._ours | self._registry.held_stations()) - ours:
             self._leave(station)
         self._ours = ours
         if renew or before != self._members:
@@ -163,24 +163,24 @@ class StationManager:
 
     def _share(self) -> Set[str] | None:
         """Return the stations of this instance; None where it is alone and owns all."""
-        return None if self._members == {self._me} else share_of(self._me, self._members, self._known())
+        return None if self._members == {self._me} else stations_of(self._me, self._members, self._known())
 
     def _known(self) -> Set[str]:
         with suppress(JournalError):  # which it has said already, or will
-            return self._registry.known() | self._bridges
-        return self._registry.held() | self._bridges
+            return self._registry.known_stations() | self._bridges
+        return self._registry.held_stations() | self._bridges
 
     def _take_later(self, station: str) -> None:
         if self._taking is not None and self._taking[0] == station:
             self._give_up_taking()
-        self._registry.custody.bar(station)
+        self._registry.ownership.begin_takeover(station)
         self._queue[station] = True
 
     def _leave(self, station: str) -> None:
         self._queue.pop(station, None)
         if self._taking is not None and self._taking[0] == station:
             self._give_up_taking()
-        self._registry.leave(station)
+        self._registry.release(station)
         logger.info("%s is let go of", station, extra={"station": station})
 
     def _give_up_taking(self) -> None:

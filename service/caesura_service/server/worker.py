@@ -21,7 +21,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
 from caesura_protocol.messages import Command as Wanted
-from caesura_service.ownership.registry import REVIVING, Registry
+from caesura_service.ownership.registry import REBUILDING, Registry
 from caesura_service.publishing.events import (
     BatchRejected,
     Output,
@@ -104,7 +104,7 @@ class Worker(BackgroundThread):
         """What there is to do of our own takes its turn like what arrives."""
         for lane, is_due in (
             (TAKING, self._steward.patience_s() <= 0.0),
-            (REVIVING, self._registry.is_busy),
+            (REBUILDING, self._registry.is_rebuilding),
         ):
             if is_due and lane not in self._chores:
                 self._chores.add(lane)
@@ -128,7 +128,7 @@ class Worker(BackgroundThread):
         if isinstance(arrival, SamplesReceived | ReplayFinished | CommandReceived | Unfinished):
             lane = _lane_of(arrival)
             self._budgets.spend(lane, took_s)
-            self._registry.spent(lane, took_s)
+            self._registry.record_work(lane, took_s)
 
     def _do_a_slice(self, arrival: Arrival) -> str | None:
         """Begin with an arrival, or go on; the lane of what is left to do."""
@@ -140,8 +140,8 @@ class Worker(BackgroundThread):
             case Unfinished(lane) if lane == TAKING:
                 self._guarded(self._let, self._steward.step)
                 done = True
-            case Unfinished(lane) if lane == REVIVING and not slices.is_under_way(lane):
-                done = slices.begin(lane, partial(self._guarded, self._let, self._registry.step))
+            case Unfinished(lane) if lane == REBUILDING and not slices.is_under_way(lane):
+                done = slices.begin(lane, partial(self._guarded, self._let, self._registry.rebuild_step))
             case Unfinished(lane):
                 done = slices.go_on(lane)
             case _:
@@ -160,10 +160,10 @@ class Worker(BackgroundThread):
         self._news = self._inbox.news
         before, self._pressed = self._pressed, self._inbox.pressed
         for source, messages in self._inbox.take_drops().items():
-            self.say(self._registry.dropped(station_of(source), messages))
+            self.say(self._registry.report_dropped(station_of(source), messages))
             self._publish_budget(station_of(source))
         for source in before ^ self._pressed:
-            self.say(self._registry.restate(None if source == WHOLE else station_of(source)))
+            self.say(self._registry.republish_status(None if source == WHOLE else station_of(source)))
 
     def _publish_budget(self, station: str) -> None:
         """Where a station's messages are dropped because of its work, its session says so, once."""
@@ -171,7 +171,7 @@ class Worker(BackgroundThread):
             self._refused.discard(station)
         elif station not in self._refused and len(self._refused) < SENDERS:
             self._refused.add(station)
-            self.say(self._registry.refuse(station, refusal))
+            self.say(self._registry.reject(station, refusal))
 
     def _guarded(self, step: Callable[[*Given], None], *given: *Given) -> None:
         try:
@@ -187,7 +187,7 @@ class Worker(BackgroundThread):
                 self._take_samples(content, station)
             case ReplayFinished(asked):
                 self._outgoing.ended()
-                self.say(self._registry.samples(asked.ask.station, asked.ended(), self._clock()))
+                self.say(self._registry.handle_samples(asked.ask.station, asked.ended(), self._clock()))
             case CommandReceived():
                 self._take_command(arrival)
 
@@ -197,9 +197,9 @@ class Worker(BackgroundThread):
             message = _batch(content)
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)
-            self.say(self._registry.refuse(station, error))
+            self.say(self._registry.reject(station, error))
             return
-        self.say(self._registry.samples(station, message, self._clock()))
+        self.say(self._registry.handle_samples(station, message, self._clock()))
 
     def _take_command(self, arrival: CommandReceived) -> None:
         try:
@@ -225,8 +225,8 @@ class Worker(BackgroundThread):
             command = _command(content)
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)
-            return [Reply(error), *self._registry.refuse(station, error)]
-        return self._registry.command(station, command, self._clock())
+            return [Reply(error), *self._registry.reject(station, error)]
+        return self._registry.handle_command(station, command, self._clock())
 
     def say(self, outputs: Iterable[Output]) -> None:
         """Put, ask and log. From another thread only before this one runs."""

@@ -94,7 +94,7 @@ class ZenohServer:
             self._worker = Worker(self._registry, steward, self._inbox, outgoing, self.budgets, self._clock)
             self._worker.say(steward.begin(who_is_there(network)))
             self._declare(stack, network)
-            self._worker.say(self._registry.restate(None))
+            self._worker.say(self._registry.republish_status(None))
             stack.enter_context(self._worker)
             stack.enter_context(self._gathering)
             stack.callback(scope.close)
@@ -109,8 +109,8 @@ class ZenohServer:
 
     def status(self) -> ServiceStatus:
         """How this instance is doing; may be asked from any thread."""
-        states = self._registry.board.standings()
-        counters = self._registry.tally
+        states = self._registry.index.all_states()
+        counters = self._registry.counters
         opened = sum(state.is_open for state in states)
         return ServiceStatus(
             instance=self._owner.instance,

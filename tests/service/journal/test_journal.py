@@ -132,11 +132,11 @@ def test_a_replay_that_has_begun_does_not_see_what_is_appended_meanwhile(journal
 def outcome_of(session: str = "s1") -> Outcome:
     """How a demonstration of three batches ended."""
     registry = new_registry()
-    registry.command("cell-1", opening(session), 0.0)
+    registry.handle_command("cell-1", opening(session), 0.0)
     for each in batches(3, session):
-        registry.samples("cell-1", each, 0.0)
-    registry.command("cell-1", closing(2, session), 0.0)
-    return Outcome(opening(session), 2, snapshot_of(registry.board.standings()[0]))
+        registry.handle_samples("cell-1", each, 0.0)
+    registry.handle_command("cell-1", closing(2, session), 0.0)
+    return Outcome(opening(session), 2, snapshot_of(registry.index.all_states()[0]))
 
 
 def test_how_a_session_ended_is_kept_as_it_was_until_the_session_is_forgotten(journal):
@@ -213,10 +213,10 @@ def test_what_cannot_be_recorded_is_not_processed(message):
     session.begin(0.0)
     session.receive(batch(0), 0.0)
     journal.full = True
-    before = session.standing
+    before = session.state
     with pytest.raises(JournalError, match="no space"):
         session.receive(message, 0.0)
-    assert (session.standing, session.next_seq) == (before, 1)
+    assert (session.state, session.next_seq) == (before, 1)
     journal.full = False
     session.receive(message, 0.0)
 

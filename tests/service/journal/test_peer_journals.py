@@ -22,11 +22,11 @@ def siblings(tmp_path: Path) -> PeerJournals:
 
 def taught(journal: SqliteJournal, count: int, *, close: bool = False, session: str = NAME) -> None:
     registry = new_registry(journal)
-    registry.command(STATION, opening(session), 10.0)
+    registry.handle_command(STATION, opening(session), 10.0)
     for each in batches(count, session):
-        registry.samples(STATION, each, 11.0)
+        registry.handle_samples(STATION, each, 11.0)
     if close:
-        registry.command(STATION, closing(count - 1, session), 12.0)
+        registry.handle_command(STATION, closing(count - 1, session), 12.0)
     journal.commit()
 
 

@@ -30,15 +30,15 @@ COUNT = 6
 
 
 def taught(registry: Registry, session: str, now: float = 0.0, *, closed: bool = True) -> None:
-    assert isinstance(answer(registry.command(STATION, opening(session), now)), Ack)
+    assert isinstance(answer(registry.handle_command(STATION, opening(session), now)), Ack)
     for each in batches(COUNT, session):
-        registry.samples(STATION, each, now)
+        registry.handle_samples(STATION, each, now)
     if closed:
-        assert isinstance(answer(registry.command(STATION, closing(COUNT - 1, session), now)), Ack)
+        assert isinstance(answer(registry.handle_command(STATION, closing(COUNT - 1, session), now)), Ack)
 
 
 def names(registry: Registry) -> list[str]:
-    return [session.name for session in registry.board.sessions.get(STATION, ())]
+    return [session.name for session in registry.index.sessions.get(STATION, ())]
 
 
 def forgotten(registry: Registry, now: float) -> list[tuple[str, str]]:
@@ -64,12 +64,12 @@ def test_a_closed_session_is_there_after_a_restart_as_it_was_without_being_repla
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
         taught(registry, "s1")
-        before = snapshot_of(unowned(registry.board.standings()[0]))
+        before = snapshot_of(unowned(registry.index.all_states()[0]))
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
-        registry._builder._pipeline_factory = unpreparable
+        registry._factory._pipeline_factory = unpreparable
         assert registry.restore() == []
-        assert snapshot_of(unowned(registry.board.standings()[0])) == before
+        assert snapshot_of(unowned(registry.index.all_states()[0])) == before
 
 
 def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
@@ -78,7 +78,7 @@ def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
         kept = restarted(journal)
         journal._database.execute("DELETE FROM outcomes")
         replayed = restarted(journal)
-        first, second = (unowned(each.board.standings()[0]) for each in (kept, replayed))
+        first, second = (unowned(each.index.all_states()[0]) for each in (kept, replayed))
         assert snapshot_of(first) == snapshot_of(second)
         assert journal.outcome(STATION, "s1") is not None  # for the next time
 
@@ -87,14 +87,14 @@ def test_a_closed_session_takes_what_trails_behind_and_nothing_else(path):
     with SqliteJournal(path) as journal:
         taught(new_registry(journal), "s1")
         registry = restarted(journal)
-        again = answer(registry.command(STATION, closing(COUNT - 1, "s1"), 0.0))
+        again = answer(registry.handle_command(STATION, closing(COUNT - 1, "s1"), 0.0))
         assert again == Ack(session="s1", next_seq=COUNT, state="closed")
-        assert registry.samples(STATION, heartbeat(COUNT - 1, "s1"), 0.0) == []
+        assert registry.handle_samples(STATION, heartbeat(COUNT - 1, "s1"), 0.0) == []
         more = batches(COUNT + 1, "s1")[-1]
-        registry.samples(STATION, more, 0.0)
-        reopened = answer(registry.command(STATION, opening("s1"), 0.0))
+        registry.handle_samples(STATION, more, 0.0)
+        reopened = answer(registry.handle_command(STATION, opening("s1"), 0.0))
         assert isinstance(reopened, ProtocolError)
-        (standing,) = registry.board.standings()
+        (standing,) = registry.index.all_states()
         assert standing.counters.refused == {"conflict": 1}  # for the batch
         assert standing.view.samples == COUNT * 20
 
@@ -108,7 +108,7 @@ def test_open_and_closed_sessions_keep_their_order_and_the_last_one_is_the_curre
         taught(registry, "s4")
         again = restarted(journal)
     assert names(again) == ["s1", "s2", "s3", "s4"]
-    assert [session.is_open for session in again.board.sessions[STATION]] == [True, False, True, False]
+    assert [session.is_open for session in again.index.sessions[STATION]] == [True, False, True, False]
 
 
 def test_more_closed_sessions_are_kept_than_can_be_asked_for(path):
@@ -129,7 +129,7 @@ def test_the_name_of_a_session_that_is_kept_is_taken(path):
         registry = new_registry(journal, limits)
         for index in range(3):
             taught(registry, f"s{index}")
-        refusal = answer(registry.command(STATION, opening("s0"), 0.0))
+        refusal = answer(registry.handle_command(STATION, opening("s0"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.value) == ("conflict", "s0")
     assert "give it another name" in refusal.message

@@ -22,7 +22,7 @@ from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Journal, MemoryJournal, PeerJournals, SqliteJournal
-from caesura_service.monitoring.health import alive, web_of
+from caesura_service.monitoring.health import http_server_of, liveness
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource
 from caesura_service.publishing.events import Owner, PipelineFactory
@@ -58,7 +58,7 @@ class Service:
             default_preset=self.config.preset,
             journal=journal or self._file or MemoryJournal(),
             limits=self.config.limits,
-            siblings=PeerJournals(self.config.journal_path if journal is None else None),
+            peers=PeerJournals(self.config.journal_path if journal is None else None),
         )
         self._edge = ZenohServer(
             self.registry,
@@ -71,8 +71,12 @@ class Service:
             stop=stop,
         )
         self.ready = False  # joined and declared: it can be found
-        self._observed = MetricsSource(self.registry, self.status, lambda: self.ready, self._edge.budgets.of)
-        self.web = None if self.config.metrics is None else web_of(self.config.metrics, self._observed)
+        self._observed = MetricsSource(
+            self.registry, self.status, lambda: self.ready, self._edge.budgets.budgets_of
+        )
+        self.web = (
+            None if self.config.metrics is None else http_server_of(self.config.metrics, self._observed)
+        )
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -102,7 +106,7 @@ class Service:
     @property
     def is_alive(self) -> bool:
         """Does its work go on, or is it not ready yet?"""
-        return alive(self._observed).well
+        return liveness(self._observed).healthy
 
     def status(self) -> ServiceStatus:
         """How it is doing."""

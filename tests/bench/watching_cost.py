@@ -69,7 +69,9 @@ def scrape(registry: InstrumentedRegistry) -> float:
         dropped=0,
         journal=journal,
     )
-    page = metrics_of(MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).of))
+    page = metrics_of(
+        MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).budgets_of)
+    )
     began = time.process_time()
     generate_latest(page)
     return 1e3 * (time.process_time() - began)

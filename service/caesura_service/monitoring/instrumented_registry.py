@@ -20,28 +20,30 @@ from caesura_service.sessions.session import Session
 
 
 class InstrumentedRegistry(Registry):
-    """As Registry; any thread may read `counting` as well. watch: a clock [s] of the watcher's own."""
+    """As Registry; any thread may read `station_counters` as well. monotonic: a clock [s]."""
 
-    def __init__(self, *, watch: Callable[[], float] = time.monotonic, **given: Any) -> None:
+    def __init__(self, *, monotonic: Callable[[], float] = time.monotonic, **given: Any) -> None:
         super().__init__(**given)
-        self._watch = watch
-        self.counting = StationCounterSet(watch())
-        self._chronicle = SessionEventLogger()
+        self._monotonic = monotonic
+        self.station_counters = StationCounterSet(monotonic())
+        self._event_logger = SessionEventLogger()
         # Each session at its last count: reading it in between does not change the count.
-        self._seen: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
+        self._last_states: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
     def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
-        """Carry out a command; opening may close or forget other sessions of the station."""
-        return self._watched(station, command, partial(super().handle_command, station, command, now))
+        """Execute a command; opening may close or release other sessions of the station."""
+        return self._instrumented(station, command, partial(super().handle_command, station, command, now))
 
     def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
-        """Take what a bridge sent; no other session changes by that."""
+        """Process a bridge's message, which changes no other session. now: [s]."""
         session = self._find_session(station, message.session)
         if session is None:
-            return self._watched(station, message, partial(super().handle_samples, station, message, now))
-        before, counters, began = self._seen_of(session), self.counters, self._watch()
+            return self._instrumented(
+                station, message, partial(super().handle_samples, station, message, now)
+            )
+        before, counters, began = self._last_state(session), self.counters, self._monotonic()
         outputs = super().handle_samples(station, message, now)
         if (
             session.last_published_state is before
@@ -49,41 +51,41 @@ class InstrumentedRegistry(Registry):
             and not outputs
             and isinstance(message, SampleBatch)
         ):
-            ended = self._watch()
-            self.counting.hear(station, self.index.sessions, ended - began, ended)
+            ended = self._monotonic()
+            self.station_counters.count_batch(station, self.index.sessions, ended - began, ended)
             return outputs  # as nearly always: it changes nothing but how many there are
-        after = self._noted(session)
+        after = self._update_last_state(session)
         changes = (Change(before, after),) if after is not before else ()
-        self._tell(station, message, changes, outputs, counters, began)
+        self._record(station, message, changes, outputs, counters, began)
         return outputs
 
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
-        """Charge a message that could not be read."""
-        return self._watched(station, None, partial(super().reject, station, error))
+        """Count a message that could not be read."""
+        return self._instrumented(station, None, partial(super().reject, station, error))
 
     def report_dropped(self, station: str, messages: int) -> list[Output]:
-        """There was no room for so many messages of a station."""
-        return self._watched(station, None, partial(super().report_dropped, station, messages))
+        """Count messages that the queue dropped."""
+        return self._instrumented(station, None, partial(super().report_dropped, station, messages))
 
     def tick(self, now: float) -> list[Output]:
-        """Time has passed."""
-        return self._watched(None, None, partial(super().tick, now))
+        """Do what is due by time, as Registry. now: [s]."""
+        return self._instrumented(None, None, partial(super().tick, now))
 
     def record_work(self, station: str, seconds: float) -> None:
-        """Count it for the station, if it is known."""
-        self.counting.spend(station, self.index.sessions, seconds)
+        """Count the work time [s] of a station with sessions."""
+        self.station_counters.add_work(station, self.index.sessions, seconds)
 
-    def _watched(
+    def _instrumented(
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
-        before = {session.name: self._seen_of(session) for session in self._sessions(station)}
-        counters, began = self.counters, self._watch()
+        before = {session.name: self._last_state(session) for session in self._sessions(station)}
+        counters, began = self.counters, self._monotonic()
         outputs = act()
-        after = {session.name: self._noted(session) for session in self._sessions(station)}
-        self._tell(station, message, changes_between(before, after), outputs, counters, began)
+        after = {session.name: self._update_last_state(session) for session in self._sessions(station)}
+        self._record(station, message, changes_between(before, after), outputs, counters, began)
         return outputs
 
-    def _tell(
+    def _record(
         self,
         station: str | None,
         message: Incoming | None,
@@ -92,24 +94,24 @@ class InstrumentedRegistry(Registry):
         counters: SessionCounters,
         began: float,
     ) -> None:
-        """Count and log what was done. tally: as it was when that began [s]."""
-        now, same = self._watch(), self.counters is counters
-        refused = 0 if same else _refusals(self.counters) - _refusals(counters)
+        """Count and log a call. counters: before the call; began: its start [s]."""
+        now, same = self._monotonic(), self.counters is counters
+        refused = 0 if same else _rejections(self.counters) - _rejections(counters)
         refusal = None if same else self.counters.last_refusal
-        step = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
-        self.counting.take(step, self.index.sessions, now)
-        self._chronicle.take(step, now)
+        call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
+        self.station_counters.count_call(call, self.index.sessions, now)
+        self._event_logger.log_call(call, now)
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.index.sessions.get(station or "", ())
 
-    def _seen_of(self, session: Session) -> SessionState:
-        return self._seen.get(session) or self._noted(session)
+    def _last_state(self, session: Session) -> SessionState:
+        return self._last_states.get(session) or self._update_last_state(session)
 
-    def _noted(self, session: Session) -> SessionState:
-        looked = self._seen[session] = session.last_published_state
-        return looked
+    def _update_last_state(self, session: Session) -> SessionState:
+        state = self._last_states[session] = session.last_published_state
+        return state
 
 
-def _refusals(counters: SessionCounters) -> int:
+def _rejections(counters: SessionCounters) -> int:
     return sum(counters.refused.values())

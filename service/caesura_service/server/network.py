@@ -106,7 +106,7 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     }
     _insert(config, own)
     _allow_open_files()
-    return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
+    return _open_session(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
 
 
 def _join_as_client(
@@ -195,7 +195,7 @@ def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure:
             logger.warning("%s", warning)
 
 
-def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+def _open_session(config: zenoh.Config, endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -211,7 +211,7 @@ def _connect(
     said = False
     while True:
         try:
-            return _open(config, endpoint)
+            return _open_session(config, endpoint)
         except NetworkError as error:
             if stop.is_set():
                 raise

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
-from caesura_service.publishing.events import BatchRejected, Output, ReplayEnded, RequestReplay
+from caesura_service.publishing.events import Output, ReplayEnded, RequestReplay
 from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost
@@ -139,7 +139,7 @@ class BatchReceiver:
         try:
             return validated_samples(batch, self._columns, self._limits), []
         except ProtocolError as error:
-            return _REJECTED, [BatchRejected(error), *self._host.reject(error)]
+            return _REJECTED, self._host.reject_batch(error)
 
     def _process(self, samples: Samples | None) -> list[Output]:
         """Push samples into the pipeline, or declare the gap of a rejected batch."""

@@ -86,7 +86,7 @@ class PipelineHost:
                 self._pipeline, samples
             )  # may give way: what is published meanwhile is not retracted
         except ProtocolError as error:
-            return [BatchRejected(error), *self.reject(error), *self.declare_gap(1)]
+            return [*self.reject_batch(error), *self.declare_gap(1)]
         except Exception as error:
             return self._fail(error)
         published, batches, before = self._latest
@@ -137,8 +137,8 @@ class PipelineHost:
         return [*outputs]
 
     # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
-    # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all of
-    # them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
+    # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all
+    # of them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
 
     def prefilter_edits(self, edits: Iterable[Edit]) -> None:
         """Filter from here on by all of these edits; `replay_edit` then counts each at its place."""
@@ -204,6 +204,10 @@ class PipelineHost:
         """Count a refusal, and publish it in a status."""
         self.state = self.state._replace(counters=self.state.counters.with_refusal(error))
         return self._publish_status_throttled()
+
+    def reject_batch(self, error: ProtocolError) -> list[Output]:
+        """Count a batch whose content is rejected, for the session here and for the service by the output."""
+        return [BatchRejected(error), *self.reject(error)]
 
     def count_dropped(self, messages: int) -> list[Output]:
         """Count messages that the queue dropped, and publish that in a status."""

@@ -42,7 +42,7 @@ def watched(
     **limits: Any,
 ) -> InstrumentedRegistry:
     return InstrumentedRegistry(
-        watch=watch or Clock(),
+        monotonic=watch or Clock(),
         owner=OWNER,
         pipeline_factory=factory,
         default_preset="fake",
@@ -81,7 +81,7 @@ def _told(caplog):
 def test_what_was_processed_is_counted_by_station():
     registry = taught(watched(), 3)
     registry.handle_samples(STATION, batch(1), 0.0)
-    counted = registry.counting.of_station[STATION]
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.batches, counted.samples, counted.duplicates, counted.gaps) == (3, 60, 1, 0)
     assert counted.observations == registry.index.newest_states()[0].view.observations > 0
 
@@ -104,7 +104,7 @@ def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count)
             assert (told.batches, told.samples) == (number, 20 * number)
         registry.tick(float(number))
         registry.handle_command(STATION, opening(), 0.0)
-    counted = registry.counting.of_station[STATION]
+    counted = registry.station_counters.of_station[STATION]
     registry.handle_command(STATION, closing(count - 1), 0.0)
     assert (counted.batches, counted.samples) == (count, 20 * count)
 
@@ -112,10 +112,10 @@ def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count)
 def test_a_hole_is_a_question_then_a_gap(caplog):
     registry = taught(watched(), 3)
     registry.handle_samples(STATION, batch(9), 1.0)
-    counted = registry.counting.of_station[STATION]
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.replays, counted.gaps) == (1, 0)
     registry.handle_samples(STATION, ReplayEnded(NAME, 3, answered=False, evicted=True, oldest=9), 2.0)
-    counted = registry.counting.of_station[STATION]
+    counted = registry.station_counters.of_station[STATION]
     assert counted.gaps == 1
     assert counted.gap_s == pytest.approx(6 * 0.2, abs=0.11)
     assert lines(caplog)[-2] == "cell-1/s1 asks for batches 3 to 8"
@@ -177,14 +177,14 @@ def test_a_bridge_that_does_not_answer_is_told_of(caplog):
 def test_what_the_queue_had_no_room_for_is_counted():
     registry = taught(watched(), 1)
     registry.report_dropped(STATION, 7)
-    assert registry.counting.of_station[STATION].dropped == 7
+    assert registry.station_counters.of_station[STATION].dropped == 7
 
 
 def test_a_batch_whose_content_is_refused_is_lost():
     registry = taught(watched(), 1)
     registry.handle_samples(STATION, batch(1, n=7), 0.0)
     registry.handle_samples(STATION, batch(2), 0.0)
-    counted = registry.counting.of_station[STATION]
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.batches, counted.lost) == (2, 1)
 
 
@@ -192,7 +192,7 @@ def test_names_that_nobody_knows_take_no_room():
     registry = taught(watched(), 1)
     for number in range(1000):
         registry.handle_samples(f"nobody-{number}", Heartbeat(session="x", epoch=0, seq=1), 0.0)
-    assert list(registry.counting.of_station) == [STATION]
+    assert list(registry.station_counters.of_station) == [STATION]
 
 
 def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
@@ -200,9 +200,9 @@ def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
     registry = taught(watched(clock), 1)
     clock.now += 7.0
     registry.handle_samples(STATION, heartbeat(0), 0.0)
-    assert registry.counting.of_station[STATION].received_s == 100.0
+    assert registry.station_counters.of_station[STATION].received_s == 100.0
     registry.handle_samples(STATION, batch(1), 0.0)
-    assert registry.counting.of_station[STATION].received_s == 107.0
+    assert registry.station_counters.of_station[STATION].received_s == 107.0
 
 
 def test_what_a_restart_replays_is_not_counted_again():
@@ -210,9 +210,9 @@ def test_what_a_restart_replays_is_not_counted_again():
     taught(watched(journal=journal), 5)
     after = watched(journal=journal)
     assert after.restore() == []
-    assert after.counting.of_station == {}
+    assert after.station_counters.of_station == {}
     after.handle_samples(STATION, batch(5), 0.0)
-    assert after.counting.of_station[STATION].batches == 1
+    assert after.station_counters.of_station[STATION].batches == 1
 
 
 def test_durations_are_a_cumulative_histogram():

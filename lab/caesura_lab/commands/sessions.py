@@ -119,7 +119,7 @@ def _delete(found: PeerCopy, *, closed: bool) -> None:
     """Raises CaesuraError where it is open, and a service may be at it."""
     try:
         with _opened(found.path, alone=not closed) as kept:
-            kept.forget(*found.copy.key)
+            kept.delete(*found.copy.key)
     except JournalBusyError:
         name = "/".join(found.copy.key)
         raise CaesuraError(f"{name} is open: close it, or end the service first") from None

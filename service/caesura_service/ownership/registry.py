@@ -325,7 +325,7 @@ class Registry:
         """Remove the sessions that no journal keeps any longer."""
         gone: dict[Key, str] = {}
         with suppress(JournalError):  # which the journal has said already
-            gone |= self._journal.tidy(now)
+            gone |= self._journal.enforce_retention(now)
         if now >= self._peer_poll_due_s:
             self._peer_poll_due_s = now + self._limits.peer_poll_interval_s
             gone |= dict.fromkeys(self._takeover.vanished_sessions(), "deleted by another process")

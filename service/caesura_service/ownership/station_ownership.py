@@ -37,7 +37,7 @@ class StationOwnership:
         owner = Owner(self._instance.instance, max(int(now * 1000), last + 1))
         self._owners[station] = owner
         with suppress(JournalError):  # which the journal has logged already
-            self._own.keep_epoch(station, owner.epoch)
+            self._own.store_epoch(station, owner.epoch)
         return owner
 
     def release(self, station: str) -> None:

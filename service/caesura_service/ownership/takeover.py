@@ -106,7 +106,7 @@ class Takeover:
         if copies.best is not copies.own:
             self._peer_only.add((station, name))
             with suppress(JournalError):
-                self._own.forget(station, name)
+                self._own.delete(station, name)
         return self._factory.from_outcome(station, outcome, owner)
 
     def _replay_or_open(self, copies: SessionCopies, owner: Owner) -> Steps:
@@ -119,7 +119,7 @@ class Takeover:
                     yield [TakeoverFailed(*key, damage)]
                     if self._own.outcome(*key) is not None:
                         return None  # its outcome still answers queries
-                    self._own.set_aside(*key, str(damage))
+                    self._own.quarantine(*key, str(damage))
                     if copies.peer is None:
                         return None
             return self._open_from_peer(copies, owner)

@@ -29,7 +29,12 @@ import zenoh
 from caesura_protocol.transport.diagnosis import why_not
 from caesura_protocol.transport.zenoh_transport import reason
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
+from caesura_service.security.zenoh_files import (
+    ACCEPT_PENDING,
+    BLOCKED_US,
+    ROUTER_MAX_BYTES,
+    with_handshake_timeout,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +106,7 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     _check_exposure(endpoints, config, insecure=settings.insecure)
     own = {
         "mode": "router",
-        "listen/endpoints": [patient(one) for one in endpoints],
+        "listen/endpoints": [with_handshake_timeout(one) for one in endpoints],
         "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
     }
     _insert(config, own)
@@ -119,7 +124,7 @@ def _join_as_client(
         "connect/exit_on_failure": True,
     }
     _insert(config, own)
-    if not exposure.is_local(router) and exposure.shown(router, _reader(config)) == "nothing":
+    if not exposure.is_local(router) and exposure.presented_credentials(router, _reader(config)) == "nothing":
         logger.warning("%s is another machine, and no certificate or password is shown to it", router)
     return _connect(config, router, settings, stop)
 
@@ -189,9 +194,9 @@ def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure:
     for endpoint in endpoints:
         if exposure.is_local(endpoint):
             continue
-        if exposure.demanded(endpoint, read) == "nothing" and not insecure:
-            raise NetworkError(exposure.refusal(endpoint))
-        for warning in exposure.warnings(endpoint, read):
+        if exposure.required_credentials(endpoint, read) == "nothing" and not insecure:
+            raise NetworkError(exposure.exposure_error(endpoint))
+        for warning in exposure.exposure_warnings(endpoint, read):
             logger.warning("%s", warning)
 
 

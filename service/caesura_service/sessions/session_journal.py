@@ -58,4 +58,4 @@ class SessionJournal:
         """Store the outcome of a closed session; one without an outcome is replayed."""
         if self._journal is not None:
             with suppress(JournalError):
-                self._journal.conclude(self._station, outcome)
+                self._journal.store_outcome(self._station, outcome)

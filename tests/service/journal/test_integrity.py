@@ -63,7 +63,7 @@ def after_restart(path: Path, caplog: pytest.LogCaptureFixture) -> tuple[object,
             registry = new_registry(journal)
             failed = [str(one.error) for one in registry.restore(10.0)]
             recorded = {key: tuple(journal.replay(*key)) for key in sorted(journal.sessions())}
-            journal.tidy(20.0)
+            journal.enforce_retention(20.0)
             found = shown(registry), recorded, journal.sessions(), journal.epoch_of(STATION)
     except JournalError as error:
         return None, [str(error)]

@@ -180,11 +180,11 @@ def test_a_station_that_fills_the_journal_loses_its_own(path):
                 journal.append(Record(station, f"s{number}", at, batches(COUNT)[seq]))
             journal.append(Record(station, f"s{number}", at, closing(COUNT - 1)))
         journal.commit()
-        journal.tidy(10.0)
+        journal.enforce_retention(10.0)
         size = journal.report().size
         journal.settings = replace(journal.settings, size_bytes=int(0.6 * size))
         with journal._writing:
-            gone = [key for second in range(20) for key in journal.tidy(11.0 + second)]
+            gone = [key for second in range(20) for key in journal.enforce_retention(11.0 + second)]
         assert gone == [("greedy", "s1"), ("greedy", "s2")]
 
 
@@ -200,7 +200,7 @@ def test_open_sessions_of_a_station_take_half_and_no_more_until_they_are_closed(
         journal.append(Record("small", "s1", 0.0, batch(0)))
         if closes:
             journal.append(Record("greedy", "s1", 0.0, closing(2)), now=True)
-            journal.tidy(0.0)
+            journal.enforce_retention(0.0)
             journal.append(Record("greedy", "s2", 0.0, batch(0)))
         else:
             with pytest.raises(JournalError):
@@ -232,7 +232,7 @@ def test_a_look_at_a_journal_of_many_sessions_makes_nothing_of_each(path):
         made: list[object] = []
         journal._database.row_factory = lambda _, row: made.append(row) or row
         for second in range(11):
-            journal.tidy(float(second))
+            journal.enforce_retention(float(second))
         assert journal.report().size > 2000 * 9
         assert len(made) < 50
 
@@ -244,7 +244,7 @@ def test_a_session_that_another_process_deletes_can_no_longer_be_asked_for(path)
         taught(registry, "s2")
         assert forgotten(registry, 1.0) == []
         with SqliteJournal(path, alone=False) as other:
-            other.forget(STATION, "s1")
+            other.delete(STATION, "s1")
         gone = [one for second in range(2, 20) for one in forgotten(registry, float(second))]
         assert gone == [("s1", "deleted by another process")]
         assert names(registry) == ["s2"]

@@ -385,7 +385,7 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
         registry.handle_samples(STATION, batch(0), 0.0)
         journal.commit()
         grow_no_more(journal)
-        journal._trouble = JournalError("journal is full")  # as the thread finds it
+        journal._error = JournalError("journal is full")  # as the thread finds it
         for seq in range(1, 10):
             registry.handle_samples(STATION, batch(seq), 0.0)
         status = status_of(registry.index.all_states()[0])
@@ -434,7 +434,7 @@ def test_who_ends_a_session_does_not_wait_until_its_outcome_is_written(tmp_path)
         registry = new_registry(journal)
         registry.handle_command(STATION, opening(), 0.0)
         outcome = concluded(registry, NAME)
-        ended = threading.Thread(target=journal.conclude, args=(STATION, outcome), daemon=True)
+        ended = threading.Thread(target=journal.store_outcome, args=(STATION, outcome), daemon=True)
         with journal._writing:  # the disk works
             ended.start()
             ended.join(DEADLINE_S)
@@ -448,8 +448,8 @@ def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_o
     with SqliteJournal(tmp_path / "caesura-1.sqlite", NEVER) as journal:
         registry = new_registry(journal)
         registry.handle_command(STATION, opening(), 0.0)
-        journal.conclude(STATION, concluded(registry, NAME))
-        journal.forget(STATION, NAME)
+        journal.store_outcome(STATION, concluded(registry, NAME))
+        journal.delete(STATION, NAME)
         journal.append(record(0), now=True)
         journal.flush()
         assert journal.outcome(STATION, NAME) is None

@@ -336,7 +336,7 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     a.close()
     b.take()
     assert b.registry.tick(1e6) == []
-    a.journal.forget(STATION, NAME)
+    a.journal.delete(STATION, NAME)
     assert b.registry.tick(1e6 + 100.0) == [SessionDeleted(STATION, NAME, "deleted by another process")]
     assert b.registry.index.sessions == {}
 

@@ -188,7 +188,7 @@ def test_a_closed_session_whose_records_are_gone_is_not_corrected():
     session, _ = open_session(journal)
     run(session, 14)
     session.receive(closing(13), 0.0)
-    journal.forget(STATION, NAME)
+    journal.delete(STATION, NAME)
     with pytest.raises(ProtocolError, match="the journal no longer has"):
         session.receive(edit(), 0.0)
     assert journal.sessions() == ()
@@ -433,7 +433,7 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
 def test_where_the_records_are_gone_a_correction_says_so():
     journal = MemoryJournal()
     registry, _ = closed_and_taken_up(journal)
-    journal.forget(STATION, NAME)
+    journal.delete(STATION, NAME)
     told = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
     assert (told.code, registry.is_rebuilding) == ("conflict", False)
     assert "no longer has the session's samples" in str(told)
@@ -458,7 +458,7 @@ def test_a_crash_between_an_edit_and_its_outcome_loses_nothing(monkeypatch):
         registry.handle_samples(STATION, each, 0.0)
     registry.handle_command(STATION, closing(COUNT - 1), 0.0)
     with monkeypatch.context() as crash:
-        crash.setattr(journal, "conclude", lambda *_: None)
+        crash.setattr(journal, "store_outcome", lambda *_: None)
         registry.handle_command(STATION, edit(), 3.0)
     again = new_registry(journal)
     again.restore()

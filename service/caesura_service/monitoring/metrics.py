@@ -15,7 +15,6 @@ from prometheus_client import CollectorRegistry, GCCollector, PlatformCollector,
 from prometheus_client.metrics_core import (
     CounterMetricFamily,
     GaugeMetricFamily,
-    HistogramMetricFamily,
     InfoMetricFamily,
     Metric,
 )
@@ -176,9 +175,8 @@ class ServiceCollector(Collector):
         yield from (used, refused)
 
     def _durations(self) -> Metric:
-        durations = self._observed.registry.station_counters.durations
-        family = HistogramMetricFamily("caesura_batch_seconds", "Work on a batch, from queue to results.")
-        family.add_metric([], durations.cumulative(), durations.total_s)
+        (family,) = self._observed.registry.station_counters.durations.collect()
+        family.samples = [sample for sample in family.samples if not sample.name.endswith("_created")]
         return family
 
 

@@ -7,10 +7,10 @@ there are never more than the registry has stations.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
-from itertools import accumulate
+from dataclasses import dataclass
+
+from prometheus_client import Histogram
 
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
@@ -65,24 +65,6 @@ class StationCounters:
             self.gap_s += _seconds(fresh)
 
 
-@dataclass(slots=True)
-class Durations:
-    """A histogram of how long steps took."""
-
-    counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))  # the last is past them all
-    total_s: float = 0.0
-
-    def add(self, duration_s: float) -> None:
-        """Count one step more."""
-        self.counts[bisect_left(BUCKETS_S, duration_s)] += 1
-        self.total_s += duration_s
-
-    def cumulative(self) -> list[tuple[str, float]]:
-        """(upper bound, how many took no longer), as Prometheus counts them."""
-        bounds = [*(str(bound) for bound in BUCKETS_S), "+Inf"]
-        return list(zip(bounds, map(float, accumulate(self.counts)), strict=True))
-
-
 class StationCounterSet:
     """Counts the calls of the registry by station."""
 
@@ -90,7 +72,12 @@ class StationCounterSet:
         """began: start of the process [s]."""
         self.started_s = began
         self.stepped_s = began  # [s] when the registry's thread was last called
-        self.durations = Durations()
+        self.durations = Histogram(
+            "caesura_batch_seconds",
+            "Work on a batch, from queue to results.",
+            registry=None,
+            buckets=BUCKETS_S,
+        )
         self._of_station: dict[str, StationCounters] = {}
 
     @property
@@ -101,7 +88,7 @@ class StationCounterSet:
     def count_batch(self, station: str, stations: Container[str], duration_s: float, now: float) -> None:
         """Count a batch that changed only the number of batches. now: [s]."""
         self.stepped_s = now
-        self.durations.add(duration_s)
+        self.durations.observe(duration_s)
         self._counters(station, stations).received_s = now
 
     def add_work(self, station: str, stations: Container[str], seconds: float) -> None:
@@ -113,7 +100,7 @@ class StationCounterSet:
         """Count a call. stations: those of the registry; now: [s]."""
         self.stepped_s = now
         if isinstance(call.message, SampleBatch):
-            self.durations.add(call.duration_s)
+            self.durations.observe(call.duration_s)
         for output in call.outputs:
             if isinstance(output, RequestReplay) and output.station in stations:
                 self._counters(output.station, stations).replays += 1

@@ -107,7 +107,7 @@ def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, m
         with closing(sqlite3.connect(path, isolation_level=None)) as other:
             mark_deleted(other, (STATION, "theirs"))
         with monkeypatch.context() as patch:
-            patch.setattr("caesura_service.journal.sqlite.hide", failing)
+            patch.setattr("caesura_service.journal.sqlite.mark_deleted", failing)
             assert set(journal.enforce_retention(950.0)) == {(STATION, "theirs")}
         assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}
 

@@ -16,7 +16,7 @@ from caesura_service.journal import MemoryJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.log_throttle import MAX_KEYS, LogThrottle
 from caesura_service.monitoring.registry_calls import Change
-from caesura_service.monitoring.station_counters import BUCKETS_S, Durations, StationCounters
+from caesura_service.monitoring.station_counters import StationCounters, StationCounterSet
 from caesura_service.publishing.events import PipelineFactory, ReplayEnded
 from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
@@ -216,13 +216,13 @@ def test_what_a_restart_replays_is_not_counted_again():
 
 
 def test_durations_are_a_cumulative_histogram():
-    durations = Durations()
+    durations = StationCounterSet(0.0).durations
     for took_s in (0.0001, 0.001, 0.03, 99.0):
-        durations.add(took_s)
-    found = dict(durations.cumulative())
+        durations.observe(took_s)
+    (family,) = durations.collect()
+    found = {sample.labels.get("le", sample.name): sample.value for sample in family.samples}
     assert (found["0.001"], found["0.025"], found["0.05"], found["+Inf"]) == (2, 2, 3, 4)
-    assert len(found) == len(BUCKETS_S) + 1
-    assert durations.total_s == pytest.approx(99.0311)
+    assert found["caesura_batch_seconds_sum"] == pytest.approx(99.0311)
 
 
 def test_a_change_without_a_before_adds_nothing():
